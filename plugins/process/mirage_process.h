@@ -13,7 +13,7 @@
  *   memory     a path: open it for reading and writing, and map it
  *   threads, seed
  *   ← protocol 1
- *   ← reads    ["image", "points"], or one of them; and names of cameras beside the first ("CAM_BACK")
+ *   ← reads    ["image", "points"], or one of them; and names of further sensors ("CAM_BACK")
  *   ← finds    "boxes", or "picture" for boxes in the picture
  *   ← pictures "linear", or "srgb8": as files have them
  *   ← gradient true if it answers the job gradient
@@ -29,14 +29,12 @@
  *              pixel_from_velo (3 × 4: (u w, v w, w) = M (x, y, z, 1)), intrinsics (fx, fy, cx, cy),
  *              sensor_from_ego (3 × 4), time}}; the first is called camera
  *   lidars     {NAME: {points: N × 4 float32: x, y, z (m), reflectance, time}}; the first is called lidar
- *   ← boxes    M × 5: x, y, length, width, yaw; M × 7: x, y, z of the centre, length, width, height, yaw;
- *              M × 9: and vx, vy; for "picture" M × 4: left, top, right, bottom
- *   ← logits   M, of all boxes before suppression; classes: M, int32
- * job gradient
- *   size, answer_at
- *   d_logits   M, of the last detect
- *   ← cameras  {NAME: {d_image: H × W × 3}}; with "srgb8" by the level, 0 … 255
- *   ← lidars   {NAME: {d_points: N × 4}}; what is left out is zero
+ *   sensors    {NAME: {data: float32, as its plugin gives it (simulation/sensor_abi.h), sensor_from_ego,
+ * time}} ← boxes    M × 5: x, y, length, width, yaw; M × 7: x, y, z of the centre, length, width, height,
+ * yaw; M × 9: and vx, vy; for "picture" M × 4: left, top, right, bottom ← logits   M, of all boxes before
+ * suppression; classes: M, int32 job gradient size, answer_at d_logits   M, of the last detect ← cameras
+ * {NAME: {d_image: H × W × 3}}; with "srgb8" by the level, 0 … 255 ← lidars   {NAME: {d_points: N × 4}};
+ * sensors: {NAME: {d_data}}; what is left out is zero
  *
  * Keys that you do not know are not for you. Standard input ends when Mirage is done: end, too. A program
  * that dies or gives no answer is started again and asked once more. Metres, radians; x forward, y left,

@@ -23,6 +23,7 @@ import numpy as np
 ATTRIBUTES = {"reads": ("image", "points"), "pictures": "linear", "region": (0.0, 70.0, -40.0, 40.0), "classes": (),
               "heights": False}
 READS = ATTRIBUTES["reads"]
+KINDS = (("cameras", "image"), ("lidars", "points"), ("sensors", "data"))  # of sensors, and what their arrays are called
 GUIDE = ("give (boxes, logits [M]), boxes [M,5]: x, y, length, width (m), yaw (rad), [M,7]: x, y, z, length, width, height, "
          "yaw, or [M,9]: and vx, vy; for boxes in the picture [M,4]")
 
@@ -30,8 +31,8 @@ GUIDE = ("give (boxes, logits [M]), boxes [M,5]: x, y, length, width (m), yaw (r
 class Frame:
     """One moment: arrays, or tensors, by the sensors' names ("camera", "lidar", …).
 
-    images: H×W×3, scene-linear RGB in [0, 1]. points: N×4, x, y, z (m), reflectance. pixel_from_velo: 3×4 of each camera. id:
-    the data set's. continues: the frame before was the one before of this sequence. moment: {"sequence", "index", "time" (s),
+    images: H×W×3, scene-linear RGB in [0, 1]. points: N×4, x, y, z (m), reflectance. data: of other sensors, as their plugins
+    give it. pixel_from_velo: 3×4 of each camera. id: the data set's. continues: the frame before was the one before of this sequence. moment: {"sequence", "index", "time" (s),
     "world_from_ego" (12 numbers, 3×4)} or None. told: all that Mirage says of it.
     """
 
@@ -41,6 +42,7 @@ class Frame:
         cameras, lidars = told["cameras"], told["lidars"]
         self.images = {name: read(camera["image"]) for name, camera in cameras.items() if "image" in camera}
         self.points = {name: read(lidar["points"]) for name, lidar in lidars.items() if "points" in lidar}
+        self.data = {name: read(sensor["data"]) for name, sensor in told.get("sensors", {}).items()}
         self.pixel_from_velo = {name: np.array(camera.get("pixel_from_velo", [0.0] * 12), np.float32).reshape(3, 4)
                                 for name, camera in cameras.items()}
 
@@ -103,7 +105,7 @@ class Network:
         if hasattr(self.function, "new_sequence") and not frame.continues:
             self.function.new_sequence()
         if self.torch:
-            for group in (frame.images, frame.points, frame.pixel_from_velo):
+            for group in (frame.images, frame.points, frame.data, frame.pixel_from_velo):
                 for name, array in group.items():
                     tensor = self.torch.from_numpy(array).to(self.device)
                     tensor = group[name] = tensor if tensor.is_floating_point() else tensor.float()
@@ -218,7 +220,7 @@ def serve(function, **attributes):
     network = Network(function, **attributes)
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what else is printed goes to the terminal
-    memory, lidars = None, ()
+    memory, asked = None, {}
     for line in sys.stdin:
         job = json.loads(line)
         answer = {"id": job["id"], "ok": True}
@@ -230,17 +232,16 @@ def serve(function, **attributes):
                 answer.update(network.word(), protocol=1)
             elif job["job"] == "detect":
                 memory.begin(job)
-                lidars = job["lidars"]
+                asked = job
                 boxes, logits, classes = network.forward(Frame(job, memory.read), job["gradient"])
                 answer.update(boxes=memory.write(boxes), logits=memory.write(logits))
                 if classes is not None:
                     answer["classes"] = memory.write(classes, "int32")
             else:
                 memory.begin(job)
-                answer.update(cameras={}, lidars={})
                 for name, part in network.backward(memory.read(job["d_logits"]).copy()).items():
-                    group, field = ("lidars", "d_points") if name in lidars else ("cameras", "d_image")
-                    answer[group][name] = {field: memory.write(part)}
+                    group, field = next(kind for kind in KINDS if name in asked.get(kind[0], {}))
+                    answer.setdefault(group, {})[name] = {"d_" + field: memory.write(part)}
         except Exception as problem:  # the detector's own: Mirage tells it in a line
             blind = "image" in network.reads and not any("image" in camera for camera in job.get("cameras", {}).values())
             if not (job["job"] == "detect" and blind):  # Mirage asks whether it can do without its picture

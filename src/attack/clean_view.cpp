@@ -1,5 +1,6 @@
 #include "attack/clean_view.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstring>
@@ -38,6 +39,37 @@ class Hash {
 };
 
 }  // namespace
+
+SensorView view_of(const PreparedFrame& prepared, const Simulated& simulated, const Capabilities& can) {
+  const Frame& frame = prepared.frame;
+  SensorView view = view_of(frame, simulated.image, simulated.sweep);
+  const auto reads = [&](const std::string& name) {
+    return std::find(can.reads.begin(), can.reads.end(), name) != can.reads.end();
+  };
+  for (std::size_t k = 0; k < frame.others.size(); ++k)
+    if (const ImageF& image = simulated.others[k].image; !image.empty() && reads(frame.others[k].name))
+      view.others.push_back(sensor_beside(frame, k, &image));
+  for (std::size_t k = 0; k < simulated.measurements.size(); ++k)
+    if (const Measurement& measured = simulated.measurements[k]; reads(measured.name)) {
+      view.others.push_back(sensor_beside(frame, frame.others.size() + k));
+      view.others.back().values = measured.data;
+    }
+  return view;
+}
+
+std::vector<const float*> others_of(const SensorGradient& gradient, const Frame& frame,
+                                    const Simulated& simulated) {
+  std::vector<const float*> others;
+  const auto add = [&](const std::string& name, std::size_t values) {
+    const auto given = gradient.others.find(name);
+    const bool there = given != gradient.others.end() && values > 0 && given->second.size() == values;
+    others.push_back(there ? given->second.data() : nullptr);
+  };
+  for (std::size_t k = 0; k < simulated.others.size(); ++k)
+    add(frame.others[k].name, simulated.others[k].rect.empty() ? 0 : simulated.others[k].image.data.size());
+  for (const Measurement& measured : simulated.measurements) add(measured.name, measured.data.size());
+  return others;
+}
 
 CleanView clean_view(const PreparedFrame& prepared, const Simulated& simulated) {
   const Frame& frame = prepared.frame;

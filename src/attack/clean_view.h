@@ -1,13 +1,24 @@
-// A frame without the object, as a detector may use it to compute only what the object changes.
+// What a detector is shown of a frame with an object in it.
 #pragma once
+
+#include <vector>
 
 #include "detection/detector.h"
 #include "simulation/insertion.h"
 
 namespace mirage {
 
-/// Of the frame that `simulated` was made from; views of `prepared`, which must outlive it. The key is a hash
-/// of the picture, the sweep and the calibration.
+/// For a detector that can so much. Of the sensors beside the first camera and the LiDAR the view has those
+/// that the detector reads by name and the object may have changed.
+SensorView view_of(const PreparedFrame& prepared, const Simulated& simulated, const Capabilities& can);
+
+/// For Upstream::others: the detector's gradient to each of Simulated::others and Simulated::measurements,
+/// null where it gave none or the object changed nothing. It points into `gradient`.
+std::vector<const float*> others_of(const SensorGradient& gradient, const Frame& frame,
+                                    const Simulated& simulated);
+
+/// The frame without the object, as a detector may use it to compute only what the object changes: views of
+/// `prepared`, which must outlive it. The key is a hash of the picture, the sweep and the calibration.
 CleanView clean_view(const PreparedFrame& prepared, const Simulated& simulated);
 
 }  // namespace mirage

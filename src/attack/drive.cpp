@@ -236,7 +236,7 @@ VehicleDrive judge_vehicle(const DetectorPool& detectors, FrameStore& store, con
     const Placement placement = placement_of(request.place, ridden.carriers[i]);
     for (std::size_t o = 0; o < objects.size(); ++o) {
       const Simulated simulated = simulate(prepared, placement, *objects[o], request.simulation);
-      SensorView view = view_of(prepared.frame, simulated.image, simulated.sweep);
+      SensorView view = view_of(prepared, simulated, detector.capabilities());
       CleanView as_recorded;
       if (local) {
         as_recorded = clean_view(prepared, simulated);

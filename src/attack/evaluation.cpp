@@ -183,7 +183,7 @@ class Attacked {
                           mesh, simulation_);
     Simulated simulated = simulate(world.prepared(), world.placement(), world.object(), world.simulation());
     world.add_noise(simulated.image);
-    SensorView view = view_of(world.prepared().frame, simulated.image, simulated.sweep);
+    SensorView view = view_of(world.prepared(), simulated, detector.capabilities());
     CleanView as_recorded;
     if (local && !world.changes_picture()) {
       as_recorded = clean_view(world.prepared(), simulated);

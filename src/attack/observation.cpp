@@ -75,27 +75,13 @@ Observation::Observation(const StepHost& host, const TexturedMesh& adversary, co
   seconds_.worlds += clock_.lap();
 }
 
-void Observation::show_others(const Capabilities& can) {
-  const Frame& frame = world_.prepared().frame;
-  others_.clear(), others_place_.clear();
-  for (std::size_t k = 0; k < frame.others.size(); ++k) {
-    const std::string& name = frame.others[k].name;
-    if (std::find(can.reads.begin(), can.reads.end(), name) == can.reads.end()) continue;
-    const ImageF& image = simulated_.others[k].image;
-    others_.push_back(side_camera(frame, k, image.empty() ? nullptr : &image));
-    others_place_.push_back(k);
-  }
-  if (!others_.empty() && (host_.seen.pictures || (host_.draw && settings_.expectation.any_in_frame())))
-    throw InputError("expect, renderer", others_[0].name,
-                     "is not drawn by them: they know of a frame's first camera alone",
-                     "leave them off with a detector that reads several cameras");
-}
-
 SensorView Observation::view(const Capabilities& can, bool back) {
   Stopwatch clock;
-  SensorView view = view_of(world_.prepared().frame, simulated_.image, simulated_.sweep);
-  show_others(can);
-  view.others = others_;
+  SensorView view = view_of(world_.prepared(), simulated_, can);
+  if (!view.others.empty() && (host_.seen.pictures || (host_.draw && settings_.expectation.any_in_frame())))
+    throw InputError("expect, renderer", view.others[0].name,
+                     "is not drawn by them: they know of a frame's first camera and LiDAR alone",
+                     "leave them off with a detector that reads further sensors");
   // Another exposure or noise changes every pixel: to a detector that reads them nothing is as recorded.
   if (can.why_whole.empty() && !(world_.changes_picture() && can.reads_image)) {
     clean_ = clean_view(world_.prepared(), simulated_);
@@ -114,12 +100,12 @@ AdversaryGradient Observation::vjp(const SensorGradient& gradient) const {
   Upstream<float> upstream;
   if (settings_.target != AttackTarget::lidar && !gradient.image.empty())
     upstream = {gradient.image.data.data(), gradient.image.width, gradient.image.height};
-  std::vector<const float*> others(simulated_.others.size(), nullptr);
-  if (settings_.target != AttackTarget::lidar)
-    for (std::size_t i = 0; i < others_.size() && i < gradient.others.size(); ++i)
-      if (gradient.others[i].size() == others_[i].image->data.size() &&
-          !simulated_.others[others_place_[i]].rect.empty())
-        others[others_place_[i]] = gradient.others[i].data();
+  std::vector<const float*> others = others_of(gradient, world_.prepared().frame, simulated_);
+  for (std::size_t k = 0; k < others.size(); ++k) {
+    const bool camera = k < simulated_.others.size();
+    if (settings_.target != AttackTarget::both && !(camera && settings_.target == AttackTarget::image))
+      others[k] = nullptr;
+  }
   upstream.others = others;
   if (settings_.target != AttackTarget::image) upstream.points = gradient.points;
   upstream.silhouette = &silhouette_;

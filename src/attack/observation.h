@@ -103,16 +103,12 @@ class Observation {
  private:
   const StepHost& host_;
   const AttackSettings& settings_;
-  void show_others(const Capabilities& can);
-
   Stopwatch clock_;  ///< before the world, whose time it takes
   DrawnHost world_;
   Simulated simulated_;
   PixelRect changed_;  ///< pixels that are not as recorded, but for noise
   CleanView clean_;
   LidarSilhouette silhouette_;
-  std::vector<SensorData> others_;         ///< cameras beside the first that the detector names
-  std::vector<std::size_t> others_place_;  ///< of each, in the frame's others
   HostSeconds seconds_;
 };
 

@@ -1,5 +1,5 @@
 // Plugins that ship with the program, by the words that ask for them. Beside plugins/NAME.so lies NAME.json:
-//   {"kind": "detector" or "depth", "words": ["lidar", …], "weights": "data" or "code"}
+//   {"kind": "detector", "depth" or "sensor", "words": ["lidar", …], "weights": "data" or "code"}
 // "code": what a weights file holds may run when it is loaded, so only the command line may name one.
 #pragma once
 

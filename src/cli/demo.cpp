@@ -24,7 +24,8 @@ constexpr int kQuickFrames = 6, kQuickIterations = 8, kQuickValidated = 2;
 void add_options(CLI::App& app, DemoOptions& options) {
   app.add_option("--frames", options.frames, "generated frames")->capture_default_str();
   app.add_option("--iterations", options.iterations, "attack steps")->capture_default_str();
-  add_fields(app, options.source, {"data", "depth", "sun", "rig", "placement", "cameras", "classes"});
+  add_fields(app, options.source,
+             {"data", "depth", "sun", "rig", "placement", "cameras", "sensors", "classes"});
   options.quality.add(app);
   app.add_option("--validated", options.validated, "frames rendered in Blender")->capture_default_str();
   app.add_flag("--quick", options.quick,

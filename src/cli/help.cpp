@@ -33,7 +33,7 @@ const std::vector<std::pair<std::string, std::vector<std::string>>>& headings() 
                 "--min-points", "--evaluation",   "--tradeoff",   "--runs",
                 "--kitti64",    "--xenith",       "--real",       "--judge-frames",
                 "--sequence",   "--least-frames", "--learn-data", "--learn-frames",
-                "--board",      "--classes"}},
+                "--board",      "--classes",      "--sensors"}},
       {"Tracker", {"--birth", "--death", "--track-by", "--track-iou", "--track-distance"}},
       {"Detector",
        {"--detector", "--detectors", "--weights", "--defense", "--clean-memory", "--precision", "--locality",

@@ -129,8 +129,9 @@ class Certifier {
       host.control_iou = best_iou(sight.found(sight.behind(label.box, margin_)), truth, score);
       if (!settings_.adversary) continue;
       const Simulated attacked = simulate(prepared, roof, *settings_.adversary, settings_.simulation);
-      host.attacked_iou = best_iou(detections(detector, view_of(frame, attacked.image, attacked.sweep), by),
-                                   HostTruth(frame, label, by.matching, silhouette_box(attacked)), score);
+      host.attacked_iou =
+          best_iou(detections(detector, view_of(prepared, attacked, detector.capabilities()), by),
+                   HostTruth(frame, label, by.matching, silhouette_box(attacked)), score);
     }
     for (std::size_t s = 0; s < limits_.size(); ++s) {
       for (std::size_t h = 0; h < work.hosts.size(); ++h) {

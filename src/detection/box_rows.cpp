@@ -79,8 +79,8 @@ std::vector<SensorData> sensors_of(const SensorView& view, const OutsideWord& wo
   std::vector<SensorData> all = sensors(view, word.can.reads);
   for (const std::string& name : word.can.reads)
     if (std::none_of(all.begin(), all.end(), [&](const SensorData& s) { return s.name == name; }))
-      throw InputError(who, name, "the frame has no such camera",
-                       "use a data set that has it, with --cameras all");
+      throw InputError(who, name, "the frame has no such sensor",
+                       "use a data set that has it with --cameras all, or a plugin with --sensors");
   return all;
 }
 

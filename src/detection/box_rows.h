@@ -22,8 +22,8 @@ struct OutsideWord {
 };
 /// What the object leaves out is as the protocol says. InputError naming `who` and the key that is wrong.
 OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who);
-/// All sensors of the view, with those cameras that the word names. InputError, naming `who`, where it has no
-/// such camera.
+/// All sensors of the view, with those that the word names. InputError, naming `who`, where it has no such
+/// sensor.
 std::vector<SensorData> sensors_of(const SensorView& view, const OutsideWord& word, const std::string& who);
 
 /// Whether its numbers are: what it answers is looked at, gradients too.

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -60,11 +61,13 @@ struct CleanView {
 
 /// One sensor's measurement as a detector gets it; a view, not a copy.
 struct SensorData {
-  enum class Kind { camera, lidar } kind = Kind::camera;
+  enum class Kind { camera, lidar, other } kind = Kind::camera;
   std::string name;
-  const ImageF* image = nullptr;       ///< of a camera: scene-linear RGB; null: it saw nothing
-  PinholeCamera camera = {};           ///< of a camera
-  std::span<const LidarPoint> points;  ///< of a LiDAR: in the ego frame, whatever its mount
+  const ImageF* image = nullptr;           ///< of a camera: scene-linear RGB; null: it saw nothing
+  PinholeCamera camera = {};               ///< of a camera
+  std::span<const LidarPoint> points;      ///< of a LiDAR: in the ego frame, whatever its mount
+  std::span<const float> values = {};      ///< of any other: Measurement::data
+  std::array<std::int64_t, 3> shape = {};  ///< of `values`
   Transform sensor_from_ego = Transform::Identity();
   double time = 0;  ///< s, as Moment::time
 };
@@ -83,8 +86,8 @@ struct SensorView {
   std::span<const LidarPoint> watched = {};
   /// The frame that this is of: its id, and when and where it was taken. Null: not known.
   const Frame* frame = nullptr;
-  /// What other sensors saw.
-  std::span<const SensorData> others = {};
+  /// What the frame's other sensors saw where that is not as recorded; they are known by their names.
+  std::vector<SensorData> others = {};
   /// Whether the pass before was over the frame before of the same sequence. A detector that remembers starts
   /// anew where it is not.
   bool continues = false;
@@ -97,20 +100,28 @@ SensorView view_of(const Frame& frame, const ImageF& image, std::span<const Lida
 /// Names of the first camera and the first LiDAR.
 inline constexpr const char *kFirstCamera = "camera", *kFirstLidar = "lidar";
 
-/// All sensors of a view by name: the first camera, the first LiDAR, the others, then those cameras of its
-/// frame that `reads` names and the view has not, as recorded. The first camera is called as its frame calls
-/// it where `reads` names that. Of a view without a calibration the camera stands where the ego frame does.
+/// All sensors of a view: the first camera and the first LiDAR, then those of its frame that the view has or
+/// `reads` names, cameras before measurements and each as the view has it, else as recorded; then what else
+/// the view has. The first camera is called as its frame calls it where `reads` names that. Of a view without
+/// a calibration the camera stands where the ego frame does.
 std::vector<SensorData> sensors(const SensorView& view, std::span<const std::string> reads = {});
-/// One of the frame's other cameras (Frame::others) with what it recorded, or `image` in its place.
-SensorData side_camera(const Frame& frame, std::size_t place, const ImageF* image = nullptr);
+/// One of the frame's sensors beside its first camera and its LiDAR, as recorded: its other cameras
+/// (Frame::others), then its measurements. `image`: a camera's in place of the recorded one, which is not
+/// read then.
+SensorData sensor_beside(const Frame& frame, std::size_t place, const ImageF* image = nullptr);
+
+/// InputError, naming `who`, for a detector that reads by name more than the frame's first camera and its
+/// LiDAR, where those alone are changed.
+void require_first_sensors(const Capabilities& can, const Frame& frame, const std::string& who);
 
 /// d loss / d pixel (H×W×3) and d loss / d (x, y, z, reflectance) of each point.
 struct SensorGradient {
   ImageF image;
   std::vector<std::array<float, 4>> points;
   std::vector<float> presence = {};  ///< d loss / d number of returns at each watched place; empty: not known
-  /// The same of each of SensorView::others: H×W×3, or 4 a point. Empty: all zero.
-  std::vector<std::vector<float>> others = {};
+  /// The same of each of SensorView::others, by its name: H×W×3, 4 a point, or as Measurement::shape has it.
+  /// One that is not there is zero.
+  std::map<std::string, std::vector<float>> others = {};
 };
 
 /// Ground truth for one training sample.

@@ -24,15 +24,16 @@ extern "C" {
 /* Kinds of sensors. */
 #define MIRAGE_CAMERA 1u
 #define MIRAGE_LIDAR 2u
+#define MIRAGE_OTHER 4u /* any other: what its array holds is its plugin's (simulation/sensor_abi.h) */
 
 /* What one sensor saw. */
 typedef struct MirageSensor {
   const char* name; /* "camera", "lidar", "CAM_BACK" */
-  uint32_t kind;    /* MIRAGE_CAMERA or MIRAGE_LIDAR */
+  uint32_t kind;    /* MIRAGE_CAMERA, MIRAGE_LIDAR or MIRAGE_OTHER */
   /* A camera: rows x columns x 3, scene-linear RGB in [0, 1], row 0 on top. A LiDAR: returns x 4: x, y, z (m,
    * ego frame whatever its mount), reflectance in [0, 1]. */
   const float* data;
-  int64_t shape[3];           /* rows, columns, 3; or returns, 4, 1. 0 first: it saw nothing */
+  int64_t shape[3]; /* rows, columns, 3; or returns, 4, 1; or as its plugin says. 0 first: it saw nothing */
   double sensor_from_ego[12]; /* a camera's axes: x right, y down, z forward */
   double intrinsics[9];       /* row-major 3x3 of a camera; (0, 0) is the centre of the upper left pixel */
   double time;                /* s, as MirageFrame.time */
@@ -70,9 +71,10 @@ typedef struct MirageDetection {
 #define MIRAGE_KNOWS_PRESENCE 32u   /* MiragePass.watched */
 #define MIRAGE_REMEMBERS 256u       /* answers depend on the frames before: reset */
 typedef struct MirageCapabilities {
-  uint32_t flags;             /* MIRAGE_FINDS_… | MIRAGE_HAS_… | … */
-  uint32_t kinds;             /* of sensors that it reads: MIRAGE_CAMERA | MIRAGE_LIDAR */
-  const char* const* sensors; /* those that it reads, by name; sensor_count 0: every one of these kinds */
+  uint32_t flags; /* MIRAGE_FINDS_… | MIRAGE_HAS_… | … */
+  uint32_t kinds; /* of sensors that it reads: MIRAGE_CAMERA | MIRAGE_LIDAR */
+  const char* const*
+      sensors; /* those that it reads, by name, of any kind; sensor_count 0: all of these kinds */
   int64_t sensor_count;
   const char* const* types; /* classes that it finds, by KITTI's, nuScenes', Waymo's or Argoverse's names */
   int64_t type_count;       /* at least 1 */

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 #include "base/error.h"
@@ -23,14 +24,22 @@ SensorView view_of(const Frame& frame, const ImageF& image, std::span<const Lida
   return view;
 }
 
-SensorData side_camera(const Frame& frame, std::size_t place, const ImageF* image) {
-  const SideCamera& camera = frame.others.at(place);
+SensorData sensor_beside(const Frame& frame, std::size_t place, const ImageF* image) {
   SensorData data;
+  data.time = frame.moment ? frame.moment->time : 0;
+  if (place >= frame.others.size()) {
+    const Measurement& measured = frame.measurements.at(place - frame.others.size());
+    data.kind = SensorData::Kind::other;
+    data.name = measured.name;
+    data.values = measured.data, data.shape = measured.shape;
+    data.sensor_from_ego = measured.sensor_from_ego;
+    return data;
+  }
+  const SideCamera& camera = frame.others[place];
   data.name = camera.name;
   data.image = image ? image : &camera.image.get();
   data.camera = camera.calibration.camera;
   data.sensor_from_ego = camera.calibration.camera_from_velo;
-  data.time = frame.moment ? frame.moment->time : 0;
   return data;
 }
 
@@ -45,17 +54,33 @@ std::vector<SensorData> sensors(const SensorView& view, std::span<const std::str
     camera.camera = view.calibration->camera;
     camera.sensor_from_ego = view.calibration->camera_from_velo;
   }
+  if (view.frame && named(view.frame->camera)) camera.name = view.frame->camera;
   std::vector<SensorData> all = {std::move(camera), std::move(lidar)};
-  all.insert(all.end(), view.others.begin(), view.others.end());
-  if (!view.frame) return all;
-  if (named(view.frame->camera)) all[0].name = view.frame->camera;
-  for (std::size_t k = 0; k < view.frame->others.size(); ++k) {
-    const std::string& name = view.frame->others[k].name;
-    const bool there =
-        std::any_of(all.begin(), all.end(), [&](const SensorData& sensor) { return sensor.name == name; });
-    if (named(name) && !there) all.push_back(side_camera(*view.frame, k));
+  std::vector<SensorData> rest = view.others;
+  const std::size_t beside = view.frame ? view.frame->others.size() + view.frame->measurements.size() : 0;
+  for (std::size_t k = 0; k < beside; ++k) {
+    const std::string& name = k < view.frame->others.size()
+                                  ? view.frame->others[k].name
+                                  : view.frame->measurements[k - view.frame->others.size()].name;
+    const auto there =
+        std::find_if(rest.begin(), rest.end(), [&](const SensorData& sensor) { return sensor.name == name; });
+    if (there != rest.end()) {
+      all.push_back(std::move(*there));
+      rest.erase(there);
+    } else if (named(name)) {
+      all.push_back(sensor_beside(*view.frame, k));
+    }
   }
+  std::move(rest.begin(), rest.end(), std::back_inserter(all));
   return all;
+}
+
+void require_first_sensors(const Capabilities& can, const Frame& frame, const std::string& who) {
+  for (const std::string& name : can.reads)
+    if (name != kFirstCamera && name != kFirstLidar && name != frame.camera)
+      throw InputError(who, name,
+                       "is read by the detector, and only the first camera and the LiDAR are changed",
+                       "use a detector that reads these alone");
 }
 
 double Detection::score() const {

@@ -28,14 +28,16 @@ class RawFrame {
            const Eigen::Affine3d& ego_from_given = Eigen::Affine3d::Identity())
       : sensors_(sensors(view, can.reads)) {
     const auto reads = [&](const SensorData& sensor) {
+      const bool named = std::find(can.reads.begin(), can.reads.end(), sensor.name) != can.reads.end();
+      if (sensor.kind == SensorData::Kind::other) return named;
       if (!(sensor.kind == SensorData::Kind::camera ? can.reads_image : can.reads_points)) return false;
-      return can.reads.empty() ||
-             std::find(can.reads.begin(), can.reads.end(), sensor.name) != can.reads.end();
+      return can.reads.empty() || named;
     };
     for (const std::string& name : can.reads)
       if (std::none_of(sensors_.begin(), sensors_.end(), [&](const SensorData& s) { return s.name == name; }))
         throw InputError(who, name, "the frame has no such sensor",
-                         "use a data set whose frames have it, with --cameras all, or another detector");
+                         "use a data set that has it with --cameras all, a plugin with --sensors, or another "
+                         "detector");
     for (std::size_t i = 0; i < sensors_.size(); ++i) {
       if (!reads(sensors_[i])) continue;
       places_.push_back(i);
@@ -76,6 +78,12 @@ class RawFrame {
       raw.kind = MIRAGE_LIDAR;
       raw.data = reinterpret_cast<const float*>(sensor.points.data());
       raw.shape[0] = static_cast<std::int64_t>(sensor.points.size()), raw.shape[1] = 4, raw.shape[2] = 1;
+      return raw;
+    }
+    if (sensor.kind == SensorData::Kind::other) {
+      raw.kind = MIRAGE_OTHER;
+      raw.data = sensor.values.data();
+      std::copy(sensor.shape.begin(), sensor.shape.end(), std::begin(raw.shape));
       return raw;
     }
     raw.kind = MIRAGE_CAMERA;
@@ -173,7 +181,7 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     });
     kept_ = {};
     kept_.watched = static_cast<std::size_t>(pass.watched_count);
-    kept_.others = view.others.size();
+    for (const SensorData& other : view.others) kept_.others.push_back(other.name);
     kept_.points = view.points.size();
     if (view.image) kept_.width = view.image->width, kept_.height = view.image->height;
     for (std::size_t i = 0; i < raw.places().size(); ++i)
@@ -197,7 +205,6 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     SensorGradient gradient;
     if (kept_.width > 0 && kept_.height > 0) gradient.image = ImageF(kept_.width, kept_.height, 3);
     gradient.points.resize(kept_.points);
-    gradient.others.resize(kept_.others);
     gradient.presence.resize(kept_.watched);
     std::vector<MirageGradient> named;
     for (const Kept::Sensor& sensor : kept_.sensors) {
@@ -206,8 +213,8 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
         data = gradient.image.empty() ? nullptr : gradient.image.data.data();
       } else if (sensor.place == 1) {
         data = gradient.points.empty() ? nullptr : gradient.points.data()->data();
-      } else if (sensor.place - 2 < gradient.others.size()) {  // the view's, not its frame's as recorded
-        auto& other = gradient.others[sensor.place - 2];
+      } else if (std::find(kept_.others.begin(), kept_.others.end(), sensor.name) != kept_.others.end()) {
+        auto& other = gradient.others[sensor.name];  // the view's, not its frame's as recorded
         other.resize(sensor.values);
         data = other.empty() ? nullptr : other.data();
       }
@@ -297,7 +304,8 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     };
     std::vector<Sensor> sensors;
     int width = 0, height = 0;
-    std::size_t points = 0, watched = 0, others = 0;
+    std::size_t points = 0, watched = 0;
+    std::vector<std::string> others;  ///< of the view
   } kept_;
   std::array<double, 4> region_{};
 };

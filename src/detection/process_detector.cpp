@@ -137,7 +137,8 @@ class ProcessDetector : public Detector {
     const std::vector<float> points = take(answer, placed_[1]);
     gradient.points.resize(placed_[1].points);
     if (!points.empty()) std::memcpy(gradient.points.data(), points.data(), points.size() * sizeof(float));
-    for (std::size_t i = 2; i < placed_.size(); ++i) gradient.others.push_back(take(answer, placed_[i]));
+    for (std::size_t i = 2; i < placed_.size(); ++i)
+      gradient.others[placed_[i].name] = take(answer, placed_[i]);
     return gradient;
   }
 
@@ -159,17 +160,30 @@ class ProcessDetector : public Detector {
 
   /// A sensor of the last frame.
   struct Placed {
+    using Kind = SensorData::Kind;
     std::string name;
-    bool camera = false, sent = false;
-    std::size_t at = 0;  ///< in the memory
-    int width = 0, height = 0;
-    std::size_t points = 0;
+    Kind kind = Kind::camera;
+    bool sent = false;
+    std::size_t at = 0;                      ///< in the memory
+    int width = 0, height = 0;               ///< of a camera
+    std::size_t points = 0;                  ///< of a LiDAR
+    std::array<std::int64_t, 3> other = {};  ///< of any other: its shape
     std::size_t values() const {
-      return camera ? 3 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height) : 4 * points;
+      std::size_t count = 1;
+      for (const std::size_t length : shape()) count *= length;
+      return count;
     }
     std::vector<std::size_t> shape() const {
-      if (!camera) return {points, 4};
+      if (kind == Kind::lidar) return {points, 4};
+      if (kind == Kind::other) return {other.begin(), other.end()};
       return {static_cast<std::size_t>(height), static_cast<std::size_t>(width), 3};
+    }
+    /// In a job's and an answer's words.
+    const char* group() const {
+      return kind == Kind::camera ? "cameras" : kind == Kind::lidar ? "lidars" : "sensors";
+    }
+    const char* array() const {
+      return kind == Kind::camera ? "image" : kind == Kind::lidar ? "points" : "data";
     }
   };
 
@@ -209,47 +223,56 @@ class ProcessDetector : public Detector {
     for (const SensorData& sensor : all) {
       Placed& here = placed_.emplace_back();
       here.name = sensor.name;
-      here.camera = sensor.kind == SensorData::Kind::camera;
+      here.kind = sensor.kind;
       here.at = at;
       if (sensor.image) here.width = sensor.image->width, here.height = sensor.image->height;
       here.points = sensor.points.size();
-      here.sent = here.camera ? word_.can.reads_image && here.width > 0 : word_.can.reads_points;
+      here.other = sensor.shape;
+      const bool camera = here.kind == SensorData::Kind::camera;
+      here.sent = camera                                 ? word_.can.reads_image && here.width > 0
+                  : here.kind == SensorData::Kind::lidar ? word_.can.reads_points
+                                                         : true;
       gradients += aligned(here.values() * sizeof(float));
-      if (here.sent) at += aligned(here.values() * (here.camera && word_.bytes ? 1 : sizeof(float)));
+      if (here.sent) at += aligned(here.values() * (camera && word_.bytes ? 1 : sizeof(float)));
     }
     d_logits_at_ = at;
     const std::size_t room = std::max(kLeastRoom, 2 * gradients);
     answer_at_ = aligned(d_logits_at_ + room / 4);
     memory_.reserve(answer_at_ + room);
-    json cameras = json::object(), lidars = json::object();
+    json told = {{"cameras", json::object()}, {"lidars", json::object()}, {"sensors", json::object()}};
     for (std::size_t i = 0; i < all.size(); ++i) {
       const SensorData& sensor = all[i];
       const Placed& here = placed_[i];
+      const bool camera = here.kind == SensorData::Kind::camera;
       char* to = memory_.data() + here.at;
-      json& told = here.camera ? cameras[here.name] : lidars[here.name];
-      told = {{"time", sensor.time}};
-      if (here.camera && view.calibration) {
+      json& one = told[here.group()][here.name];
+      one = {{"time", sensor.time}};
+      if (camera && view.calibration) {
         Calibration calibration;
         calibration.camera = sensor.camera, calibration.camera_from_velo = sensor.sensor_from_ego;
-        told["pixel_from_velo"] = pixel_from_velo(calibration);
-        told["sensor_from_ego"] = rows_json(sensor.sensor_from_ego);
-        told["intrinsics"] = {sensor.camera.fx, sensor.camera.fy, sensor.camera.cx, sensor.camera.cy};
+        one["pixel_from_velo"] = pixel_from_velo(calibration);
+        one["intrinsics"] = {sensor.camera.fx, sensor.camera.fy, sensor.camera.cx, sensor.camera.cy};
       }
+      if (here.kind != SensorData::Kind::lidar && view.calibration)
+        one["sensor_from_ego"] = rows_json(sensor.sensor_from_ego);
       if (!here.sent) continue;
-      told[here.camera ? "image" : "points"] =
-          array_at(here.at, here.shape(), here.camera && word_.bytes ? "uint8" : "float32");
-      if (!here.camera && here.points > 0)
+      one[here.array()] = array_at(here.at, here.shape(), camera && word_.bytes ? "uint8" : "float32");
+      if (here.values() == 0) continue;
+      if (here.kind == SensorData::Kind::lidar)
         std::memcpy(to, sensor.points.data(), here.points * sizeof(LidarPoint));
-      else if (here.camera && word_.bytes)
+      else if (here.kind == SensorData::Kind::other)
+        std::memcpy(to, sensor.values.data(), sensor.values.size_bytes());
+      else if (word_.bytes)
         write_srgb_bytes(sensor.image->data, reinterpret_cast<std::uint8_t*>(to));
-      else if (here.camera)
+      else
         std::memcpy(to, sensor.image->data.data(), here.values() * sizeof(float));
     }
     json job = {{"job", "detect"},
                 {"frame", view.frame ? escape_name(view.frame->id) : ""},
                 {"continues", view.continues},
-                {"cameras", cameras},
-                {"lidars", lidars},
+                {"cameras", told["cameras"]},
+                {"lidars", told["lidars"]},
+                {"sensors", told["sensors"]},
                 {"threshold", score_threshold},
                 {"gradient", keep_graph},
                 {"answer_at", answer_at_},
@@ -330,19 +353,19 @@ class ProcessDetector : public Detector {
 
   /// The gradient to a sensor; zero where the program gives none.
   std::vector<float> take(const json& answer, const Placed& sensor) const {
-    const auto group = answer.find(sensor.camera ? "cameras" : "lidars");
+    const auto group = answer.find(sensor.group());
     if (!sensor.sent || group == answer.end() || !group->is_object() || !group->contains(sensor.name) ||
         !group->at(sensor.name).is_object())
       return std::vector<float>(sensor.values());
-    const auto given =
-        array<float>(group->at(sensor.name), sensor.camera ? "d_image" : "d_points", sensor.camera ? 3 : 2);
+    const std::string field = fmt::format("d_{}", sensor.array());
+    const auto given = array<float>(group->at(sensor.name), field.c_str(), sensor.shape().size());
     if (given.shape != sensor.shape())
       throw Failure(who_,
                     fmt::format("gave a gradient of shape {} to {} of shape {}", json(given.shape).dump(),
                                 sensor.name, json(sensor.shape()).dump()),
                     "give one value for each that was sent");
     std::vector<float> values(given.values.begin(), given.values.end());
-    if (sensor.camera && word_.bytes)
+    if (sensor.kind == SensorData::Kind::camera && word_.bytes)
       through_srgb_slope({reinterpret_cast<const std::uint8_t*>(memory_.data() + sensor.at), values.size()},
                          values);
     return values;

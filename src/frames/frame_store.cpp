@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/files.h"
 #include "base/parallel.h"
 #include "detection/points_in_view.h"
 #include "frames/data_check.h"
@@ -42,6 +43,8 @@ std::size_t bytes_of(const PreparedFrame& prepared, const std::vector<Carrier>& 
   for (const SideCamera& camera : prepared.frame.others)  // picture and depth, once they are asked for
     bytes += 4 * sizeof(float) * static_cast<std::size_t>(camera.calibration.camera.width) *
              static_cast<std::size_t>(camera.calibration.camera.height);
+  for (const Measurement& measured : prepared.frame.measurements)
+    bytes += sizeof(float) * measured.data.size();
   for (const Carrier& carrier : carriers)
     if (carrier.shape)
       bytes += sizeof(Vec3d) * carrier.shape->vertices.size() + sizeof(Face) * carrier.shape->faces.size();
@@ -65,6 +68,8 @@ FrameStore::FrameStore(const FrameSource& source)
   place_ = source.placement;
   cameras_ = source.cameras;
   classes_ = source.classes;
+  sensors_ = load_sensors(source.sensors);
+  sensors_content_ = sensors_identity(source.sensors);
   cache_ = FrameCache(DiskCache::from_environment(), depth_identity({source.depth}),
                       rooftop_identity(source.rooftop), lidar_);
 }
@@ -79,7 +84,8 @@ FrameStore::~FrameStore() {
 }
 
 std::string FrameStore::content(const std::string& id) const {
-  return frame_hash(data_, id, cameras_);
+  const std::string hash = frame_hash(data_, id, cameras_);
+  return sensors_content_.empty() ? hash : content_hash(hash + sensors_content_);
 }
 
 std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id) const {
@@ -110,6 +116,7 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id)
       return kept(key, of, [&] { return later.get(); });
     });
   }
+  record(sensors_, data_, entry->prepared);
   entry->bytes = bytes_of(entry->prepared, entry->carriers);
   return entry;
 }

@@ -20,6 +20,7 @@
 #include "scene/frame_source.h"
 #include "scene/sun.h"
 #include "simulation/insertion.h"
+#include "simulation/sensor_plugin.h"
 
 namespace mirage {
 
@@ -75,7 +76,7 @@ class FrameStore {
 
   /// What is kept on disk of these frames.
   FrameCache& cache() { return cache_; }
-  /// frame_hash() of the frame as it is on disk.
+  /// frame_hash() of the frame as it is on disk, and what measures it besides.
   std::string content(const std::string& id) const;
 
  private:
@@ -108,6 +109,8 @@ class FrameStore {
   PlaceChoice place_;
   Cameras cameras_ = Cameras::first;
   std::string classes_ = kCars;
+  std::vector<std::shared_ptr<const PluginSensor>> sensors_;
+  std::string sensors_content_;  ///< sensors_identity()
   mutable FrameCache cache_;
 
   mutable std::mutex mutex_;  // of what follows

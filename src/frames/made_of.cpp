@@ -78,6 +78,10 @@ void add_frames(Provenance& provenance, const FrameSource& source, std::span<con
   provenance.input("lidar", lidar_identity(lidar_of(source.data, source.rig)));
   provenance.input("depth", depth_identity({source.depth}));
   provenance.input("rooftop", rooftop_identity(source.rooftop));
+  if (!source.sensors.empty()) {
+    provenance.set("sensors", "");  // their plugins count by content
+    provenance.input("sensors", sensors_identity(source.sensors));
+  }
 }
 
 void add_detector(Provenance& provenance, const DetectorOptions& options) {

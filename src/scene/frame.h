@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -79,6 +80,15 @@ struct SideCamera {
   Lazy<ImageF> image;       ///< scene-linear RGB; read when it is asked for
 };
 
+/// What a sensor measured that is neither camera nor LiDAR: an array whose meaning its pass defines
+/// (simulation/sensor_abi.h).
+struct Measurement {
+  std::string name;  ///< "radar"
+  Transform sensor_from_ego = Transform::Identity();
+  std::array<std::int64_t, 3> shape = {};  ///< `data` has as many values as these multiply to, row-major
+  std::vector<float> data = {};
+};
+
 /// One moment: what the sensors saw, where they stood, and what is known of the scene.
 struct Frame {
   std::string id;  ///< "000008"
@@ -88,9 +98,10 @@ struct Frame {
   std::vector<Label> labels;
   bool labelled = true;  ///< false: nobody has labelled the frame, which is other than that it shows nothing
   Lighting lighting;     ///< known for generated frames (lighting/ID.json), a default for recorded ones
-  std::optional<Moment> moment = {};    ///< none: the data set does not say
-  std::string camera = "camera";        ///< the first camera's name: that of `image` and `calibration`
-  std::vector<SideCamera> others = {};  ///< cameras beside it
+  std::optional<Moment> moment = {};           ///< none: the data set does not say
+  std::string camera = "camera";               ///< the first camera's name: that of `image` and `calibration`
+  std::vector<SideCamera> others = {};         ///< cameras beside it
+  std::vector<Measurement> measurements = {};  ///< of sensors that are neither camera nor LiDAR
 
   // By a camera's number (Label::camera).
   std::size_t cameras() const { return 1 + others.size(); }

@@ -23,6 +23,7 @@ struct FrameSource {
   std::string rig = {};              ///< which recorded it, as data_rig.h takes it; empty: what the set says
   PlaceChoice placement = {};        ///< where the object is put (carrier.h)
   Cameras cameras = Cameras::first;  ///< which of them are looked at
+  std::string sensors = {};          ///< beside them: plugins of simulation/sensor_plugin.h, by commas
   std::string classes = kCars;       ///< of labels that carry the object and have to be found (classes_of)
 };
 
@@ -54,6 +55,13 @@ void visit_fields(Visitor& visit, S& s) {
              "all (each that sees the object shows it; the whole sweep)",
          .lacking = "first"},
         s.cameras);
+  visit(
+      {.name = "sensors",
+       .help =
+           "sensors beside cameras and LiDAR, as radar,FILE.so: shipped ones (radar, an example) or plugins "
+           "(*.so); detectors read them by name",
+       .lacking = ""},
+      s.sensors);
   visit({.name = "classes",
          .help = kClassesHelp,
          .lacking = kCars,

@@ -64,6 +64,13 @@ void check_frame(const Frame& frame) {
     if (!p.position().allFinite() || !std::isfinite(p.reflectance))
       throw InputError(where, fmt::format("sweep point {}", i), kNotFinite, "remove the point");
   }
+  for (const Measurement& measured : frame.measurements) {
+    const auto bad = std::find_if_not(measured.data.begin(), measured.data.end(),
+                                      [](float value) { return std::isfinite(value); });
+    if (bad != measured.data.end())
+      throw InputError(where, fmt::format("{} value {}", measured.name, bad - measured.data.begin()),
+                       kNotFinite, "repair the measurement");
+  }
   for (std::size_t i = 0; i < frame.labels.size(); ++i)
     if (has_box(frame.labels[i]) && !is_finite(frame.labels[i].box))
       throw InputError(where, fmt::format("label {}", i), "its box is not finite", "correct the label");
@@ -211,12 +218,23 @@ void check_upstream(const Simulated& simulated, const Upstream<S>& upstream) {
       throw InputError(where, "d_image", "is not of the image's size", "give height × width × 3 values");
     check_pixels("d_image", simulated, upstream.image);
   }
-  if (!upstream.others.empty() && upstream.others.size() != simulated.others.size())
-    throw InputError(where, "others", "does not have one entry for each of the other cameras",
+  const std::size_t cameras = simulated.others.size(), measurements = simulated.measurements.size();
+  if (!upstream.others.empty() && upstream.others.size() != cameras + measurements)
+    throw InputError(where, "others",
+                     "does not have one entry for each of the other cameras and measurements",
                      "give null for those without a gradient");
-  for (std::size_t k = 0; k < upstream.others.size(); ++k)
-    if (upstream.others[k])
-      check_pixels(fmt::format("d_image of other camera {}", k), simulated.others[k], upstream.others[k]);
+  for (std::size_t k = 0; k < upstream.others.size(); ++k) {
+    const S* given = upstream.others[k];
+    if (!given) continue;
+    if (k < cameras) {
+      check_pixels(fmt::format("d_image of other camera {}", k), simulated.others[k], given);
+      continue;
+    }
+    const Measurement& measured = simulated.measurements[k - cameras];
+    const S* end = given + measured.data.size();
+    if (const S* bad = std::find_if_not(given, end, [](S value) { return std::isfinite(value); }); bad != end)
+      throw Failure(where, fmt::format("{} value {} is {}", measured.name, bad - given, kNotFinite), fix);
+  }
   const auto& presence = upstream.presence;
   if (!presence.empty() && (!upstream.silhouette || upstream.silhouette->places.size() != presence.size()))
     throw InputError(where, "presence", "does not have one entry a place of the silhouette",

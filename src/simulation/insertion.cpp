@@ -6,6 +6,7 @@
 #include "scene/depth_completion.h"
 #include "simulation/camera_pass.h"
 #include "simulation/check_inputs.h"
+#include "simulation/sensor_pass.h"
 #include "simulation/upstream.h"
 
 namespace mirage {
@@ -14,11 +15,90 @@ struct Simulated::Tape {
   TexturedMesh placed;
   Eigen::Matrix3d velo_from_adversary;
   std::vector<std::size_t> lowest;  ///< vertices that it stands on: more than one at a tie
-  std::vector<Calibration> calibrations;
-  SimulationSettings settings;
-  std::vector<CameraTape> cameras;  ///< by their numbers; nothing in those that do not see it
-  LidarTape lidar;
+  std::vector<std::unique_ptr<SensorTape>> sensors;
 };
+
+namespace {
+
+/// A SensorTape whose `add` is written once for both precisions.
+template <class Self>
+class TapeOf : public SensorTape {
+ public:
+  void vjp(const Simulated& simulated, const TexturedMesh& object, const Upstream<float>& upstream,
+           AdversaryGradient& placed) const override {
+    static_cast<const Self&>(*this).add(simulated, object, upstream, placed);
+  }
+  void vjp(const Simulated& simulated, const TexturedMesh& object, const Upstream<double>& upstream,
+           AdversaryGradient& placed) const override {
+    static_cast<const Self&>(*this).add(simulated, object, upstream, placed);
+  }
+};
+
+struct CameraSensorTape : TapeOf<CameraSensorTape> {
+  std::size_t camera = 0;
+  Calibration calibration;
+  CameraTape tape;
+
+  template <class S>
+  void add(const Simulated& simulated, const TexturedMesh& object, const Upstream<S>& upstream,
+           AdversaryGradient& placed) const {
+    const S* d_image = camera == 0               ? upstream.image
+                       : upstream.others.empty() ? nullptr
+                                                 : upstream.others[camera - 1];
+    if (d_image)
+      draw_in_camera_vjp(tape, object, calibration, simulated.sight(camera), d_image, placed.vertices,
+                         placed.texels);
+  }
+};
+
+/// One of the frame's cameras, by its number.
+class CameraSensor : public SensorPass {
+ public:
+  explicit CameraSensor(std::size_t camera) : camera_(camera) {}
+  std::unique_ptr<SensorTape> draw(const PreparedFrame& prepared, const Placement& placement,
+                                   const TexturedMesh& placed, const SimulationSettings& settings,
+                                   Simulated& result) const override {
+    const Calibration& calibration = prepared.frame.calibration_of(camera_);
+    if (camera_ > 0 && !may_see(calibration, placed.mesh, settings)) return nullptr;
+    auto tape = std::make_unique<CameraSensorTape>();
+    tape->camera = camera_, tape->calibration = calibration;
+    CameraSight& sight = camera_ == 0 ? result : result.others[camera_ - 1];
+    tape->tape = draw_in_camera(prepared, placement, placed, settings, sight, camera_);
+    return tape;
+  }
+
+ private:
+  std::size_t camera_;
+};
+
+struct LidarSensorTape : TapeOf<LidarSensorTape> {
+  SimulationSettings settings;
+  LidarTape tape;
+
+  template <class S>
+  void add(const Simulated&, const TexturedMesh& object, const Upstream<S>& upstream,
+           AdversaryGradient& placed) const {
+    if (!upstream.points.empty())
+      draw_in_lidar_vjp(tape, object, settings, upstream.points, placed.vertices, placed.texels);
+    if (!upstream.presence.empty())
+      lidar_silhouette_vjp(*upstream.silhouette, upstream.presence, placed.vertices);
+  }
+};
+
+/// The frame's sweep.
+class LidarSensor : public SensorPass {
+ public:
+  std::unique_ptr<SensorTape> draw(const PreparedFrame& prepared, const Placement&,
+                                   const TexturedMesh& placed, const SimulationSettings& settings,
+                                   Simulated& result) const override {
+    auto tape = std::make_unique<LidarSensorTape>();
+    tape->settings = settings;
+    tape->tape = draw_in_lidar(prepared, placed, settings, result);
+    return tape;
+  }
+};
+
+}  // namespace
 
 PreparedFrame prepare(Frame frame, const LidarModel& lidar, const DepthCompletion* depth, ImageF completed) {
   check_frame(frame);
@@ -53,17 +133,16 @@ Simulated simulate(const PreparedFrame& prepared, const Placement& placement, co
   const double bottom = bounds(adversary.mesh).min().z();
   for (const std::size_t i : used_vertices(adversary.mesh))
     if (adversary.mesh.vertices[i].z() == bottom) tape->lowest.push_back(i);
-  tape->settings = settings;
   Simulated result;
   result.others.resize(prepared.frame.others.size());
-  tape->cameras.resize(prepared.frame.cameras());
-  for (std::size_t k = 0; k < prepared.frame.cameras(); ++k) {
-    tape->calibrations.push_back(prepared.frame.calibration_of(k));
-    if (k > 0 && !may_see(tape->calibrations[k], tape->placed.mesh, settings)) continue;
-    CameraSight& sight = k == 0 ? result : result.others[k - 1];
-    tape->cameras[k] = draw_in_camera(prepared, placement, tape->placed, settings, sight, k);
-  }
-  tape->lidar = draw_in_lidar(prepared, tape->placed, settings, result);
+  result.measurements.resize(prepared.measured_by.size());
+  const auto draw = [&](const SensorPass& sensor) {
+    if (auto drawn = sensor.draw(prepared, placement, tape->placed, settings, result))
+      tape->sensors.push_back(std::move(drawn));
+  };
+  for (std::size_t k = 0; k < prepared.frame.cameras(); ++k) draw(CameraSensor(k));
+  draw(LidarSensor());
+  for (const auto& sensor : prepared.measured_by) draw(*sensor);
   result.tape = std::move(tape);
   return result;
 }
@@ -81,21 +160,14 @@ template <class S>
 AdversaryGradient simulate_vjp(const Simulated& simulated, const Upstream<S>& upstream) {
   check_upstream(simulated, upstream);
   const Simulated::Tape& tape = *simulated.tape;
-  AdversaryGradient gradient;
-  std::vector<Vec3d> d_placed(tape.placed.mesh.vertices.size(), Vec3d::Zero());
-  gradient.texels.assign(tape.placed.atlas.texels.size(), Vec3d::Zero());
-  for (std::size_t k = 0; k < tape.cameras.size(); ++k) {
-    const S* d_image = k == 0 ? upstream.image : upstream.others.empty() ? nullptr : upstream.others[k - 1];
-    if (d_image)
-      draw_in_camera_vjp(tape.cameras[k], tape.placed, tape.calibrations[k], simulated.sight(k), d_image,
-                         d_placed, gradient.texels);
-  }
-  if (!upstream.points.empty())
-    draw_in_lidar_vjp(tape.lidar, tape.placed, tape.settings, upstream.points, d_placed, gradient.texels);
-  if (!upstream.presence.empty()) lidar_silhouette_vjp(*upstream.silhouette, upstream.presence, d_placed);
+  AdversaryGradient placed, gradient;
+  placed.vertices.assign(tape.placed.mesh.vertices.size(), Vec3d::Zero());
+  placed.texels.assign(tape.placed.atlas.texels.size(), Vec3d::Zero());
+  for (const auto& sensor : tape.sensors) sensor->vjp(simulated, tape.placed, upstream, placed);
+  gradient.texels = std::move(placed.texels);
   // placed = R (v − (0, 0, lowest z)) + t
   double lifted = 0;
-  for (const Vec3d& d : d_placed) {
+  for (const Vec3d& d : placed.vertices) {
     gradient.vertices.push_back(tape.velo_from_adversary.transpose() * d);
     lifted += gradient.vertices.back().z();
   }
@@ -115,10 +187,12 @@ double Simulated::best_share() const {
 
 std::vector<std::array<double, 4>> object_returns(const Simulated& simulated) {
   std::vector<std::array<double, 4>> points;
-  for (const auto& added : simulated.tape->lidar.returns) {
-    const Vec3d p = added.ray.origin + added.range * added.ray.direction;
-    points.push_back({p.x(), p.y(), p.z(), added.hit.reflectance});
-  }
+  for (const auto& sensor : simulated.tape->sensors)
+    if (const auto* sweep = dynamic_cast<const LidarSensorTape*>(sensor.get()))
+      for (const auto& added : sweep->tape.returns) {
+        const Vec3d p = added.ray.origin + added.range * added.ray.direction;
+        points.push_back({p.x(), p.y(), p.z(), added.hit.reflectance});
+      }
   return points;
 }
 

@@ -24,6 +24,8 @@ constexpr auto words_of(LidarGradient) {
   return std::to_array<const char*>({"fixed", "silhouette"});
 }
 
+class SensorPass;
+
 /// A frame with everything that does not depend on the adversary.
 struct PreparedFrame {
   Frame frame;
@@ -31,6 +33,8 @@ struct PreparedFrame {
   LidarModel lidar;  ///< the unit that recorded the sweep
   SweepIndex index;  ///< the sweep by beam and azimuth
   std::vector<Lazy<ImageF>> other_depths = {};  ///< of each of the frame's other cameras, as `depth`
+  /// Of each of the frame's measurements: the sensor that made it.
+  std::vector<std::shared_ptr<const SensorPass>> measured_by = {};
 
   /// By a camera's number, as Frame's.
   const ImageF& depth_of(std::size_t camera) const {
@@ -119,12 +123,13 @@ struct Simulated : CameraSight {
   /// Of each of the frame's other cameras. Its image is empty where the object is not in it: it is as
   /// recorded, and was not read.
   std::vector<CameraSight> others;
-  Sweep sweep;               ///< the sweep with the object in it; new returns come last
-  int adversary_points = 0;  ///< returns on the object
-  int removed_points = 0;    ///< measured returns that the object hides
-  int lost_points = 0;       ///< would-be returns on the object that drop out (LidarEffects)
-  int occluded_points = 0;   ///< would-be returns on the object hidden by the scene
-  struct Tape;               ///< what the VJP needs
+  std::vector<Measurement> measurements;  ///< of each of the frame's, with the object in it
+  Sweep sweep;                            ///< the sweep with the object in it; new returns come last
+  int adversary_points = 0;               ///< returns on the object
+  int removed_points = 0;                 ///< measured returns that the object hides
+  int lost_points = 0;                    ///< would-be returns on the object that drop out (LidarEffects)
+  int occluded_points = 0;                ///< would-be returns on the object hidden by the scene
+  struct Tape;                            ///< what the VJP needs
   std::shared_ptr<const Tape> tape;
 
   /// A camera's by its number.

@@ -21,7 +21,8 @@ struct Upstream {
   std::span<const std::array<S, 4>> points = {};  ///< one a point of Simulated::sweep; empty: none
   const LidarSilhouette* silhouette = nullptr;    ///< of the placed adversary; null: held fixed
   std::span<const S> presence = {};               ///< one a place of it; empty: none
-  /// As `image`, of each of Simulated::others: null where there is none, empty if there is none of any.
+  /// As `image`, of each of Simulated::others, then of each of Simulated::measurements, in the measurement's
+  /// shape: null where there is none, empty if there is none of any.
   std::span<const S* const> others = {};
 };
 

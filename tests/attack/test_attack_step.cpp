@@ -121,7 +121,7 @@ TEST(AttackStep, OtherCamerasThatTheDetectorNamesAreAttackedToo) {
   SensorGradient gradient;
   RandomStream random(3, "of the camera beside");
   for (std::size_t i = 0; i < recorded.data.size(); ++i)
-    gradient.others.resize(1), gradient.others[0].push_back(static_cast<float>(random.uniform(-1, 1)));
+    gradient.others["BESIDE"].push_back(static_cast<float>(random.uniform(-1, 1)));
   const AdversaryGradient through = observation.vjp(gradient);
   // The same camera as the frame's first, alone.
   Frame alone = frame;
@@ -129,7 +129,7 @@ TEST(AttackStep, OtherCamerasThatTheDetectorNamesAreAttackedToo) {
   alone.image = recorded;
   alone.others.clear();
   ImageF d_image(207, 63, 3);
-  d_image.data = gradient.others[0];
+  d_image.data = gradient.others["BESIDE"];
   const Simulated seen = simulate(prepare(alone, world.prepared.lidar), world.placement, world.adversary);
   const AdversaryGradient meant = simulate_vjp(seen, d_image, {});
   ASSERT_EQ(through.vertices.size(), meant.vertices.size());

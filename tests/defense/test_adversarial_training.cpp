@@ -43,6 +43,7 @@ TEST(Defense, WhatDecidesARunKeepsItsKeys) {
                                                    {"precision", "float"},
                                                    {"cameras", "first"},
                                                    {"classes", "Car"},
+                                                   {"sensors", ""},
                                                    {"rig", ""}}));
 }
 

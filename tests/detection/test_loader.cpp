@@ -109,7 +109,7 @@ struct NamedScene : Scene {
   }
   SensorView view() {
     SensorView all = Scene::view();
-    all.others = {&back, 1};
+    all.others = {back};
     return all;
   }
 };
@@ -152,8 +152,8 @@ TEST(Loader, Version4GivesGradientsByTheSameNames) {
   EXPECT_EQ(gradient.image.data[0], 0);
   EXPECT_EQ(gradient.points[0][0], 0.5f);
   ASSERT_EQ(gradient.others.size(), 1u);
-  ASSERT_EQ(gradient.others[0].size(), scene.behind.data.size());
-  EXPECT_EQ(gradient.others[0][0], 0.5f);
+  ASSERT_EQ(gradient.others.at("back").size(), scene.behind.data.size());
+  EXPECT_EQ(gradient.others.at("back")[0], 0.5f);
   EXPECT_EQ(gradient.presence, std::vector<float>{1.5f});
 }
 

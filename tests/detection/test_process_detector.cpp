@@ -108,22 +108,26 @@ TEST_F(ProcessTest, ClassesAndVelocitiesTravel) {
 TEST_F(ProcessTest, OtherSensorsTravelByName) {
   const auto detector = start("others");
   ImageF left(6, 3, 3, 0.5f);
-  SensorData camera, lidar;
+  SensorData camera, lidar, radar;
   camera.name = "LEFT", camera.image = &left;
   lidar.kind = SensorData::Kind::lidar, lidar.name = "rear", lidar.points = points_;
-  const SensorData others[] = {camera, lidar};
+  const std::vector<float> powers = {0, 1, 2, 3, 4, 11};
+  radar.kind = SensorData::Kind::other, radar.name = "radar", radar.values = powers, radar.shape = {1, 2, 3};
   SensorView all = view();
-  all.others = others;
+  all.others = {camera, lidar, radar};
   Frame frame;
   frame.id = "000007";
   frame.moment = Moment{"drive", 7, 0.75, Transform::Identity()};
   all.frame = &frame;
-  // The first value of LEFT, three times, the second point's y of rear, the frame's number and its time.
-  EXPECT_FLOAT_EQ(static_cast<float>(detector->forward(all, 0.1, true)[0].logit), 3 * 0.5f + 5 + 7 + 0.75f);
+  // The first value of LEFT, three times, the second point's y of rear, radar's last value, the frame's
+  // number and its time.
+  EXPECT_FLOAT_EQ(static_cast<float>(detector->forward(all, 0.1, true)[0].logit),
+                  3 * 0.5f + 5 + 11 + 7 + 0.75f);
   const SensorGradient gradient = detector->backward(std::vector<double>{2, 0});
-  ASSERT_EQ(gradient.others.size(), 2u);
-  EXPECT_FLOAT_EQ(gradient.others[0][0], 6);
-  EXPECT_FLOAT_EQ(gradient.others[1][5], 2);
+  ASSERT_EQ(gradient.others.size(), 3u);
+  EXPECT_FLOAT_EQ(gradient.others.at("LEFT")[0], 6);
+  EXPECT_FLOAT_EQ(gradient.others.at("rear")[5], 2);
+  EXPECT_EQ(gradient.others.at("radar"), (std::vector<float>{0, 0, 0, 0, 0, 2}));
   EXPECT_EQ(gradient.image.data[0], 0);
 }
 

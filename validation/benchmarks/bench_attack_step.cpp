@@ -149,7 +149,7 @@ void attack_steps(benchmark::State& state, const std::string& name) {
         }
         // What an evaluation does: forward alone.
         const Simulated simulated = simulate(stand.prepared, stand.placement, adversary, settings.simulation);
-        SensorView view = view_of(stand.prepared.frame, simulated.image, simulated.sweep);
+        SensorView view = view_of(stand.prepared, simulated, whole->capabilities());
         rounds.cpu("full evaluation", [&] { detections(*whole, view, {}); });
         rounds.cpu("local evaluation", [&] {
           const CleanView clean = clean_view(stand.prepared, simulated);

@@ -347,13 +347,15 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   }
   const ObjectBoxes host_boxes = boxes_of(*scene.host);
   const auto outcome_of = [&](const Pictures& pictures, const Sweep& sweep) -> Judged {
-    SensorView view = view_of(frame, pictures[0] ? *pictures[0] : frame.image, sweep);
     const Capabilities can = context.detector.capabilities();
-    std::vector<SensorData> others;
+    SensorView view = view_of(prepared, simulated, can);
+    if (pictures[0]) view.image = pictures[0];
+    view.points = sweep;
+    std::erase_if(view.others,
+                  [](const SensorData& other) { return other.kind == SensorData::Kind::camera; });
     for (std::size_t k = 1; k < frame.cameras(); ++k)
       if (pictures[k] && std::count(can.reads.begin(), can.reads.end(), frame.name_of(k)) > 0)
-        others.push_back(side_camera(frame, k - 1, pictures[k]));
-    view.others = others;
+        view.others.push_back(sensor_beside(frame, k - 1, pictures[k]));
     if (can.why_whole.empty()) view.clean = &as_recorded;
     Appearance look = look_at(context.detector, view, host_boxes, judge_by);
     return {judge(id, frame, clean->second, std::move(look.found), judge_by, object), look.logit};

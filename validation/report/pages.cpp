@@ -6,6 +6,7 @@
 #include <cstring>
 #include <set>
 
+#include "attack/clean_view.h"
 #include "base/child_process.h"
 #include "base/files.h"
 #include "base/image_io.h"
@@ -180,7 +181,7 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
                          {"score", found.score},
                          {"distance", found.distance}});
   }
-  const SensorView clean = view_of(frame), attacked = view_of(frame, simulated.image, simulated.sweep);
+  const SensorView clean = view_of(frame), attacked = view_of(prepared, simulated, detector.capabilities());
   return {{"name", name},
           {"folder", folder.filename().string()},
           {"range", outcome.range},

@@ -9,6 +9,7 @@
 #include <optional>
 #include <set>
 
+#include "attack/clean_view.h"
 #include "attack/evaluation.h"
 #include "attack/observation.h"
 #include "attack/run.h"
@@ -99,17 +100,18 @@ class Attacker {
                         {"removed", simulated.removed_points},
                         {"learned_on", learned_on(run_, id)}};
       if (detector_)
-        judge_attack(view.frame, seen, id, clean, simulated, carried_box(simulated, placement), attack);
+        judge_attack(view.frame, *prepared, id, clean, simulated, carried_box(simulated, placement), attack);
       view.attacks.push_back(std::move(attack));
     }
   }
 
  private:
-  void judge_attack(const Frame& whole, const Frame& seen, const HostId& id,
+  void judge_attack(const Frame& whole, const PreparedFrame& prepared, const HostId& id,
                     const std::vector<Detection>& clean, const Simulated& simulated,
                     const std::optional<PictureBox>& object, ViewAttack& attack) {
+    const Frame& seen = prepared.frame;
     const auto attacked =
-        detections(*detector_, view_of(seen, simulated.image, simulated.sweep), evaluation_);
+        detections(*detector_, view_of(prepared, simulated, detector_->capabilities()), evaluation_);
     attack.found = {kitti_detections(attacked, evaluation_.matching, whole), true};
     EvaluationSettings judging = evaluation_;
     judging.score_threshold = judged_at();

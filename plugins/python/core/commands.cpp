@@ -82,7 +82,8 @@ class PythonDetector : public Detector {
       const bool camera = sensor.kind == SensorData::Kind::camera;
       const int width = camera && sensor.image ? sensor.image->width : 0,
                 height = camera && sensor.image ? sensor.image->height : 0;
-      std::vector<float> values(camera ? ImageF(width, height, 3).data.size() : 4 * sensor.points.size());
+      std::vector<float> values(camera ? ImageF(width, height, 3).data.size()
+                                       : 4 * sensor.points.size() + sensor.values.size());
       if (const auto found = given.find(sensor.name); found != given.end()) {
         if (static_cast<std::size_t>(found->second.size()) != values.size())
           throw InputError("detector", "gradient to " + sensor.name,
@@ -102,7 +103,7 @@ class PythonDetector : public Detector {
         gradient.points.resize(sensor.points.size());
         if (!gradient.points.empty()) std::copy(values.begin(), values.end(), gradient.points.front().data());
       } else {
-        gradient.others.push_back(std::move(values));
+        gradient.others[sensor.name] = std::move(values);
       }
     }
     return gradient;
@@ -123,7 +124,7 @@ class PythonDetector : public Detector {
   /// The view as mirage_serve.py's Frame reads it: arrays over memory that lives for the call.
   py::dict told(const SensorView& input) const {
     const auto borrowed = std::shared_ptr<const void>(&input, [](const void*) {});
-    py::dict cameras, lidars, all;
+    py::dict cameras, lidars, others, all;
     for (std::size_t i = 0; i < sensors_.size(); ++i) {
       const SensorData& sensor = sensors_[i];
       py::dict one;
@@ -142,6 +143,9 @@ class PythonDetector : public Detector {
         one["pixel_from_velo"] = pixel_from_velo(calibration);
         one["intrinsics"] = std::array<double, 4>{c.fx, c.fy, c.cx, c.cy};
         cameras[py::str(sensor.name)] = one;
+      } else if (sensor.kind == SensorData::Kind::other) {
+        one["data"] = view(sensor.values.data(), {sensor.shape.begin(), sensor.shape.end()}, borrowed, false);
+        others[py::str(sensor.name)] = one;
       } else {
         if (word_.can.reads_points)
           one["points"] = view(reinterpret_cast<const float*>(sensor.points.data()),
@@ -163,6 +167,7 @@ class PythonDetector : public Detector {
     }
     all["cameras"] = cameras;
     all["lidars"] = lidars;
+    all["sensors"] = others;
     return all;
   }
 

@@ -1,0 +1,252 @@
+#include "simulation/sensor_plugin.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+
+#include "base/files.h"
+#include "base/plugins.h"
+#include "base/words.h"
+#include "simulation/sensor_abi.h"
+
+namespace mirage {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* kSensorPlugins = "sensor";
+constexpr std::int64_t kMostValues = std::int64_t{1} << 28;
+
+fs::path sensor_file(const std::string& word) {
+  if (fs::path(word).extension() == ".so") {
+    if (!fs::exists(word)) throw InputError(word, "", "no such sensor plugin", "check --sensors");
+    return fs::absolute(word);
+  }
+  if (const ShippedPlugin* plugin = shipped_plugin(kSensorPlugins, word)) return plugin->file;
+  std::vector<std::string> known;
+  for (const ShippedPlugin& shipped : shipped_plugins(kSensorPlugins))
+    known.insert(known.end(), shipped.words.begin(), shipped.words.end());
+  throw unknown_word("sensors", word, known, "a plugin (*.so)");
+}
+
+/// Double as the plugin reads it, row-major.
+std::vector<double> flat(const std::vector<Vec3d>& points) {
+  std::vector<double> values;
+  values.reserve(3 * points.size());
+  for (const Vec3d& p : points) values.insert(values.end(), {p.x(), p.y(), p.z()});
+  return values;
+}
+
+void add(const std::vector<double>& values, std::vector<Vec3d>& to) {
+  for (std::size_t i = 0; i < to.size(); ++i) to[i] += Vec3d::Map(values.data() + 3 * i);
+}
+
+MirageBody body_of(const Label& label) {
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  const BevBox& box = label.box.bev;
+  const Vec3d velocity = label.velocity.value_or(Vec3d::Constant(kUnknown));
+  return {box.x,
+          box.y,
+          label.box.bottom + label.box.height / 2,
+          box.length,
+          box.width,
+          label.box.height,
+          box.yaw,
+          {velocity.x(), velocity.y(), velocity.z()}};
+}
+
+/// A frame as the plugin gets it; lives as long as the call.
+struct RawScene {
+  RawScene(const Frame& frame, const fs::path& data) : folder(data.string()) {
+    static_assert(sizeof(LidarPoint) == 4 * sizeof(float));
+    for (const Label& label : frame.labels)
+      if (has_box(label)) bodies.push_back(body_of(label));
+    scene = {folder.c_str(),
+             frame.id.c_str(),
+             reinterpret_cast<const float*>(frame.sweep.data()),
+             static_cast<std::int64_t>(frame.sweep.size()),
+             bodies.data(),
+             static_cast<std::int64_t>(bodies.size())};
+  }
+  std::string folder;
+  std::vector<MirageBody> bodies;
+  MirageSensorScene scene{};
+};
+
+/// A plugin with one instance. What a tape refers to lives as long as the tape.
+struct Instance {
+  Instance(fs::path of, const MirageSensorApi* table) : file(std::move(of)), api(table) {
+    if (!api->create || !api->destroy || !api->word || !api->measure || !api->vjp || !api->release)
+      throw InputError(file.string(), "mirage_sensor_api", "a function is missing", "rebuild the plugin");
+    char error[kPluginErrorSize] = "";
+    sensor = call_plugin(file, "create", [&] { return api->create("{}", error, kPluginErrorSize); });
+    if (!sensor)
+      throw InputError(file.string(), "", error[0] ? error : "the plugin gave no reason",
+                       "rebuild the plugin");
+    const MirageSensorWord* told = call_plugin(file, "word", [&] { return api->word(sensor); });
+    const auto bad = [&](const char* field, const char* problem) {
+      api->destroy(sensor);
+      return InputError(file.string(), field, problem, "rebuild the plugin");
+    };
+    if (!told || !told->name || !*told->name) throw bad("word", "tells no name");
+    word.name = told->name;
+    std::copy(std::begin(told->shape), std::end(told->shape), word.shape.begin());
+    std::int64_t count = 1;
+    for (const std::int64_t length : word.shape) {
+      if (length < 1 || length > kMostValues / count) throw bad("shape", "has no length, or too many values");
+      count *= length;
+    }
+    values = static_cast<std::size_t>(count);
+    word.sensor_from_ego.matrix().topRows<3>() =
+        Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(told->sensor_from_ego);
+    if (!word.sensor_from_ego.matrix().allFinite()) throw bad("sensor_from_ego", "is not finite");
+  }
+  Instance(const Instance&) = delete;
+  Instance& operator=(const Instance&) = delete;
+  ~Instance() { api->destroy(sensor); }
+
+  std::vector<double> measure(const MirageSensorScene& scene, const MirageSensorObject* object,
+                              const double* recorded, void** tape) const {
+    std::vector<double> data(values);
+    run_plugin(file, "measure", [&](char* error) {
+      return api->measure(sensor, &scene, object, recorded, data.data(), tape, error, kPluginErrorSize);
+    });
+    if (!std::all_of(data.begin(), data.end(), [](double value) { return std::isfinite(value); }))
+      throw Failure(file.string(), "measure gave a number that is not finite",
+                    "look for divisions, roots and logarithms of 0");
+    return data;
+  }
+
+  fs::path file;
+  const MirageSensorApi* api;
+  void* sensor = nullptr;
+  Measurement word;  ///< without data
+  std::size_t values = 0;
+};
+
+class PluginTape : public SensorTape {
+ public:
+  PluginTape(std::shared_ptr<const Instance> of, std::size_t place) : of_(std::move(of)), place_(place) {}
+  PluginTape(const PluginTape&) = delete;
+  PluginTape& operator=(const PluginTape&) = delete;
+  ~PluginTape() override {
+    if (tape) of_->api->release(tape);
+  }
+
+  void vjp(const Simulated& simulated, const TexturedMesh&, const Upstream<float>& upstream,
+           AdversaryGradient& placed) const override {
+    add_from(simulated, upstream, placed);
+  }
+  void vjp(const Simulated& simulated, const TexturedMesh&, const Upstream<double>& upstream,
+           AdversaryGradient& placed) const override {
+    add_from(simulated, upstream, placed);
+  }
+
+  void* tape = nullptr;
+
+ private:
+  template <class S>
+  void add_from(const Simulated& simulated, const Upstream<S>& upstream, AdversaryGradient& placed) const {
+    const S* d_data = upstream.others.empty() ? nullptr : upstream.others[simulated.others.size() + place_];
+    if (!d_data) return;
+    const std::vector<double> d_values(d_data, d_data + of_->values);
+    std::vector<double> d_vertices(3 * placed.vertices.size()), d_albedo(3 * placed.texels.size());
+    run_plugin(of_->file, "vjp", [&](char* error) {
+      return of_->api->vjp(of_->sensor, tape, d_values.data(), d_vertices.data(), d_albedo.data(), error,
+                           kPluginErrorSize);
+    });
+    add(d_vertices, placed.vertices);
+    add(d_albedo, placed.texels);
+  }
+
+  std::shared_ptr<const Instance> of_;
+  std::size_t place_;  ///< among the frame's measurements
+};
+
+class Sensor : public PluginSensor {
+ public:
+  explicit Sensor(std::shared_ptr<const Instance> of) : of_(std::move(of)) {}
+
+  const std::string& name() const { return of_->word.name; }
+
+  Measurement record(const Frame& frame, const fs::path& data) const override {
+    const RawScene raw(frame, data);
+    const std::vector<double> values = of_->measure(raw.scene, nullptr, nullptr, nullptr);
+    Measurement measured = of_->word;
+    measured.data.assign(values.begin(), values.end());
+    return measured;
+  }
+
+  std::unique_ptr<SensorTape> draw(const PreparedFrame& prepared, const Placement& placement,
+                                   const TexturedMesh& placed, const SimulationSettings&,
+                                   Simulated& result) const override {
+    const auto& all = prepared.frame.measurements;
+    const auto own = std::find_if(all.begin(), all.end(),
+                                  [&](const Measurement& measured) { return measured.name == name(); });
+    if (own == all.end())
+      throw Failure(of_->file.string(), "has not recorded the frame", "record() it first");
+    const auto place = static_cast<std::size_t>(own - all.begin());
+    const std::vector<double> vertices = flat(placed.mesh.vertices), albedo = flat(placed.atlas.texels);
+    std::vector<std::int32_t> faces;
+    faces.reserve(3 * placed.mesh.faces.size());
+    for (const Face& face : placed.mesh.faces)
+      for (const auto vertex : face) faces.push_back(static_cast<std::int32_t>(vertex));
+    const Vec3d velocity =
+        placement.carrier ? placement.carrier->label.velocity.value_or(Vec3d::Zero()) : Vec3d::Zero();
+    const MirageSensorObject object{vertices.data(),
+                                    static_cast<std::int64_t>(placed.mesh.vertices.size()),
+                                    faces.data(),
+                                    static_cast<std::int64_t>(placed.mesh.faces.size()),
+                                    albedo.data(),
+                                    static_cast<std::int64_t>(placed.atlas.per_face()),
+                                    {velocity.x(), velocity.y(), velocity.z()}};
+    const RawScene raw(prepared.frame, "");
+    const std::vector<double> recorded(own->data.begin(), own->data.end());
+    auto tape = std::make_unique<PluginTape>(of_, place);
+    const std::vector<double> values = of_->measure(raw.scene, &object, recorded.data(), &tape->tape);
+    Measurement& measured = result.measurements.at(place) = of_->word;
+    measured.data.assign(values.begin(), values.end());
+    return tape;
+  }
+
+ private:
+  std::shared_ptr<const Instance> of_;
+};
+
+}  // namespace
+
+std::vector<std::shared_ptr<const PluginSensor>> load_sensors(const std::string& words) {
+  std::vector<std::shared_ptr<const PluginSensor>> sensors;
+  std::set<std::string> names;
+  for (const std::string& word : listed_words(words)) {
+    const fs::path file = sensor_file(word);
+    const auto* api = open_plugin<MirageSensorApi>(file, "mirage_sensor_api", "simulation/sensor_abi.h",
+                                                   {MIRAGE_SENSOR_ABI});
+    auto sensor = std::make_shared<const Sensor>(std::make_shared<const Instance>(file, api));
+    if (!names.insert(sensor->name()).second)
+      throw FieldError("sensors", words, fmt::format("has two sensors called {}", sensor->name()),
+                       "name each once");
+    sensors.push_back(std::move(sensor));
+  }
+  return sensors;
+}
+
+void record(const std::vector<std::shared_ptr<const PluginSensor>>& sensors, const fs::path& data,
+            PreparedFrame& prepared) {
+  for (const auto& sensor : sensors) {
+    prepared.frame.measurements.push_back(sensor->record(prepared.frame, data));
+    prepared.measured_by.push_back(sensor);
+  }
+}
+
+std::string sensors_identity(const std::string& words) {
+  std::string all;
+  for (const std::string& word : listed_words(words)) all += file_hash(sensor_file(word)) + "\n";
+  return all;
+}
+
+}  // namespace mirage

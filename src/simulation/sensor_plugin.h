@@ -1,0 +1,34 @@
+// Sensors that are neither cameras nor LiDARs, from shared libraries (sensor_abi.h).
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "simulation/sensor_pass.h"
+
+namespace mirage {
+
+/// A sensor that also measures frames as recorded.
+class PluginSensor : public SensorPass {
+ public:
+  /// Of the frame without an object. `data`: the set that it is of; may be empty. Failure if the plugin fails
+  /// or gives a number that is not finite.
+  virtual Measurement record(const Frame& frame, const std::filesystem::path& data) const = 0;
+};
+
+/// Those that `words` names, joined by commas: shipped ones by their words, others by their files (*.so);
+/// none for "". InputError, naming it, for an unknown word, for a file that is no such plugin, and for two
+/// sensors of one name.
+std::vector<std::shared_ptr<const PluginSensor>> load_sensors(const std::string& words);
+
+/// Adds what these sensors measure of the frame, in their order, and itself to those that insertions pass
+/// through.
+void record(const std::vector<std::shared_ptr<const PluginSensor>>& sensors,
+            const std::filesystem::path& data, PreparedFrame& prepared);
+
+/// Of the content of the plugins that `words` names; "" for none. Errors as load_sensors'.
+std::string sensors_identity(const std::string& words);
+
+}  // namespace mirage
