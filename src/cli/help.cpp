@@ -26,14 +26,14 @@ constexpr std::size_t kIndent = 30, kWidest = 100, kNarrowest = 60;
 /// Headings in their order, and the options under them.
 const std::vector<std::pair<std::string, std::vector<std::string>>>& headings() {
   static const std::vector<std::pair<std::string, std::vector<std::string>>> all = {
-      {"Data", {"--data",       "--run",          "--hosts-of",   "--hosts",
-                "--rig",        "--frames",       "--validation", "--validation-frames",
-                "--types",      "--depth",        "--rooftop",    "--place",
-                "--cameras",    "--sun",          "--min-view",   "--hosts-from",
-                "--min-points", "--evaluation",   "--tradeoff",   "--runs",
-                "--kitti64",    "--xenith",       "--real",       "--judge-frames",
-                "--sequence",   "--least-frames", "--learn-data", "--learn-frames",
-                "--board",      "--classes",      "--sensors"}},
+      {"Data", {"--data",         "--run",        "--hosts-of",     "--hosts",
+                "--rig",          "--frames",     "--validation",   "--validation-frames",
+                "--types",        "--depth",      "--rooftop",      "--place",
+                "--cameras",      "--sun",        "--min-view",     "--hosts-from",
+                "--min-points",   "--evaluation", "--tradeoff",     "--runs",
+                "--kitti64",      "--xenith",     "--real",         "--judge-frames",
+                "--sequence",     "--between",    "--least-frames", "--learn-data",
+                "--learn-frames", "--board",      "--classes",      "--sensors"}},
       {"Tracker", {"--birth", "--death", "--track-by", "--track-iou", "--track-distance"}},
       {"Detector",
        {"--detector", "--detectors", "--weights", "--defense", "--clean-memory", "--precision", "--locality",

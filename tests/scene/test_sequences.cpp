@@ -124,6 +124,47 @@ void write_nuscenes_scene(const std::filesystem::path& data) {
   write_json(tables / "scene.json", nlohmann::json::array({{{"token", "scene"}, {"name", "scene-0061"}}}));
 }
 
+/// The scene, of whose four frames the second and the third are sweeps between key frames, on a straight way
+/// with a car ahead that turns; the third sweep has no picture of its time.
+void write_nuscenes_between(const std::filesystem::path& data) {
+  write_nuscenes_scene(data);
+  const auto tables = data / "v1.0-mini";
+  nlohmann::json rows = nlohmann::json::array(), annotations = nlohmann::json::array(),
+                 samples = nlohmann::json::array();
+  for (auto row : read_json(tables / "sample_data.json")) {
+    const auto token = row["token"].get<std::string>();  // "lidar-1"
+    const int i = token.back() - '0';
+    row["timestamp"] = 1532402927000000 + 100000 * i;
+    if (i == 1 || i == 2) row["is_key_frame"] = false, row["sample_token"] = "sample3";
+    if (token != "camera-2") rows.push_back(row);
+  }
+  const auto at_key = [](const nlohmann::json& row, const char* field) {
+    const char last = row[field].get<std::string>().back();
+    return last == '0' || last == '3';
+  };
+  const auto turned = [](double yaw) -> nlohmann::json {
+    return {std::cos(yaw / 2), 0, 0, std::sin(yaw / 2)};
+  };
+  for (auto row : read_json(tables / "sample_annotation.json")) {
+    if (!at_key(row, "sample_token")) continue;
+    const bool later = row["sample_token"] == "sample3";
+    row["translation"] = {1035.0 - 2 * later, 612.0 + later, 1.0};
+    row["rotation"] = turned(later ? 0.5 : 0.1);
+    annotations.push_back(row);
+  }
+  nlohmann::json poses = read_json(tables / "ego_pose.json");
+  for (auto& row : poses) {
+    row["translation"] = {1010.0 + 2 * (row["token"].get<std::string>().back() - '0'), 611.0, 0.0};
+    row["rotation"] = turned(0);
+  }
+  write_json(tables / "ego_pose.json", poses);
+  for (const auto& row : read_json(tables / "sample.json"))
+    if (at_key(row, "token")) samples.push_back(row);
+  write_json(tables / "sample_data.json", rows);
+  write_json(tables / "sample_annotation.json", annotations);
+  write_json(tables / "sample.json", samples);
+}
+
 struct DriveLayout {
   const char* sequence;
   const char* category;
@@ -189,6 +230,59 @@ INSTANTIATE_TEST_SUITE_P(All, Sequences,
                                          DriveLayout{"2011_09_26_drive_0001_sync", "Van", write_raw_drive},
                                          DriveLayout{"scene-0061", "vehicle.emergency.ambulance",
                                                      write_nuscenes_scene}));
+
+TEST(Between, SweepsOfNuScenesAreFramesWithBoxesOnTheWay) {
+  TemporaryFolder folder;
+  write_nuscenes_between(folder.path());
+  SequencePart part;
+  EXPECT_EQ(read_sequences(folder.path(), part).at(0).frames.size(), 2u);
+  part.between = true;
+  const auto frames = read_sequences(folder.path(), part).at(0).frames;
+  ASSERT_EQ(frames.size(), 4u);
+  std::vector<std::string> ids;
+  for (const auto& [id, moment] : frames) ids.push_back(id);
+  EXPECT_EQ(ids, (std::vector<std::string>{"sample0", "lidar-1", "lidar-2", "sample3"}));
+  std::vector<Vec3d> places;
+  std::vector<double> headings;
+  for (std::size_t i = 0; i < 4; ++i) {
+    EXPECT_NEAR(frames[i].moment.time, kStep * static_cast<double>(i), 1e-6);
+    const Frame frame = read_frame(folder.path(), ids[i]);
+    ASSERT_EQ(frame.labels.size(), 1u) << ids[i];
+    const Box3& box = frame.labels[0].box;
+    places.push_back(frame.moment->world_from_ego * Vec3d(box.bev.x, box.bev.y, box.bottom + box.height / 2));
+    const Vec3d along(std::cos(box.bev.yaw), std::sin(box.bev.yaw), 0);
+    const Vec3d in_world = frame.moment->world_from_ego.linear() * along;
+    headings.push_back(std::atan2(in_world.y(), in_world.x()));
+    EXPECT_EQ(frame.sweep.size(), drive_frames()[i].sweep.size());
+  }
+  const double turn = std::remainder(headings[3] - headings[0], 2 * std::numbers::pi);
+  EXPECT_GT(std::abs(turn), 0.1);
+  for (std::size_t i = 1; i < 3; ++i) {
+    const double share = static_cast<double>(i) / 3;
+    EXPECT_LT((places[i] - (places[0] + share * (places[3] - places[0]))).norm(), 1e-6);
+    EXPECT_NEAR(std::remainder(headings[i] - headings[0] - share * turn, 2 * std::numbers::pi), 0, 1e-3);
+  }
+  // The nearest picture in time, at its own pose: sweep 2 has no picture of its time, and sample 3's comes.
+  const auto picture = [&](std::size_t i) { return picture_file(folder.path(), ids[i]).filename().string(); };
+  EXPECT_EQ(picture(1), "1.png");
+  EXPECT_EQ(picture(2), "3.png");
+  const auto place = [&](std::size_t i) { return read_frame(folder.path(), ids[i]).calibration; };
+  EXPECT_GT((place(2).camera_from_velo.translation() - place(1).camera_from_velo.translation()).norm(), 1);
+  // Neighbours are the next sweeps, and a velocity is the way between them.
+  const auto set = open_data_set(folder.path());
+  EXPECT_EQ(set->beside("lidar-1", 1), "lidar-2");
+  EXPECT_EQ(set->beside("lidar-1", -1), "sample0");
+  EXPECT_EQ(set->beside("sample0", 1), "sample3");
+  EXPECT_EQ(set->beside("lidar-2", 2), std::nullopt);
+  const Frame middle = read_frame(folder.path(), "lidar-1");
+  ASSERT_TRUE(middle.labels[0].velocity);
+  EXPECT_LT((middle.moment->world_from_ego.linear() * *middle.labels[0].velocity -
+             (places[3] - places[0]) / (3 * kStep))
+                .norm(),
+            1e-4);
+  EXPECT_THAT(error_text<InputError>([&] { read_frame(folder.path(), "lidar-9"); }),
+              HasSubstr("no such sample or sweep"));
+}
 
 TEST(Oxts, PosesAndVelocitiesAreTheWorlds) {
   TemporaryFolder folder;

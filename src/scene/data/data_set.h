@@ -6,7 +6,7 @@
 //   kitti-raw       DATA/[DATE/]calib_*.txt, DATA/[DATE/]DATE_drive_NNNN_sync/…, labels from its tracklets
 //   nuscenes        DATA/v1.0-*/*.json, DATA/samples/…:
 //                   keyframes of LIDAR_TOP and CAM_FRONT, and of the other cameras where they are asked for
-//                   (with_all_cameras)
+//                   (with_all_cameras); sweeps between them (DataSet::sweeps)
 // DATA/labels.json may name a set of any of these, whose unlabelled frames DATA/label_2 labels
 // (given_labels.cpp).
 //
@@ -50,6 +50,8 @@ class DataSet {
   virtual const char* layout() const = 0;
   /// Ids of the frames, sorted. InputError if there are none.
   virtual std::vector<std::string> frames() const = 0;
+  /// Those, and the sweeps between them that are not labelled one by one: of nuScenes, 20 a second.
+  virtual std::vector<std::string> sweeps() const { return frames(); }
   /// The rig that recorded sets of this layout, if the set itself does not say (scenes/rigs).
   virtual std::string rig() const { return "kitti64"; }
 

@@ -22,6 +22,7 @@ class GivenLabels : public DataSet {
   const char* layout() const override { return set_->layout(); }
   std::string rig() const override { return data_rig(set_->data()); }
   std::vector<std::string> frames() const override { return set_->frames(); }
+  std::vector<std::string> sweeps() const override { return set_->sweeps(); }
   std::string incomplete() const override { return set_->incomplete(); }
   std::string camera() const override { return set_->camera(); }
   std::vector<SideCamera> others(const std::string& id) const override { return set_->others(id); }

@@ -1,7 +1,11 @@
 // nuScenes (Caesar et al., CVPR 2020): tables of tokens in v1.0-*/*.json, and the files that they name. A
 // frame is a sample, its id the sample's token: the keyframe of LIDAR_TOP and that of CAM_FRONT, with all
 // cameras also of the other channels CAM_*, each at the pose that the car had then. Its sequence is its
-// scene; sweeps between key frames are not read.
+// scene.
+//
+// A sweep between key frames is a frame too, by the token of its row (DataSet::sweeps): with the pictures
+// that were taken nearest in time, and with boxes between those of the key frames around it, as nuScenes'
+// devkit has them (NuScenes.get_boxes).
 //
 // `velo` has the car's axes and the unit's origin: the unit stands turned by a quarter (x right, y forward)
 // and is tilted by more than a degree. Boxes are kept where a camera sees any of them and either a return
@@ -13,8 +17,10 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <map>
 #include <mutex>
+#include <numbers>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -70,12 +76,19 @@ struct Sample {
   int index = 0;              ///< in the scene, from 0
   double time = 0;            ///< s since the scene's first sample
   std::string before, after;  ///< tokens of the scene's neighbours; empty: none
+  /// Of a sweep between key frames: the samples around it, and its share of the time from one to the other.
+  std::string key_before = {}, key_after = {};
+  double share = 0;
 };
 
 struct Tables {
   std::map<std::string, Sensor> sensors;  ///< calibrated ones of these channels, by token
   std::map<std::string, Sample> samples;  ///< by token
   bool labelled = false;                  ///< whether there is an annotation of any
+  std::map<std::string, std::map<std::int64_t, std::string>> scenes;  ///< samples by time (µs), by scene
+  std::map<std::string, Sample>
+      between;                ///< sweeps that are no key frames, by token, where they are asked for
+  std::deque<Shot> pictures;  ///< that theirs are of
 };
 
 /// What says which scene a sample is of; without them it is of none.
@@ -120,15 +133,14 @@ void add_scenes(const fs::path& folder, Tables& tables) {
   std::map<std::string, std::string> names;
   for_each_row_of(folder / "scene.json",
                   [&](const JsonFields& row) { names[row.text("token")] = row.text("name"); });
-  std::map<std::string, std::map<std::int64_t, std::string>> scenes;  // samples by time (µs)
   for_each_row_of(folder / "sample.json", [&](const JsonFields& row) {
     const auto scene = names.find(row.text("scene_token"));
     if (scene == names.end()) row.fail("scene_token", "no such scene");
     const std::string token = row.text("token");
     const std::int64_t time = row.integer("timestamp", 0, std::int64_t{1} << 60);
-    if (tables.samples.contains(token)) scenes[scene->second][time] = token;
+    if (tables.samples.contains(token)) tables.scenes[scene->second][time] = token;
   });
-  for (const auto& [name, samples] : scenes) {
+  for (const auto& [name, samples] : tables.scenes) {
     Sample* before = nullptr;
     std::string token_before;
     int index = 0;
@@ -145,7 +157,64 @@ void add_scenes(const fs::path& folder, Tables& tables) {
   }
 }
 
-std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
+/// Rows of sample_data that are no key frames, until it is known which sample they belong to.
+struct LooseRow {
+  std::string token, sample;  ///< of a picture: without its token
+  std::string channel;
+  std::int64_t time = 0;  ///< µs
+  Shot* shot = nullptr;
+};
+
+/// Gives every sweep between two samples of a scene its pictures and its neighbours.
+void add_between(const std::vector<LooseRow>& rows, Tables& tables) {
+  using ByTime = std::map<std::int64_t, const Shot*>;
+  std::map<std::string, std::map<std::string, ByTime>> pictures;  // by scene and channel
+  std::map<std::string, std::map<std::int64_t, Sample*>> sweeps;  // by scene
+  const auto scene_of = [&](const LooseRow& row) {
+    const auto sample = tables.samples.find(row.sample);
+    return sample == tables.samples.end() ? std::string() : sample->second.scene;
+  };
+  for (const LooseRow& row : rows)
+    if (const std::string scene = scene_of(row); row.channel != kLidar && !scene.empty())
+      pictures[scene][row.channel][row.time] = row.shot;
+  for (const LooseRow& row : rows) {
+    const std::string scene = scene_of(row);
+    if (row.channel != kLidar || scene.empty()) continue;
+    const auto& keys = tables.scenes.at(scene);
+    const auto after = keys.upper_bound(row.time);
+    if (after == keys.begin() || after == keys.end() || !pictures[scene].contains(kCamera)) continue;
+    const auto before = std::prev(after);
+    Sample& sweep = tables.between[row.token];
+    sweep.lidar = *row.shot;
+    for (const auto& [channel, shots] : pictures[scene]) {
+      auto nearest = shots.lower_bound(row.time);
+      if (nearest == shots.end() ||
+          (nearest != shots.begin() && row.time - std::prev(nearest)->first < nearest->first - row.time))
+        --nearest;
+      (channel == kCamera ? sweep.camera : sweep.others[channel]) = *nearest->second;
+    }
+    sweep.scene = scene;
+    sweep.key_before = before->second, sweep.key_after = after->second;
+    sweep.index = tables.samples.at(before->second).index;
+    sweep.time = 1e-6 * static_cast<double>(row.time - keys.begin()->first);
+    sweep.share =
+        static_cast<double>(row.time - before->first) / static_cast<double>(after->first - before->first);
+    sweeps[scene][row.time] = &sweep;
+  }
+  for (auto& [scene, by_time] : sweeps) {
+    std::map<std::int64_t, std::string> tokens = tables.scenes.at(scene);
+    for (const LooseRow& row : rows)
+      if (row.channel == kLidar && by_time.contains(row.time) && scene_of(row) == scene)
+        tokens[row.time] = row.token;
+    for (auto& [time, sweep] : by_time) {
+      const auto at = tokens.find(time);
+      sweep->before = std::prev(at)->second, sweep->after = std::next(at)->second;
+    }
+  }
+}
+
+/// `between`: with the sweeps between key frames.
+std::shared_ptr<const Tables> read_tables(const fs::path& folder, bool between) {
   auto tables = std::make_shared<Tables>();
   std::map<std::string, std::string> channels;
   for_each_row_of(folder / "sensor.json", [&](const JsonFields& row) {
@@ -168,14 +237,25 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
     tables->sensors.insert_or_assign(token, std::move(sensor));
   });
   std::map<std::string, std::vector<Shot*>> waiting;  // by the token of their pose
+  std::vector<LooseRow> loose;
   for_each_row_of(folder / "sample_data.json", [&](const JsonFields& row) {
-    if (!row.truth("is_key_frame")) return;
+    const bool key = row.truth("is_key_frame");
+    if (!key && !between) return;
     const auto sensor = tables->sensors.find(row.text("calibrated_sensor_token"));
     if (sensor == tables->sensors.end()) return;
     const std::string token = row.text("sample_token");
     if (!frame_id_problem(token).empty()) row.fail("sample_token", "can be no frame's name");
-    Sample& sample = tables->samples[token];
     const std::string& channel = channel_of[sensor->first];
+    if (between && (!key || channel != kLidar)) {
+      Shot& shot = tables->pictures.emplace_back();
+      shot.file = file_of(row), shot.sensor = &sensor->second;
+      waiting[row.text("ego_pose_token")].push_back(&shot);
+      loose.push_back(
+          {row.text("token"), token, channel, row.integer("timestamp", 0, std::int64_t{1} << 60), &shot});
+      if (!frame_id_problem(loose.back().token).empty()) row.fail("token", "can be no frame's name");
+    }
+    if (!key) return;
+    Sample& sample = tables->samples[token];
     Shot& shot = channel == kLidar    ? sample.lidar
                  : channel == kCamera ? sample.camera
                                       : sample.others[channel];
@@ -195,6 +275,7 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
     return sample.second.lidar.file.empty() || sample.second.camera.file.empty();
   });
   add_scenes(folder, *tables);
+  add_between(loose, *tables);
   for (const char* name : kAnnotationTables)
     if (!fs::exists(folder / name)) return tables;
   struct Instance {
@@ -229,10 +310,33 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
   return tables;
 }
 
+/// Those of a sample; of a sweep between two, those of the later one, each moved back along the straight way
+/// from where the earlier one has it. Headings turn the short way about the vertical.
+std::vector<Annotation> annotations_of(const Tables& tables, const Sample& sample) {
+  if (sample.key_after.empty()) return sample.annotations;
+  std::vector<Annotation> moved = tables.samples.at(sample.key_after).annotations;
+  std::map<int, const Annotation*> earlier;
+  for (const Annotation& annotation : tables.samples.at(sample.key_before).annotations)
+    earlier[annotation.track] = &annotation;
+  for (Annotation& annotation : moved) {
+    const auto before = earlier.find(annotation.track);
+    if (before == earlier.end()) continue;
+    const Annotation& from = *before->second;
+    annotation.centre = from.centre + sample.share * (annotation.centre - from.centre);
+    const double turn = std::remainder(std::atan2(annotation.heading.y(), annotation.heading.x()) -
+                                           std::atan2(from.heading.y(), from.heading.x()),
+                                       2 * std::numbers::pi);
+    annotation.heading = Eigen::AngleAxisd(sample.share * turn, Vec3d::UnitZ()) * from.heading;
+    annotation.returns = std::max(annotation.returns, from.returns);
+    if (sample.share < 0.5) annotation.visibility = from.visibility;
+  }
+  return moved;
+}
+
 /// The tables of a folder, read again once one of them has changed.
-std::shared_ptr<const Tables> tables_of(const fs::path& folder) {
+std::shared_ptr<const Tables> tables_of(const fs::path& folder, bool between = false) {
   static std::mutex mutex;
-  static std::map<fs::path, std::pair<std::string, std::shared_ptr<const Tables>>> kept;
+  static std::map<std::pair<fs::path, bool>, std::pair<std::string, std::shared_ptr<const Tables>>> kept;
   const std::scoped_lock lock(mutex);
   std::string state;
   const auto look = [&](const char* name, bool needed) {
@@ -247,12 +351,12 @@ std::shared_ptr<const Tables> tables_of(const fs::path& folder) {
     look(name, true);
   for (const char* name : kAnnotationTables) look(name, false);
   for (const char* name : kSceneTables) look(name, false);
-  const auto same = kept.find(folder);
+  const auto same = kept.find({folder, between});
   if (same != kept.end() && same->second.first == state) return same->second.second;
-  auto tables = read_tables(folder);
+  auto tables = read_tables(folder, between);
   constexpr std::size_t kMostSets = 4;  // at hand in one program
   if (kept.size() >= kMostSets) kept.clear();
-  kept[folder] = {state, tables};
+  kept[{folder, between}] = {state, tables};
   return tables;
 }
 
@@ -287,6 +391,17 @@ class NuScenes : public DataSet {
                              archive.samples - archive.whole.size(), archive.samples, kLidar, kCamera);
   }
 
+  std::vector<std::string> sweeps() const override {
+    std::vector<std::string> all = frames();
+    const auto tables = tables_of(tables_, true);
+    for (const auto& [token, sweep] : tables->between)
+      if (fs::exists(tables_.parent_path() / sweep.lidar.file) &&
+          fs::exists(tables_.parent_path() / sweep.camera.file))
+        all.push_back(token);
+    std::sort(all.begin(), all.end());
+    return all;
+  }
+
   std::string camera() const override { return kCamera; }
 
   std::shared_ptr<const DataSet> with_all_cameras() const override {
@@ -295,8 +410,7 @@ class NuScenes : public DataSet {
 
   std::vector<SideCamera> others(const std::string& id) const override {
     if (cameras_ == Cameras::first) return {};
-    const auto tables = tables_of(tables_);
-    const Sample& sample = of(*tables, id);
+    const auto [tables, sample] = of(id);
     std::vector<SideCamera> cameras;
     for (const auto& [channel, shot] : sample.others) {
       const fs::path file = tables_.parent_path() / shot.file;
@@ -312,15 +426,13 @@ class NuScenes : public DataSet {
   }
 
   std::vector<Part> parts(const std::string& id) const override {
-    const auto tables = tables_of(tables_);
-    const Sample& sample = of(*tables, id);
+    const auto [tables, sample] = of(id);
     const fs::path root = tables_.parent_path();
     return {{root / sample.lidar.file, "the sweep"}, {root / sample.camera.file, "the image"}};
   }
 
   Sweep sweep(const std::string& id) const override {
-    const auto tables = tables_of(tables_);
-    const Sample& sample = of(*tables, id);
+    const auto [tables, sample] = of(id);
     Sweep points = read_points(tables_.parent_path() / sample.lidar.file, 5);  // the fifth is the beam
     const Eigen::Matrix3f turn = velo_from_lidar(sample).linear().cast<float>();
     std::erase_if(points, [](const LidarPoint& p) {
@@ -334,15 +446,14 @@ class NuScenes : public DataSet {
   }
 
   Annotations annotations(const std::string& id, int width, int height) const override {
-    const auto tables = tables_of(tables_);
-    const Sample& sample = of(*tables, id);
+    const auto [tables, sample] = of(id);
     Annotations known;
     known.labelled = tables->labelled;
     known.calibration = calibration_by(sample, sample.camera, width, height);
     const std::vector<SideCamera> cameras = others(id);
     std::vector<Label> elsewhere;
     const Transform velo_from_global = pose_of_sweep(sample).inverse();
-    for (const Annotation& annotation : sample.annotations) {
+    for (const Annotation& annotation : annotations_of(*tables, sample)) {
       const Vec3d centre = velo_from_global * annotation.centre,
                   along = velo_from_global.linear() * annotation.heading;
       const Box3 box{{centre.x(), centre.y(), annotation.size.y(), annotation.size.x(),
@@ -376,17 +487,17 @@ class NuScenes : public DataSet {
   }
 
   std::optional<Moment> moment(const std::string& id) const override {
-    const auto tables = tables_of(tables_);
-    const Sample& sample = of(*tables, id);
+    const auto [tables, sample] = of(id);
     if (sample.scene.empty()) return std::nullopt;
     return Moment{sample.scene, sample.index, sample.time, pose_of_sweep(sample)};
   }
 
   std::optional<std::string> beside(const std::string& id, int step) const override {
-    const auto tables = tables_of(tables_);
     std::string at = id;
-    for (int i = 0; i < std::abs(step) && !at.empty(); ++i)
-      at = step < 0 ? of(*tables, at).before : of(*tables, at).after;
+    for (int i = 0; i < std::abs(step) && !at.empty(); ++i) {
+      const auto [tables, sample] = of(at);
+      at = step < 0 ? sample.before : sample.after;
+    }
     return at.empty() || at == id ? std::nullopt : std::optional(at);
   }
 
@@ -411,8 +522,7 @@ class NuScenes : public DataSet {
     for (const SideCamera& camera : others(id)) {
       text += camera.name + " ";
       add_camera(camera.calibration);
-      text += file_hash(tables_.parent_path() / of(*tables_of(tables_), id).others.at(camera.name).file,
-                        kLargestFile);
+      text += file_hash(tables_.parent_path() / of(id).sample.others.at(camera.name).file, kLargestFile);
     }
     return content_hash(text);
   }
@@ -436,12 +546,21 @@ class NuScenes : public DataSet {
     return archive;
   }
 
-  const Sample& of(const Tables& tables, const std::string& id) const {
+  /// A frame's part of the tables, which live as long.
+  struct Found {
+    std::shared_ptr<const Tables> tables;
+    const Sample& sample;
+  };
+  Found of(const std::string& id) const {
     check_id(id);
-    const auto sample = tables.samples.find(id);
-    if (sample == tables.samples.end())
-      throw InputError(data().string(), "frame \"" + id + "\"", "no such sample", "give a sample's token");
-    return sample->second;
+    auto tables = tables_of(tables_);
+    if (const auto sample = tables->samples.find(id); sample != tables->samples.end())
+      return {tables, sample->second};
+    tables = tables_of(tables_, true);
+    if (const auto sweep = tables->between.find(id); sweep != tables->between.end())
+      return {tables, sweep->second};
+    throw InputError(data().string(), "frame \"" + id + "\"", "no such sample or sweep",
+                     "give the token of a sample, or of a sweep's row of sample_data.json");
   }
 
   /// Of the camera that took `shot`. `width`, `height`: its picture's.

@@ -48,7 +48,7 @@ std::vector<Sequence> read_sequences(const std::filesystem::path& data, const Se
   const NumberRange range = *range_of(part.frames);
   const auto set = open_data_set(data);
   std::map<std::string, Sequence> sequences;
-  for (const std::string& id : set->frames()) {
+  for (const std::string& id : part.between ? set->sweeps() : set->frames()) {
     const auto moment = set->moment(id);
     if (!moment) continue;
     Sequence& sequence = sequences[moment->sequence];

@@ -25,6 +25,7 @@ struct Sequence {
 struct SequencePart {
   std::string sequence = {};  ///< its name; empty: all
   std::string frames = {};    ///< "A:B", numbers of frames from A to B, both counted; A or B may be left out
+  bool between = false;       ///< also sweeps between labelled frames (DataSet::sweeps)
 };
 
 /// FieldError for `frames` of another form.
@@ -37,6 +38,10 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "numbers of frames, A:B with both counted; A: and :B leave an end open; default: all",
          .check = check_frame_range},
         s.frames);
+  visit({.name = "between",
+         .help = "nuScenes: also the sweeps between key frames, 20 a second, with boxes between theirs",
+         .lacking = "false"},
+        s.between);
 }
 
 /// The part's sequences by name. InputError naming the set if its frames are of no sequence or the car's pose
