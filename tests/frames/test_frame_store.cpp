@@ -6,9 +6,11 @@
 #include <chrono>
 #include <cstdlib>
 #include <functional>
+#include <numeric>
 #include <thread>
 
 #include "attack/attack.h"
+#include "attack/evaluation.h"
 #include "attack/tiny_world.h"
 #include "base/error.h"
 #include "base/field_json.h"
@@ -541,6 +543,60 @@ TEST(SurroundFrames, DepthsOfOtherCamerasAreKept) {
     const PreparedFrame alone = prepare(recorded, frame->lidar);
     for (std::size_t k = 1; k < 3; ++k) EXPECT_EQ(alone.depth_of(k).data, frame->depth_of(k).data);
   }
+}
+
+/// Reads the camera behind: how sure it is of the host depends on that camera's mean brightness.
+class LooksBack : public Detector {
+ public:
+  explicit LooksBack(const BevBox& host) : host_(host) {}
+  std::string name() const override { return "looks back"; }
+  Capabilities capabilities() const override {
+    Capabilities can;
+    can.reads = {"CAM_BACK"};
+    return can;
+  }
+  std::array<double, 4> region() const override { return {-60, 60, -60, 60}; }
+  std::vector<Detection> forward(const SensorView& view, double, bool) override {
+    double mean = -1;
+    for (const SensorData& sensor : sensors(view, capabilities().reads))
+      if (sensor.name == "CAM_BACK")
+        mean = std::accumulate(sensor.image->data.begin(), sensor.image->data.end(), 0.0) /
+               static_cast<double>(sensor.image->data.size());
+    EXPECT_GE(mean, 0);
+    return {Detection(host_, 1 + mean)};
+  }
+  SensorGradient backward(std::span<const double>) override { return {}; }
+  TrainingLoss train_step(std::span<const TrainingSample>, double) override { return {}; }
+  void save(const std::filesystem::path&, bool) override {}
+
+ private:
+  BevBox host_;
+};
+
+// What an evaluation shows of an object is in every camera that the detector reads, not in the first alone.
+TEST(SurroundFrames, AnEvaluationShowsTheObjectInTheCamerasThatTheDetectorReads) {
+  const test::TemporaryFolder folder;
+  test::write_nuscenes(folder / "data", {test::surround_frame(test::small_rig(), 5, 0)});
+  FrameSource source;
+  source.data = folder / "data";
+  source.depth = "ip-basic";
+  source.rooftop = "box";
+  source.cameras = Cameras::all;
+  FrameStore store(source);
+  const auto frame = store.get("sample0");
+  TexturedMesh black = grey_ellipsoid(kRoofBox);
+  for (Vec3d& texel : black.atlas.texels) texel.setZero();
+  int behind = 0;
+  for (const Host& host : find_hosts(store, "sample0", {-60, 60, -60, 60}, {}, 0)) {
+    const Simulated seen = simulate(*frame, store.placement(host.id), black, {});
+    DetectorPool pool;
+    pool.push_back(std::make_unique<LooksBack>(label_of(frame->frame, host.id).box.bev));
+    const HostOutcome outcome = evaluate(pool, store, {host.id}, black, {}, {}).hosts.at(0);
+    const bool shown = seen.others.at(0).adversary_pixels > 0;
+    behind += shown;
+    EXPECT_EQ(outcome.attacked_score != outcome.clean_score, shown) << host_name(host.id);
+  }
+  EXPECT_GT(behind, 0);
 }
 
 // Whom the first camera does not see can carry the object, where another shows enough of it.
