@@ -208,7 +208,8 @@ class RadarDetector : public Detector {
 TEST_F(Sensors, AnAttackFollowsTheGradientThroughASensorThatOnlyItsPluginKnows) {
   const test::World world = with_radar();
   RadarDetector detector(world.prepared.frame.labels[0]);
-  const StepHost host{world.prepared, {}, world.placement};
+  const HostId id{"000000", 0};
+  const StepHost host{world.prepared, id, world.placement};
   AttackSettings settings;
   settings.objective.lambda_fp = 0;
   const HostStep step = attack_host(detector, host, world.adversary, settings);
