@@ -281,7 +281,7 @@ TEST(Between, SweepsOfNuScenesAreFramesWithBoxesOnTheWay) {
                 .norm(),
             1e-4);
   EXPECT_THAT(error_text<InputError>([&] { read_frame(folder.path(), "lidar-9"); }),
-              HasSubstr("no such sample or sweep"));
+              HasSubstr("no such frame; use sample0 or sample3"));
 }
 
 TEST(Oxts, PosesAndVelocitiesAreTheWorlds) {
