@@ -108,6 +108,8 @@ class ProcessDetector : public Detector {
     }
     const auto boxes = array<float>(answer, "boxes", 2);
     const auto logits = array<float>(answer, "logits", 1);
+    if (!all_finite(boxes.values)) not_finite("boxes");
+    if (!all_finite(logits.values)) not_finite("logits");
     Array<std::int32_t> classes;
     if (answer.contains("classes")) classes = array<std::int32_t>(answer, "classes", 1);
     const std::size_t count = boxes.shape[0], columns = boxes.shape[1];
@@ -345,10 +347,12 @@ class ProcessDetector : public Detector {
         count > (memory_.size() - from) / sizeof(T))
       fail(fmt::format("outside of its room (at {})", from));
     result.values = {reinterpret_cast<const T*>(memory_.data() + from), count};
-    if constexpr (std::is_same_v<T, float>)
-      if (!all_finite(result.values))
-        fail("that are not finite: look for logarithms, roots and divisions of 0");
     return result;
+  }
+
+  [[noreturn]] void not_finite(const char* field) const {
+    throw Failure(who_, fmt::format("answered with {} that are not finite", field),
+                  "look for logarithms, roots and divisions of 0");
   }
 
   /// The gradient to a sensor; zero where the program gives none.
@@ -364,10 +368,19 @@ class ProcessDetector : public Detector {
                     fmt::format("gave a gradient of shape {} to {} of shape {}", json(given.shape).dump(),
                                 sensor.name, json(sensor.shape()).dump()),
                     "give one value for each that was sent");
-    std::vector<float> values(given.values.begin(), given.values.end());
-    if (sensor.kind == SensorData::Kind::camera && word_.bytes)
-      through_srgb_slope({reinterpret_cast<const std::uint8_t*>(memory_.data() + sensor.at), values.size()},
-                         values);
+    const std::span<const std::uint8_t> levels(
+        reinterpret_cast<const std::uint8_t*>(memory_.data()) + sensor.at, given.values.size());
+    std::vector<float> values;
+    values.reserve(given.values.size());
+    constexpr std::size_t kBlock = 4096;  // through the memory once: a block stays in the nearest cache
+    while (values.size() < given.values.size()) {
+      const std::size_t at = values.size(), count = std::min(kBlock, given.values.size() - at);
+      const auto from = given.values.subspan(at, count);
+      values.insert(values.end(), from.begin(), from.end());
+      const auto here = std::span(values).subspan(at);
+      if (sensor.kind == SensorData::Kind::camera && word_.bytes) through_srgb_slope(levels.subspan(at, count), here);
+      if (!all_finite(here)) not_finite(field.c_str());
+    }
     return values;
   }
 
