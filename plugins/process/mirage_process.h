@@ -20,6 +20,8 @@
  *   ← region   [x_min, x_max, y_min, y_max] (m) that it searches
  *   ← heights  true if z and height of its boxes count; remembers: true if frames before count
  *   ← classes  ["Car", …], in the order of the answers' numbers
+ *   ← version  a text that changes with the network: its answers may be kept on disk under it
+ *   ← local    true if clean of the job detect saves it work
  * job detect
  *   size       bytes to map; answer_at: the byte from which answers may stand
  *   threshold  of the score: boxes below it are dropped; gradient: true if the job gradient may follow
@@ -29,12 +31,19 @@
  *              pixel_from_velo (3 × 4: (u w, v w, w) = M (x, y, z, 1)), intrinsics (fx, fy, cx, cy),
  *              sensor_from_ego (3 × 4), time}}; the first is called camera
  *   lidars     {NAME: {points: N × 4 float32: x, y, z (m), reflectance, time}}; the first is called lidar
- *   sensors    {NAME: {data: float32, as its plugin gives it (simulation/sensor_abi.h), sensor_from_ego,
- * time}} ← boxes    M × 5: x, y, length, width, yaw; M × 7: x, y, z of the centre, length, width, height,
- * yaw; M × 9: and vx, vy; for "picture" M × 4: left, top, right, bottom ← logits   M, of all boxes before
- * suppression; classes: M, int32 job gradient size, answer_at d_logits   M, of the last detect ← cameras
- * {NAME: {d_image: H × W × 3}}; with "srgb8" by the level, 0 … 255 ← lidars   {NAME: {d_points: N × 4}};
- * sensors: {NAME: {d_data}}; what is left out is zero
+ *   sensors    {NAME: {data: float32, as its plugin gives it, sensor_from_ego, time}}: of other kinds
+ *   clean      with local: the frame without the object. cameras and lidars as above, each camera with
+ *              changed (left, top, right, bottom; pixels, exclusive), outside which its pictures are equal;
+ *              key: a text that stays while the clean frame does, under which to keep what is made of it.
+ *              Gradients of unchanged pixels and of the clean sweep's returns may then be 0
+ *   ← boxes    M × 5: x, y, length, width, yaw; M × 7: x, y, z of the centre, length, width, height, yaw;
+ *              M × 9: and vx, vy; for "picture" M × 4: left, top, right, bottom
+ *   ← logits   M, of all boxes before suppression; classes: M, int32
+ * job gradient
+ *   size, answer_at
+ *   d_logits   M, of the last detect
+ *   ← cameras  {NAME: {d_image: H × W × 3}}; with "srgb8" by the level, 0 … 255
+ *   ← lidars   {NAME: {d_points: N × 4}}; sensors: {NAME: {d_data}}; what is left out is 0
  *
  * Keys that you do not know are not for you. Standard input ends when Mirage is done: end, too. A program
  * that dies or gives no answer is started again and asked once more. Metres, radians; x forward, y left,

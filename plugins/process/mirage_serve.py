@@ -3,12 +3,14 @@
     mirage attack --detector "exec:python3 my_detector.py" --data path/to/kitti
 
 detector(image, points, pixel_from_velo) -> (boxes, logits), detector(points), detector(image) for boxes in the picture, or
-detector(frame) for all sensors by name, on torch tensors if the program has imported torch, else on numpy arrays: what mirage.attack(detector=…) takes. This file imports
-nothing of Mirage, and Mirage puts it on the path. Its attributes, all optional: reads (("image", "points"), or one of them: the other
-comes without rows), pictures ("linear": float32, scene-linear in [0, 1]; "srgb8": 0 … 255 as a file has them, float32 for torch), region
-(x_min, x_max, y_min, y_max in m), classes (["Car", …], in the order of its labels), heights (True: its boxes of 7 or 9 numbers are
-compared in space, too), new_sequence() (it remembers frames, and another sequence begins), backward(d_logits) -> (d_image, d_points), or
-{sensor: gradient}, without torch.
+detector(frame) for all sensors by name, on torch tensors if the program has imported torch, else on numpy arrays: what
+mirage.attack(detector=…) takes. This file imports nothing of Mirage, and Mirage puts it on the path. Its attributes, all optional:
+
+reads: ("image", "points"), or one of them: the other comes without rows. pictures: "linear" (float32, scene-linear in [0, 1]) or "srgb8"
+(0 … 255 as a file has them, float32 for torch). region: x_min, x_max, y_min, y_max in m. classes: ["Car", …], in the order of its labels.
+heights: True: its boxes of 7 or 9 numbers are compared in space, too. local: True: frame.clean saves it work. version: a text that
+changes with the network: answers are kept on disk under it, so that an evaluation goes on. new_sequence(): it remembers frames, and
+another sequence begins. backward(d_logits) -> (d_image, d_points), or {sensor: gradient}, without torch.
 """
 
 import inspect
@@ -21,7 +23,7 @@ import traceback
 import numpy as np
 
 ATTRIBUTES = {"reads": ("image", "points"), "pictures": "linear", "region": (0.0, 70.0, -40.0, 40.0), "classes": (),
-              "heights": False}
+              "heights": False, "local": False, "version": ""}
 READS = ATTRIBUTES["reads"]
 KINDS = (("cameras", "image"), ("lidars", "points"), ("sensors", "data"))  # of sensors, and what their arrays are called
 GUIDE = ("give (boxes, logits [M]), boxes [M,5]: x, y, length, width (m), yaw (rad), [M,7]: x, y, z, length, width, height, "
@@ -34,6 +36,10 @@ class Frame:
     images: H×W×3, scene-linear RGB in [0, 1]. points: N×4, x, y, z (m), reflectance. data: of other sensors, as their plugins
     give it. pixel_from_velo: 3×4 of each camera. id: the data set's. continues: the frame before was the one before of this sequence. moment: {"sequence", "index", "time" (s),
     "world_from_ego" (12 numbers, 3×4)} or None. told: all that Mirage says of it.
+
+    clean: of a detector with `local` the frame without the object, or None. What is made of that may be kept under clean.key. Outside of
+    clean.changed[camera] (left, top, right, bottom; pixels, exclusive) the pictures are equal. Answers are those of the whole frame.
+    Gradients are wanted of changed pixels and of points that clean.points has not; others may be 0.
     """
 
     def __init__(self, told, read):
@@ -45,6 +51,9 @@ class Frame:
         self.data = {name: read(sensor["data"]) for name, sensor in told.get("sensors", {}).items()}
         self.pixel_from_velo = {name: np.array(camera.get("pixel_from_velo", [0.0] * 12), np.float32).reshape(3, 4)
                                 for name, camera in cameras.items()}
+        self.clean = Frame(told["clean"], read) if "clean" in told else None
+        self.key = told.get("key")
+        self.changed = {name: tuple(camera["changed"]) for name, camera in cameras.items() if "changed" in camera}
 
 
 class Network:
@@ -65,8 +74,11 @@ class Network:
         about = {name: getattr(function, name, value) for name, value in {**ATTRIBUTES, **given}.items()}
         reads, region = about["reads"], about["region"]
         self.reads = [self.takes] if self.takes in READS else [reads] if isinstance(reads, str) else list(reads)
-        self.pictures, self.heights = about["pictures"], bool(about["heights"])
+        self.pictures, self.heights, self.local = about["pictures"], bool(about["heights"]), bool(about["local"])
+        if self.local and self.takes != "frame":
+            raise self._bad("local", "is for one that gets frame.clean", "take one argument, frame")
         self.classes = [str(name).capitalize() for name in about["classes"]]
+        self.version = str(about["version"])
         self.region = [float(edge) for edge in (region() if callable(region) else region)]
         parameters = getattr(function, "parameters", None)
         parameter = next(iter(parameters()), None) if self.torch and callable(parameters) else None
@@ -77,7 +89,8 @@ class Network:
         """What it says of itself: the answer to the job hello."""
         return {"reads": self.reads, "pictures": self.pictures, "finds": "picture" if self.finds_picture else "boxes",
                 "region": self.region, "gradient": self.differentiable, "classes": self.classes,
-                "heights": self.heights, "remembers": hasattr(self.function, "new_sequence")}
+                "heights": self.heights, "local": self.local, "version": self.version,
+                "remembers": hasattr(self.function, "new_sequence")}
 
     def _bad(self, field, problem, fix):
         return self.error(f"detector: {field}: {problem}; {fix}")
@@ -104,12 +117,12 @@ class Network:
             raise self._bad("gradient", "is lacking", "write the network in torch, or give it backward(d_logits)")
         if hasattr(self.function, "new_sequence") and not frame.continues:
             self.function.new_sequence()
-        if self.torch:
-            for group in (frame.images, frame.points, frame.data, frame.pixel_from_velo):
+        for given in (frame, frame.clean) if self.torch else ():
+            for group in (given.images, given.points, given.data, given.pixel_from_velo) if given else ():
                 for name, array in group.items():
                     tensor = self.torch.from_numpy(array).to(self.device)
                     tensor = group[name] = tensor if tensor.is_floating_point() else tensor.float()
-                    if keep_graph and group is not frame.pixel_from_velo:
+                    if keep_graph and given is frame and group is not frame.pixel_from_velo:
                         self._inputs[name] = tensor.requires_grad_(True)
         arguments = [frame]
         if self.takes != "frame":

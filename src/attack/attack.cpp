@@ -171,7 +171,9 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
 
   // Only of a detector that was loaded from its options do these tell the weights.
   const auto sights = std::make_shared<CleanSights>(
-      store, settings.weights_hash.empty() ? std::string() : detector_identity(settings.detector));
+      store, settings.weights_hash.empty()
+                 ? std::string()
+                 : detector_identity(settings.detector, detectors.front()->capabilities().version));
   AttackResult result;
   result.attack = settings.attack;
   result.found_clean = find_clean(detectors, store, train, *sights, settings.quiet);

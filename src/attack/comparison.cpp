@@ -173,8 +173,9 @@ Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
       throw InputError(request.data.string(), "labels", "no car has the adversary in view",
                        "give more frames or lower --min-view");
     EvaluationSettings settings = request.settings;
-    settings.matching = pool.front()->capabilities().matching();
-    settings.detector_identity = detector_identity(options);
+    const Capabilities can = pool.front()->capabilities();
+    settings.matching = can.matching();
+    settings.detector_identity = detector_identity(options, can.version);
     settings.kinds = vehicle_kinds(request.data, hosts);
     const CleanDetections clean = clean_detections(pool, store, hosts, settings);
     outcomes.push_back(evaluate(pool, store, hosts, clean, meshes, simulation, settings).hosts);

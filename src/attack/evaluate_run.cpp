@@ -37,7 +37,7 @@ std::string key_of(const std::string& identity, const FrameSource& source,
 }  // namespace
 
 Reliance cached_reliance(const DetectorPool& detectors, const std::string& identity,
-                         const FrameSource& source, bool quiet) {
+                         const FrameSource& source, bool quiet, CleanDetections* seen) {
   const std::vector<std::string> ids = spread_evenly(list_frames(source.data), kAuditFrames);
   const auto measure = [&] {
     std::vector<Detector*> instances;
@@ -47,7 +47,7 @@ Reliance cached_reliance(const DetectorPool& detectors, const std::string& ident
       if (!progress) progress = std::make_unique<Progress>("use of the picture", total, quiet);
       progress->update(done);
     };
-    return measure_reliance(instances, source.data, ids, tell, source.classes);
+    return measure_reliance(instances, source.data, ids, tell, source.classes, seen);
   };
   const auto disk = DiskCache::from_environment();
   if (identity.empty() || !disk->on() || !reads_picture(*detectors.front())) return measure();
@@ -220,23 +220,25 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
                  result.hosts.size());
 
   result.settings = request.settings;
-  result.settings.detector_identity = detector_identity(result.detector);
   result.settings.kinds = vehicle_kinds(stage.settings.data, result.hosts);
   if (result.detectors.empty())
     result.detectors = load_detector_pool(result.detector, static_cast<int>(result.hosts.size()));
   const Capabilities can = result.detectors.front()->capabilities();
   result.settings.matching = can.matching();
+  result.settings.detector_identity = detector_identity(result.detector, can.version);
   if (!can.why_whole.empty())
     spdlog::info("every pass of the detector is over the whole frame: {}", can.why_whole);
   if (rank_count() > 1 && (!result.store->cache().on() || result.settings.detector_identity.empty()))
     throw InputError("evaluate", "mpirun",
                      "processes share their work through the disk cache, which is off here",
                      "set MIRAGE_CACHE to a folder that all of them see, or start it without mpirun");
-  if (rank() == 0)  // the only one that tells; the others take from its part of the rest meanwhile
+  CleanDetections seen;  // by its first camera, which is all that a frame shows without others
+  if (rank() == 0)       // the only one that tells; the others take from its part of the rest meanwhile
     result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, stage.settings,
-                                      result.settings.quiet);
+                                      result.settings.quiet, &seen);
+  if (stage.settings.cameras != Cameras::first) seen.clear();
   const CleanDetections clean =
-      clean_detections(result.detectors, *result.store, result.hosts, result.settings);
+      clean_detections(result.detectors, *result.store, result.hosts, result.settings, seen);
   const auto judged = [&](std::span<const TexturedMesh> meshes) {
     return evaluate(result.detectors, *result.store, result.hosts, clean, meshes, stage.settings.simulation,
                     result.settings);

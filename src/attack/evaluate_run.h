@@ -18,9 +18,10 @@ namespace mirage {
 
 /// measure_reliance() on at most kAuditFrames of the data set's frames, spread evenly, or what is kept of it
 /// in DiskCache::from_environment() for the same detector, frames and program. `identity`:
-/// detector_identity() of the pool's options; empty: not cached. Shows progress unless `quiet`.
+/// detector_identity() of the pool's options; empty: not cached. Shows progress unless `quiet`. `seen`, if
+/// given, gets what measuring saw in the frames as recorded.
 Reliance cached_reliance(const DetectorPool& detectors, const std::string& identity,
-                         const FrameSource& source, bool quiet = true);
+                         const FrameSource& source, bool quiet = true, CleanDetections* seen = nullptr);
 
 // What `mirage evaluate` does: a run's adversary or objects of the user's, and controls beside them
 // (attack/baseline.h), on the hosts that its options name.

@@ -285,7 +285,8 @@ Evaluation summarize(std::vector<HostOutcome> hosts, int meshes) {
 }
 
 CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& store,
-                                 const std::vector<HostId>& hosts, const EvaluationSettings& settings) {
+                                 const std::vector<HostId>& hosts, const EvaluationSettings& settings,
+                                 const CleanDetections& seen) {
   CleanDetections clean;  // a frame's clean detections serve all its hosts
   for (const HostId& id : hosts) clean[id.frame];
   std::vector<std::string> frames;
@@ -299,7 +300,12 @@ CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& stor
     down.score_threshold = std::min(settings.score_threshold, kScoreThresholdForAp);
     clean.at(frames[i]) = scored_over(
         cached_detections(store, frames[i], settings.detector_identity, down.score_threshold,
-                          [&](const Frame& frame) { return detections(detector, view_of(frame), down); }),
+                          [&](const Frame& frame) {
+                            const auto known = seen.find(frames[i]);
+                            if (known != seen.end() && down.score_threshold == kScoreThresholdForAp)
+                              return known->second;
+                            return detections(detector, view_of(frame), down);
+                          }),
         settings.score_threshold);
   });
   return clean;

@@ -115,9 +115,11 @@ Evaluation summarize(std::vector<HostOutcome> hosts, int meshes = 1);
 
 /// By frame.
 using CleanDetections = std::map<std::string, std::vector<Detection>>;
-/// What the detector sees in the hosts' frames as they were recorded.
+/// What the detector sees in the hosts' frames as they were recorded. `seen`: what it saw in some of them,
+/// down to kScoreThresholdForAp; it is not asked about these again.
 CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& store,
-                                 const std::vector<HostId>& hosts, const EvaluationSettings& settings);
+                                 const std::vector<HostId>& hosts, const EvaluationSettings& settings,
+                                 const CleanDetections& seen = {});
 
 /// Runs the detector on every host with each of the adversaries on its roof.
 Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,

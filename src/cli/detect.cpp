@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <memory>
 
+#include "attack/detector_pool.h"
 #include "attack/glue_check.h"
 #include "base/error.h"
 #include "base/files.h"
@@ -16,6 +17,7 @@
 #include "cli/options.h"
 #include "cli/table.h"
 #include "detection/kitti_ap.h"
+#include "detection/process_detector.h"
 #include "frames/data_check.h"
 #include "frames/frame_store.h"
 #include "frames/made_of.h"
@@ -135,9 +137,17 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   make_output_folder(common.out);
   const DetectorOptions detector_options = with_common(options.detector, common, options.data, options.rig);
   check_data(options.data, options.rig, UnitUse::reads_sweeps);
-  const auto detector = load_detector(detector_options);
-  const LabelCensus census =
-      count_labels(options.data, first_frames(options.data, options.frames), options.classes);
+  const std::vector<std::string> frames = first_frames(options.data, options.frames);
+  // One of ours works on all threads by itself; a program is started once a thread.
+  DetectorPool pool;
+  if (is_program(detector_options.detector))
+    pool = load_detector_pool(detector_options, static_cast<int>(frames.size()));
+  else
+    pool.push_back(load_detector(detector_options));
+  std::vector<Detector*> detectors;
+  for (const auto& each : pool) detectors.push_back(each.get());
+  Detector* const detector = detectors.front();
+  const LabelCensus census = count_labels(options.data, frames, options.classes);
   warn_of_labels(census);
   std::unique_ptr<Progress> progress;
   const auto tell = [&](const char* what) {
@@ -148,25 +158,25 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   };
   if (!options.kitti.empty()) make_output_folder(options.kitti);
   const Capabilities can = detector->capabilities();
-  std::vector<KittiFrame> kitti;
-  std::vector<CleanFrame> clean;
-  const auto seen = [&](const Frame& frame, const std::vector<Detection>& proposals) {
-    CleanFrame& here = clean.emplace_back();
+  std::vector<KittiFrame> kitti(frames.size());
+  std::vector<CleanFrame> clean(frames.size());
+  const auto seen = [&](std::size_t place, const Frame& frame, const std::vector<Detection>& proposals) {
+    CleanFrame& here = clean[place];
     here.scored = scored(proposals, ground_truth(frame, detector->region()), frame.calibration.camera.fy,
                          can.matching());
     here.proposals = proposals;
     here.width = frame.image.width, here.height = frame.image.height;
     for (const std::size_t label : here.scored.truth.labels)
       here.hosts.emplace_back(frame, frame.labels[label], can.matching());
-    kitti.push_back(kitti_frame(frame, proposals, can.matching()));
+    kitti[place] = kitti_frame(frame, proposals, can.matching());
     if (!options.kitti.empty())
-      write_results(options.kitti / (frame.id + ".txt"), kitti.back().detections, frame.calibration);
+      write_results(options.kitti / (frame.id + ".txt"), kitti[place].detections, frame.calibration);
   };
   add_detector(*common.made_of, detector_options);
   common.made_of->set("classes", options.classes);
-  add_data(*common.made_of, options.data, first_frames(options.data, options.frames));
+  add_data(*common.made_of, options.data, frames);
   const DetectionRun run =
-      detect_data_set(*detector, options.data, options.frames, tell("detect"), seen, options.classes);
+      detect_data_set(detectors, options.data, options.frames, tell("detect"), seen, options.classes);
   progress.reset();
   write_json(common.out / "detections.json", detections_json(run, can));
   std::vector<ScoredStratum> parts(1);

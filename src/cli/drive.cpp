@@ -120,7 +120,6 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   request.place = run.settings.placement;
   request.simulation = run.settings.simulation;
   request.evaluation.score_threshold = options.score;
-  request.evaluation.detector_identity = detector_identity(detector);
   request.evaluation.quiet = common.quiet;
   request.settings = options.settings;
   request.folder = common.out / "vehicles";
@@ -129,6 +128,8 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
     for (const SequenceFrame& frame : sequence.frames) frames.push_back(frame.id);
   FrameStore store(run.settings);
   const DetectorPool detectors = load_detector_pool(detector, static_cast<int>(frames.size()));
+  request.evaluation.detector_identity =
+      detector_identity(detector, detectors.front()->capabilities().version);
   common.made_of->add(run.settings);
   common.made_of->add(options.settings);
   add_frames(*common.made_of, run.settings, frames);

@@ -210,7 +210,8 @@ DefenseResult train_defended(const DefenseSettings& settings) {
   AttackState adversary = fresh_state(training.attack());
   DefenseResult result;
   const auto score = [&](const char* when) {
-    const DetectionRun run = detect_data_set(*pool.front(), settings.validation, settings.validation_frames);
+    Detector* const judge = pool.front().get();
+    const DetectionRun run = detect_data_set({&judge, 1}, settings.validation, settings.validation_frames);
     spdlog::info("{}: clean AP 0.5 {:.1f} %, AP 0.7 {:.1f} %", when, 100 * run.at50.average_precision,
                  100 * run.at70.average_precision);
     return run;

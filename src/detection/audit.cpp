@@ -422,9 +422,10 @@ Audit run_audit(std::span<Detector* const> detectors, const fs::path& data,
   audit.frames = static_cast<int>(pairs.size());
   audit.left_out = static_cast<int>(ids.size() - pairs.size());
   std::vector<ScoredFrame> right;
-  for (const FrameAnswers& frame : frames) {
-    right.push_back(frame.right.scored);
-    audit.vehicles += static_cast<int>(frame.right.cars.size());
+  for (std::size_t f = 0; f < frames.size(); ++f) {
+    right.push_back(frames[f].right.scored);
+    audit.vehicles += static_cast<int>(frames[f].right.cars.size());
+    audit.as_recorded[pairs[f].frame] = frames[f].right.scored.detections;
   }
   audit.ap70 = ap70_of(right);
   audit.clusters = clusters_of(right);

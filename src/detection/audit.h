@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
@@ -120,6 +121,8 @@ struct Audit {
   ClusterCount clusters;
   double ap70 = 0;  ///< with the right inputs
   std::vector<AuditRow> rows;
+  /// By frame: its detections with the right inputs, as detect_vehicles has them at kScoreThresholdForAp.
+  std::map<std::string, std::vector<Detection>> as_recorded;
 
   /// Null if the change was not asked for.
   const AuditRow* row(AuditChange::Kind kind) const;

@@ -51,6 +51,7 @@ OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who
   }
   if (!can.reads_image && !can.reads_points) bad_reads();
   const std::string finds = text_of(told, "finds", "boxes"), pictures = text_of(told, "pictures", "linear");
+  can.version = text_of(told, "version", "");
   if (finds != "boxes" && finds != "picture") bad("finds", "is " + finds, "use boxes or picture");
   can.finds_bev = finds == "boxes", can.finds_picture = finds == "picture";
   if (pictures != "linear" && pictures != "srgb8") bad("pictures", "is " + pictures, "use linear or srgb8");
@@ -59,6 +60,7 @@ OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who
   can.has_gradients = is_true("gradient");
   can.finds_heights = can.finds_bev && is_true("heights");
   can.remembers = is_true("remembers");
+  can.why_whole = is_true("local") ? "" : "it knows no other passes";
   if (const json types = told.value("classes", json::array()); !types.empty()) {
     can.types.clear();
     for (const json& type : types)
@@ -82,6 +84,14 @@ std::vector<SensorData> sensors_of(const SensorView& view, const OutsideWord& wo
       throw InputError(who, name, "the frame has no such sensor",
                        "use a data set that has it with --cameras all, or a plugin with --sensors");
   return all;
+}
+
+std::vector<SensorData> clean_sensors_of(const SensorView& view, const OutsideWord& word,
+                                         const std::string& who) {
+  if (!view.clean || !word.can.why_whole.empty() || !view.others.empty()) return {};
+  SensorView before = view;
+  before.image = view.clean->image, before.points = view.clean->points, before.clean = nullptr;
+  return sensors_of(before, word, who);
 }
 
 bool all_finite(std::span<const float> values) {

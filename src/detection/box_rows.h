@@ -26,6 +26,11 @@ OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who
 /// sensor.
 std::vector<SensorData> sensors_of(const SensorView& view, const OutsideWord& word, const std::string& who);
 
+/// The same of the frame without the object, for one that saves work by it (Capabilities::why_whole); empty
+/// where nothing is known of that.
+std::vector<SensorData> clean_sensors_of(const SensorView& view, const OutsideWord& word,
+                                         const std::string& who);
+
 /// Whether its numbers are: what it answers is looked at, gradients too.
 bool all_finite(std::span<const float> values);
 

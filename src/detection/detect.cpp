@@ -7,6 +7,7 @@
 #include <cmath>
 #include <future>
 #include <iterator>
+#include <mutex>
 
 #include "base/error.h"
 #include "base/interrupt.h"
@@ -56,40 +57,49 @@ void check_readable(std::span<const Detection> detections, Matching matching, co
 
 }  // namespace
 
-DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& data, std::size_t limit,
-                             const std::function<void(std::size_t, std::size_t)>& progress,
-                             const std::function<void(const Frame&, const std::vector<Detection>&)>& seen,
-                             const std::string& classes) {
+DetectionRun detect_data_set(
+    std::span<Detector* const> detectors, const std::filesystem::path& data, std::size_t limit,
+    const std::function<void(std::size_t, std::size_t)>& progress,
+    const std::function<void(std::size_t, const Frame&, const std::vector<Detection>&)>& seen,
+    const std::string& classes) {
   using Clock = std::chrono::steady_clock;
   DetectionRun run;
-  run.matching = detector.capabilities().matching();
+  run.matching = detectors.front()->capabilities().matching();
   run.ids = first_frames(data, limit);
-  double seconds = 0;
+  run.frames.resize(run.ids.size());
   const auto policy = thread_count() > 1 ? std::launch::async : std::launch::deferred;
   const auto read = [&](std::size_t i) {
+    if (i >= run.ids.size()) return std::future<Frame>();
     return std::async(policy, [&data, id = run.ids[i], sought = classes_of(classes)] {
       Frame frame = read_frame(data, id);
       seek(sought, frame.labels);
       return frame;
     });
   };
-  std::future<Frame> next;
-  if (!run.ids.empty()) next = read(0);
-  for (std::size_t i = 0; i < run.ids.size(); ++i) {
-    throw_if_interrupted("no results were written yet");
-    const Frame frame = next.get();
-    if (i + 1 < run.ids.size()) next = read(i + 1);
-    const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
-    const auto start = Clock::now();
-    auto detections = suppress(
-        detector.forward(view_of(frame, frame.image, points), kScoreThresholdForAp, false), run.matching);
-    seconds += std::chrono::duration<double>(Clock::now() - start).count();
-    check_readable(detections, run.matching, detector.name() + ", frame " + run.ids[i]);
-    if (seen) seen(frame, detections);
-    run.frames.push_back(scored(std::move(detections), ground_truth(frame, detector.region()),
-                                frame.calibration.camera.fy, run.matching));
-    if (progress) progress(i + 1, run.ids.size());
-  }
+  double seconds = 0;
+  std::mutex mutex;
+  std::size_t done = 0;
+  parallel_for(detectors.size(), [&](std::size_t worker) {
+    Detector& detector = *detectors[worker];
+    std::future<Frame> next = read(worker);
+    for (std::size_t i = worker; i < run.ids.size(); i += detectors.size()) {
+      throw_if_interrupted("no results were written yet");
+      const Frame frame = next.get();
+      next = read(i + detectors.size());
+      const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
+      const auto start = Clock::now();
+      auto detections = suppress(
+          detector.forward(view_of(frame, frame.image, points), kScoreThresholdForAp, false), run.matching);
+      const double took = std::chrono::duration<double>(Clock::now() - start).count();
+      check_readable(detections, run.matching, detector.name() + ", frame " + run.ids[i]);
+      const std::lock_guard lock(mutex);
+      seconds += took;
+      if (seen) seen(i, frame, detections);
+      run.frames[i] = scored(std::move(detections), ground_truth(frame, detector.region()),
+                             frame.calibration.camera.fy, run.matching);
+      if (progress) progress(++done, run.ids.size());
+    }
+  });
   run.at50 = average_precision(run.frames, 0.5);
   run.at70 = average_precision(run.frames, 0.7);
   for (const Stratum& stratum : standard_strata())

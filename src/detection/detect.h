@@ -51,12 +51,13 @@ struct DetectionRun {
 std::vector<std::string> first_frames(const std::filesystem::path& data, std::size_t limit);
 
 /// Runs the detector on each frame of `data` (or on the first `limit`); the next frame is read meanwhile when
-/// there is more than one thread. `progress(done, total)` and `seen(frame, its detections)` may be empty.
-/// `classes`: what has to be found. Throws Interrupted between frames.
+/// there is more than one thread. `detectors`: instances of it, at least one; each works on a thread of its
+/// own. `progress(done, total)` and `seen(place of the frame, it, its detections)` may be empty; one call at
+/// a time. `classes`: what has to be found. Throws Interrupted between frames.
 DetectionRun detect_data_set(
-    Detector& detector, const std::filesystem::path& data, std::size_t limit = 0,
+    std::span<Detector* const> detectors, const std::filesystem::path& data, std::size_t limit = 0,
     const std::function<void(std::size_t, std::size_t)>& progress = {},
-    const std::function<void(const Frame&, const std::vector<Detection>&)>& seen = {},
+    const std::function<void(std::size_t, const Frame&, const std::vector<Detection>&)>& seen = {},
     const std::string& classes = kCars);
 
 // Detections on disk: what `mirage detect` writes, and what other people's detectors do.

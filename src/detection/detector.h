@@ -42,6 +42,9 @@ struct Capabilities {
   bool finds_heights = false;  ///< Box3::bottom and height of its boxes
   bool has_gradients = true;   ///< backward()
   bool remembers = false;      ///< what it answers depends on the frames before (SensorView::continues)
+  /// Of a detector outside (detection/given_detector.h): a text that changes with its network. Its answers
+  /// may be kept on disk under it; empty: they may not.
+  std::string version = {};
   /// The sensors that it reads, by name; empty: every camera or LiDAR of the kinds above.
   std::vector<std::string> reads = {};
   std::vector<std::string> types = {"Car"};  ///< classes that it finds, as Label::type has them

@@ -214,71 +214,92 @@ class ProcessDetector : public Detector {
       throw FieldError("detector", who_, "protocol is " + answer.value("protocol", json()).dump() + ", not 1",
                        "use the mirage_serve.py or mirage_process.h of this version");
     word_ = read_outside_word(answer, who_);
-    word_.can.why_whole = "its program knows no other passes";
+  }
+
+  /// Where the sensor's array will lie: from `at` on, which goes behind it.
+  Placed placed(const SensorData& sensor, std::size_t& at) const {
+    using Kind = SensorData::Kind;
+    Placed here;
+    here.name = sensor.name;
+    here.kind = sensor.kind;
+    here.at = at;
+    if (sensor.image) here.width = sensor.image->width, here.height = sensor.image->height;
+    here.points = sensor.points.size();
+    here.other = sensor.shape;
+    const bool camera = here.kind == Kind::camera;
+    here.sent = camera                     ? word_.can.reads_image && here.width > 0
+                : here.kind == Kind::lidar ? word_.can.reads_points
+                                           : true;
+    if (here.sent) at += aligned(here.values() * (camera && word_.bytes ? 1 : sizeof(float)));
+    return here;
+  }
+
+  /// Writes the sensor into the memory; what the job says of it.
+  json write(const SensorData& sensor, const Placed& here, bool calibrated) {
+    using Kind = SensorData::Kind;
+    const bool camera = here.kind == Kind::camera;
+    json told = {{"time", sensor.time}};
+    if (camera && calibrated) {
+      Calibration calibration;
+      calibration.camera = sensor.camera, calibration.camera_from_velo = sensor.sensor_from_ego;
+      told["pixel_from_velo"] = pixel_from_velo(calibration);
+      told["intrinsics"] = {sensor.camera.fx, sensor.camera.fy, sensor.camera.cx, sensor.camera.cy};
+    }
+    if (here.kind != Kind::lidar && calibrated) told["sensor_from_ego"] = rows_json(sensor.sensor_from_ego);
+    if (!here.sent) return told;
+    told[here.array()] = array_at(here.at, here.shape(), camera && word_.bytes ? "uint8" : "float32");
+    if (here.values() == 0) return told;
+    char* to = memory_.data() + here.at;
+    if (here.kind == Kind::lidar)
+      std::memcpy(to, sensor.points.data(), here.points * sizeof(LidarPoint));
+    else if (here.kind == Kind::other)
+      std::memcpy(to, sensor.values.data(), sensor.values.size_bytes());
+    else if (word_.bytes)
+      write_srgb_bytes(sensor.image->data, reinterpret_cast<std::uint8_t*>(to));
+    else
+      std::memcpy(to, sensor.image->data.data(), here.values() * sizeof(float));
+    return told;
+  }
+
+  /// Writes sensors into the memory; by their kinds and names what a job says of them.
+  json told(const std::vector<SensorData>& all, const std::vector<Placed>& places, const SensorView& view) {
+    json groups = {{"cameras", json::object()}, {"lidars", json::object()}, {"sensors", json::object()}};
+    for (std::size_t i = 0; i < all.size(); ++i)
+      groups[places[i].group()][all[i].name] = write(all[i], places[i], view.calibration != nullptr);
+    return groups;
   }
 
   /// Writes the view's sensors into the memory; the job that names them.
   json place(const SensorView& view, double score_threshold, bool keep_graph) {
-    const std::vector<SensorData> all = sensors_of(view, word_, who_);
+    const std::vector<SensorData> all = sensors_of(view, word_, who_),
+                                  before = clean_sensors_of(view, word_, who_);
+    std::vector<Placed> placed_before;
     placed_.clear();
     std::size_t at = 0, gradients = 0;
-    for (const SensorData& sensor : all) {
-      Placed& here = placed_.emplace_back();
-      here.name = sensor.name;
-      here.kind = sensor.kind;
-      here.at = at;
-      if (sensor.image) here.width = sensor.image->width, here.height = sensor.image->height;
-      here.points = sensor.points.size();
-      here.other = sensor.shape;
-      const bool camera = here.kind == SensorData::Kind::camera;
-      here.sent = camera                                 ? word_.can.reads_image && here.width > 0
-                  : here.kind == SensorData::Kind::lidar ? word_.can.reads_points
-                                                         : true;
-      gradients += aligned(here.values() * sizeof(float));
-      if (here.sent) at += aligned(here.values() * (camera && word_.bytes ? 1 : sizeof(float)));
-    }
+    for (const SensorData& sensor : all)
+      gradients += aligned(placed_.emplace_back(placed(sensor, at)).values() * sizeof(float));
+    for (const SensorData& sensor : before) placed_before.push_back(placed(sensor, at));
     d_logits_at_ = at;
     const std::size_t room = std::max(kLeastRoom, 2 * gradients);
     answer_at_ = aligned(d_logits_at_ + room / 4);
     memory_.reserve(answer_at_ + room);
-    json told = {{"cameras", json::object()}, {"lidars", json::object()}, {"sensors", json::object()}};
-    for (std::size_t i = 0; i < all.size(); ++i) {
-      const SensorData& sensor = all[i];
-      const Placed& here = placed_[i];
-      const bool camera = here.kind == SensorData::Kind::camera;
-      char* to = memory_.data() + here.at;
-      json& one = told[here.group()][here.name];
-      one = {{"time", sensor.time}};
-      if (camera && view.calibration) {
-        Calibration calibration;
-        calibration.camera = sensor.camera, calibration.camera_from_velo = sensor.sensor_from_ego;
-        one["pixel_from_velo"] = pixel_from_velo(calibration);
-        one["intrinsics"] = {sensor.camera.fx, sensor.camera.fy, sensor.camera.cx, sensor.camera.cy};
-      }
-      if (here.kind != SensorData::Kind::lidar && view.calibration)
-        one["sensor_from_ego"] = rows_json(sensor.sensor_from_ego);
-      if (!here.sent) continue;
-      one[here.array()] = array_at(here.at, here.shape(), camera && word_.bytes ? "uint8" : "float32");
-      if (here.values() == 0) continue;
-      if (here.kind == SensorData::Kind::lidar)
-        std::memcpy(to, sensor.points.data(), here.points * sizeof(LidarPoint));
-      else if (here.kind == SensorData::Kind::other)
-        std::memcpy(to, sensor.values.data(), sensor.values.size_bytes());
-      else if (word_.bytes)
-        write_srgb_bytes(sensor.image->data, reinterpret_cast<std::uint8_t*>(to));
-      else
-        std::memcpy(to, sensor.image->data.data(), here.values() * sizeof(float));
-    }
-    json job = {{"job", "detect"},
+    json job = told(all, placed_, view);
+    job.update({{"job", "detect"},
                 {"frame", view.frame ? escape_name(view.frame->id) : ""},
                 {"continues", view.continues},
-                {"cameras", told["cameras"]},
-                {"lidars", told["lidars"]},
-                {"sensors", told["sensors"]},
                 {"threshold", score_threshold},
                 {"gradient", keep_graph},
                 {"answer_at", answer_at_},
-                {"size", memory_.size()}};
+                {"size", memory_.size()}});
+    if (!before.empty()) {
+      json& clean = job["clean"] = told(before, placed_before, view);
+      clean["key"] = fmt::format("{:016x}", view.clean->key);
+      for (const Placed& here : placed_before) {
+        if (here.kind != SensorData::Kind::camera) continue;
+        const PixelRect changed = &here == &placed_before.front() ? view.clean->changed : PixelRect();
+        clean["cameras"][here.name]["changed"] = {changed.u0, changed.v0, changed.u1, changed.v1};
+      }
+    }
     if (view.frame && view.frame->moment) {
       const Moment& moment = *view.frame->moment;
       job["moment"] = {{"sequence", escape_name(moment.sequence)},
@@ -378,7 +399,8 @@ class ProcessDetector : public Detector {
       const auto from = given.values.subspan(at, count);
       values.insert(values.end(), from.begin(), from.end());
       const auto here = std::span(values).subspan(at);
-      if (sensor.kind == SensorData::Kind::camera && word_.bytes) through_srgb_slope(levels.subspan(at, count), here);
+      if (sensor.kind == SensorData::Kind::camera && word_.bytes)
+        through_srgb_slope(levels.subspan(at, count), here);
       if (!all_finite(here)) not_finite(field.c_str());
     }
     return values;

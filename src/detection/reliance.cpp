@@ -43,9 +43,11 @@ Reliance reliance_of(const Audit& audit) {
 Reliance measure_reliance(std::span<Detector* const> detectors, const std::filesystem::path& data,
                           const std::vector<std::string>& ids,
                           const std::function<void(std::size_t, std::size_t)>& progress,
-                          const std::string& classes) {
+                          const std::string& classes, std::map<std::string, std::vector<Detection>>* seen) {
   if (!reads_picture(*detectors.front())) return no_camera();
-  return reliance_of(run_audit(detectors, data, ids, gate_changes(), {}, 0, progress, classes));
+  Audit audit = run_audit(detectors, data, ids, gate_changes(), {}, 0, progress, classes);
+  if (seen) *seen = std::move(audit.as_recorded);
+  return reliance_of(audit);
 }
 
 std::string picture_note(const Reliance& reliance) {

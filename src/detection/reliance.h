@@ -8,6 +8,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
@@ -50,11 +51,13 @@ Reliance no_camera();
 /// The gate's part of an audit that has its changes.
 Reliance reliance_of(const Audit& audit);
 
-/// run_audit with the gate's changes alone. For a detector without a camera nothing is run.
+/// run_audit with the gate's changes alone. For a detector without a camera nothing is run. `seen`, if given,
+/// gets Audit::as_recorded.
 Reliance measure_reliance(std::span<Detector* const> detectors, const std::filesystem::path& data,
                           const std::vector<std::string>& ids,
                           const std::function<void(std::size_t, std::size_t)>& progress = {},
-                          const std::string& classes = kCars);
+                          const std::string& classes = kCars,
+                          std::map<std::string, std::vector<Detection>>* seen = nullptr);
 
 /// What stands in place of every statement about images; empty if the detector uses its picture.
 std::string picture_note(const Reliance& reliance);

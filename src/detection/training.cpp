@@ -74,7 +74,8 @@ TrainingResult train_detector(const TrainingOptions& options) {
   const auto& losses = loop.state().losses;  // total, score, box
 
   const auto validate = [&] {
-    DetectionRun run = detect_data_set(*detector, options.validation, options.validation_frames);
+    Detector* const judge = detector.get();
+    DetectionRun run = detect_data_set({&judge, 1}, options.validation, options.validation_frames);
     loop.log({{"ap50", run.at50.average_precision},
               {"ap70", run.at70.average_precision},
               {"recall50", run.at50.recall}});

@@ -47,10 +47,11 @@ std::string frames_hash(const fs::path& data, std::span<const std::string> ids, 
       json{lidar_identity(lidar_of(data)), data_rig(data), recorded_lidar_effects(data), frames}.dump());
 }
 
-std::string detector_identity(const DetectorOptions& options) {
-  if (options.fresh || is_outside(options)) return "";
+std::string detector_identity(const DetectorOptions& options, const std::string& version) {
+  if (options.fresh || (is_outside(options) && version.empty())) return "";
   Provenance provenance;
   add_detector(provenance, options);
+  if (is_outside(options)) provenance.input("version", version);
   return provenance.identity();
 }
 

@@ -17,8 +17,8 @@ namespace mirage {
 std::string frames_hash(const std::filesystem::path& data, std::span<const std::string> ids,
                         Cameras cameras = Cameras::first);
 /// What a detector's answers depend on besides the frame (add_detector). Empty for fresh weights and for a
-/// given detector: what those say is not to be kept.
-std::string detector_identity(const DetectorOptions& options);
+/// detector outside that tells no `version` (Capabilities): what those say is not to be kept.
+std::string detector_identity(const DetectorOptions& options, const std::string& version = "");
 
 /// Those frames as the input "data".
 void add_data(Provenance& provenance, const std::filesystem::path& data, std::span<const std::string> ids,

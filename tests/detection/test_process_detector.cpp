@@ -131,6 +131,30 @@ TEST_F(ProcessTest, OtherSensorsTravelByName) {
   EXPECT_EQ(gradient.image.data[0], 0);
 }
 
+TEST_F(ProcessTest, ALocalOneIsToldOfTheFrameWithoutTheObject) {
+  const auto whole = start("works"), detector = start("local");
+  EXPECT_NE(whole->capabilities().why_whole, "");
+  EXPECT_EQ(detector->capabilities().why_whole, "");
+  const ImageF clean_image = image_;
+  Sweep clean_points;
+  for (int i = 0; i < 100; ++i) clean_points.push_back({static_cast<float>(i), 0, 0, 0});
+  points_ = clean_points;
+  points_.erase(points_.begin() + 7);
+  points_.push_back({0.5f, 1, 1, 1});
+  const auto ask = [&](const CleanView* clean) {
+    SensorView now = view();
+    now.clean = clean;
+    std::vector<double> logits;
+    for (const Detection& found : detector->forward(now, 0, false)) logits.push_back(found.logit);
+    return logits;
+  };
+  const double sum = 99 * 100 / 2 - 7 + 0.5;
+  const CleanView clean{&clean_image, clean_points, 0xfedcba9876543210, {1, 0, 6, 3}};
+  EXPECT_EQ(ask(nullptr), (std::vector<double>{sum, 100, 0, 0}));
+  EXPECT_EQ(ask(&clean), (std::vector<double>{sum, 101, 6, 3}));
+  EXPECT_EQ(ask(&clean), (std::vector<double>{sum, 1, 6, 3}));  // the rest was kept
+}
+
 TEST_F(ProcessTest, OneThatIsLostIsStartedAgain) {
   for (const char* what : {"dies", "hangs", "garbage"}) {
     std::filesystem::remove(folder_ / "mark");

@@ -75,15 +75,32 @@ class Folder:
         shutil.rmtree(self.path)
 
 
-def detector(image, points, pixel_from_velo):
-    """A detector of the tests: anchors on a grid, scored by the points around them and by the picture there."""
+def anchors():
+    """Where the tests' detector looks, M×2."""
     import torch
 
     x, y = torch.meshgrid(torch.arange(8.0, 16.0, 0.5), torch.arange(-3.0, 4.0, 0.5), indexing="ij")
-    centres = torch.stack([x.flatten(), y.flatten()], 1)
-    apart = (centres[:, None, :] - points[None, :, :2]).pow(2).sum(-1)
-    high = torch.sigmoid(4 * (points[:, 2] + 1.2))
-    count = (torch.exp(-apart / 0.8) * high).sum(1)
+    return torch.stack([x.flatten(), y.flatten()], 1)
+
+
+def evidence(points):
+    """How many points are near each anchor: a sum over the points."""
+    import torch
+
+    apart = (anchors()[:, None, :] - points[None, :, :2]).pow(2).sum(-1)
+    return (torch.exp(-apart / 0.8) * torch.sigmoid(4 * (points[:, 2] + 1.2))).sum(1)
+
+
+def detector(image, points, pixel_from_velo):
+    """A detector of the tests: anchors on a grid, scored by the points around them and by the picture there."""
+    return scored_anchors(image, evidence(points), pixel_from_velo)
+
+
+def scored_anchors(image, count, pixel_from_velo):
+    """(boxes, logits)"""
+    import torch
+
+    centres = anchors()
     roof = torch.cat([centres, torch.zeros(len(centres), 1), torch.ones(len(centres), 1)], 1) @ pixel_from_velo.t()
     pixel = roof[:, :2] / roof[:, 2:]
     place = 2 * pixel / torch.tensor([image.shape[1] - 1.0, image.shape[0] - 1.0]) - 1
@@ -91,3 +108,30 @@ def detector(image, points, pixel_from_velo):
     logits = 0.15 * (count - 30) - 4 * (seen[0, :, 0].mean(0) - 0.15)
     size = torch.tensor([3.9, 1.6, 0.0]).expand(len(centres), 3)
     return torch.cat([centres, size], 1), logits
+
+
+class LocalDetector:
+    """The tests' detector, which sums over the points of a clean sweep once."""
+
+    local = True
+
+    def __init__(self, local=True):
+        self.local, self.kept, self.rows = local, {}, 0
+
+    def evidence(self, points):
+        self.rows += len(points)
+        return evidence(points)
+
+    def __call__(self, frame):
+        import torch
+
+        points, count = frame.points["lidar"], 0
+        if frame.clean is not None:
+            before = frame.clean.points["lidar"]
+            if frame.clean.key not in self.kept:
+                self.kept[frame.clean.key] = self.evidence(before)
+            ours, known = ([row.tobytes() for row in rows.detach().numpy()] for rows in (points, before))
+            alike = set(ours) & set(known)
+            added, gone = (torch.tensor([row not in alike for row in rows]) for rows in (ours, known))
+            count, points = self.kept[frame.clean.key] - self.evidence(before[gone]), points[added]
+        return scored_anchors(frame.images["camera"], count + self.evidence(points), frame.pixel_from_velo["camera"])

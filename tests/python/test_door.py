@@ -20,7 +20,7 @@ except ImportError:
 import mirage
 import numpy as np
 from mirage._voxels import turned, turned_back, voxels_of
-from support import PROGRAM, Folder, detector
+from support import PROGRAM, Folder, LocalDetector, detector
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 SETTINGS = {"rooftop": "box", "threads": 1}
@@ -154,6 +154,25 @@ class Program(unittest.TestCase):
                                place("command")], capture_output=True, text=True)
         self.assertEqual(done.returncode, 2)
         self.assertIn("name the file in the command", done.stderr)
+
+    def test_detect_asks_one_process_a_thread(self):
+        named = program("several.py", f"""
+            import os
+            open({place("pids")!r}, "a").write(f"{{os.getpid()}}\\n")
+            serve(detector)
+        """)
+        answers = []
+        for threads in (1, 2):
+            with open(place("pids"), "w"):
+                pass
+            done = subprocess.run([PROGRAM, "detect", "--data", FOLDER.data, "--detector", named, "--threads", str(threads),
+                                   "--out", place("several"), "--kitti", place("several-kitti"), "--quiet"], capture_output=True, text=True)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            with open(place("pids")) as file:
+                self.assertEqual(len(set(file.read().split())), threads)
+            with open(os.path.join(place("several"), "detections.json")) as file:
+                answers.append([file.read(), sorted(os.listdir(place("several-kitti")))])
+        self.assertEqual(answers[0], answers[1])
 
     def test_its_own_error_is_a_line(self):
         named = program("raises.py", "serve(lambda image, points, matrix: detector(image, points[:, :5], None))\n")
@@ -301,6 +320,90 @@ class Reads(unittest.TestCase):
         odd.reads, odd.region = ("points", "image"), (3, 1, 0, 1)
         with self.assertRaisesRegex(mirage.InputError, "region is "):
             mirage.detect(detector=odd, data=FOLDER.data, out=place("detect"))
+
+
+class Local(unittest.TestCase):
+    """A detector says that it knows what an object leaves as it was: the same answers for less."""
+
+    def test_it_learns_the_same_mesh_by_fewer_points(self):
+        runs, rows = [], []
+        for local in (False, True):
+            network = LocalDetector(local)
+            runs.append(place(f"local-{local}"))
+            mirage.attack(detector=network, data=FOLDER.data, out=runs[-1], iterations=6, copy=False, **SETTINGS)
+            rows.append(network.rows)
+        whole, local = (mirage.read_mesh(os.path.join(run, "adversary.glb")) for run in runs)
+        self.assertGreater(np.abs(whole.vertices - mirage.icosphere().vertices).max(), 1e-3)
+        np.testing.assert_allclose(local.vertices, whole.vertices, atol=1e-4)
+        np.testing.assert_allclose(local.texels, whole.texels, atol=1e-3)
+        self.assertLess(rows[1], 0.5 * rows[0])
+        judged, rows = [], []
+        for local in (False, True):
+            network = LocalDetector(local)
+            judged.append(mirage.evaluate(runs[0], detector=network, hosts="all", baseline="sized", random_meshes=6))
+            rows.append(network.rows)
+        for key in ("vehicles", "asr", "fn_asr", "fp_asr", "recall_iou"):
+            self.assertEqual(judged[0][key], judged[1][key])
+        self.assertLess(rows[1], 0.7 * rows[0])
+
+    def test_as_a_program_it_is_the_same(self):
+        named = program("local.py", """
+            from support import LocalDetector
+            serve(LocalDetector())
+        """)
+        runs = [place("local-here"), place("local-there")]
+        for run, network in zip(runs, (LocalDetector(), named)):
+            mirage.attack(detector=network, data=FOLDER.data, out=run, iterations=3, copy=False, **SETTINGS)
+        first, second = (mirage.read_mesh(os.path.join(run, "adversary.glb")) for run in runs)
+        np.testing.assert_array_equal(first.vertices, second.vertices)
+
+    def test_what_gets_no_frame_knows_no_clean_one(self):
+        network = lambda image, points, matrix: detector(image, points, matrix)  # noqa: E731
+        network.local = True
+        with self.assertRaisesRegex(mirage.InputError, "local: .*take one argument, frame"):
+            mirage.detect(detector=network, data=FOLDER.data, out=place("detect"))
+
+
+class Kept(unittest.TestCase):
+    """What a detector with a version has said is kept: an evaluation goes on, and another version asks anew."""
+
+    def test_an_evaluation_goes_on(self):
+        asked = []
+
+        def network(points):
+            asked.append(len(points))
+            return detector(torch.full((2, 2, 3), 0.15), points, torch.tensor([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]))
+
+        run = place("kept")
+        mirage.attack(detector=network, data=FOLDER.data, out=run, iterations=1, copy=False, **SETTINGS)
+
+        def evaluated():
+            asked.clear()
+            return mirage.evaluate(run, detector=network, hosts="all", baseline="none"), len(asked)
+
+        first, again = evaluated(), evaluated()
+        self.assertEqual(first[1], again[1])  # without a version nothing is kept
+        network.version = "one"
+        whole, kept = evaluated(), evaluated()
+        self.assertEqual((whole[1], kept[1]), (first[1], 0))
+        for key in ("vehicles", "asr", "fn_asr", "fp_asr"):
+            self.assertEqual(kept[0][key], first[0][key])
+        network.version = "two"
+        self.assertEqual(evaluated()[1], first[1])
+
+    def test_the_gates_frames_are_asked_about_once(self):
+        asked = []
+
+        def network(frame):
+            asked.append(frame.id)
+            return detector(frame.images["camera"], frame.points["lidar"], frame.pixel_from_velo["camera"])
+
+        run = place("gate")
+        mirage.attack(detector=network, data=FOLDER.data, out=run, iterations=1, copy=False, **SETTINGS)
+        asked.clear()
+        result = mirage.evaluate(run, detector=network, hosts="all", baseline="none")
+        # As recorded, with another picture, a black one and none, which it refuses; then once a mesh.
+        self.assertEqual(len(asked), 4 * 4 + result["hosts"])
 
 
 class Compare(unittest.TestCase):

@@ -223,8 +223,9 @@ Validation validate(const ValidationSettings& given, const StartReference& start
   detectors.push_back(load_detector(settings.detector));
   Validation validation;
   if (rank() == 0)  // the only one that tells
-    validation.reliance =
-        cached_reliance(detectors, detector_identity(settings.detector), run.settings, settings.quiet);
+    validation.reliance = cached_reliance(
+        detectors, detector_identity(settings.detector, detectors.front()->capabilities().version),
+        run.settings, settings.quiet);
   FrameStore store(run.settings);
   ValidationContext context{settings, run, learned, store, *detectors.front(), *renderer, {}};
   const std::vector<VehicleResult> results = vehicle_results(context, hosts, validation.failed);

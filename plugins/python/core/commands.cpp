@@ -51,13 +51,12 @@ class PythonDetector : public Detector {
     sensors_ = sensors_of(input, word_, "detector");
     const ImageF* image = sensors_.front().image;
     const bool seen = image && !image->empty();
-    levels_.assign(sensors_.size(), {});
-    if (word_.bytes && word_.can.reads_image)
-      for (std::size_t i = 0; i < sensors_.size(); ++i)
-        if (sensors_[i].image) levels_[i] = srgb_bytes(*sensors_[i].image);
+    levels_ = levels_of(sensors_);
+    const std::vector<SensorData> clean = clean_sensors_of(input, word_, "detector");
+    const Levels clean_levels = levels_of(clean);
     try {
       const auto output =
-          adapter_->attr("forward")(told(input), keep_graph)
+          adapter_->attr("forward")(told(input, clean, clean_levels), keep_graph)
               .cast<std::tuple<Array<float>, Array<float>, std::optional<Array<std::int32_t>>>>();
       const auto& [boxes, logits, classes] = output;
       RawBoxes raw{boxes.data(), logits.data(), static_cast<std::size_t>(logits.shape(0)),
@@ -121,19 +120,30 @@ class PythonDetector : public Detector {
   template <class T>
   using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
 
-  /// The view as mirage_serve.py's Frame reads it: arrays over memory that lives for the call.
-  py::dict told(const SensorView& input) const {
-    const auto borrowed = std::shared_ptr<const void>(&input, [](const void*) {});
+  using Levels =
+      std::vector<std::vector<std::uint8_t>>;  ///< of each camera, for a detector of 8-bit pictures
+
+  Levels levels_of(const std::vector<SensorData>& sensors) const {
+    Levels levels(sensors.size());
+    if (word_.bytes && word_.can.reads_image)
+      for (std::size_t i = 0; i < sensors.size(); ++i)
+        if (sensors[i].image) levels[i] = srgb_bytes(*sensors[i].image);
+    return levels;
+  }
+
+  /// Cameras and LiDARs as mirage_serve.py's Frame reads them: arrays over memory that lives for the call.
+  py::dict told(const std::vector<SensorData>& sensors, const Levels& levels) const {
+    const auto borrowed = std::shared_ptr<const void>(&sensors, [](const void*) {});
     py::dict cameras, lidars, others, all;
-    for (std::size_t i = 0; i < sensors_.size(); ++i) {
-      const SensorData& sensor = sensors_[i];
+    for (std::size_t i = 0; i < sensors.size(); ++i) {
+      const SensorData& sensor = sensors[i];
       py::dict one;
       one["time"] = sensor.time;
       if (sensor.kind == SensorData::Kind::camera) {
         if (word_.can.reads_image && sensor.image && !sensor.image->empty()) {
           const Shape shape = {sensor.image->height, sensor.image->width, 3};
           if (word_.bytes)
-            one["image"] = view(levels_[i].data(), shape, borrowed, false);
+            one["image"] = view(levels[i].data(), shape, borrowed, false);
           else
             one["image"] = view(sensor.image->data.data(), shape, borrowed, false);
         }
@@ -153,6 +163,27 @@ class PythonDetector : public Detector {
         lidars[py::str(sensor.name)] = one;
       }
     }
+    all["cameras"] = cameras;
+    all["lidars"] = lidars;
+    all["sensors"] = others;
+    return all;
+  }
+
+  /// The view as Frame reads it. `clean`: clean_sensors_of it.
+  py::dict told(const SensorView& input, const std::vector<SensorData>& clean,
+                const Levels& clean_levels) const {
+    py::dict all = told(sensors_, levels_);
+    if (!clean.empty()) {
+      py::dict before = told(clean, clean_levels);
+      before["key"] = fmt::format("{:016x}", input.clean->key);
+      const py::dict cameras = before["cameras"];
+      for (const auto& [name, camera] : cameras) {
+        const bool first = name.cast<std::string>() == clean.front().name;
+        const PixelRect changed = first ? input.clean->changed : PixelRect();
+        camera["changed"] = std::array<int, 4>{changed.u0, changed.v0, changed.u1, changed.v1};
+      }
+      all["clean"] = before;
+    }
     all["frame"] = input.frame ? input.frame->id : "";
     all["continues"] = input.continues;
     if (input.frame && input.frame->moment) {
@@ -165,17 +196,14 @@ class PythonDetector : public Detector {
       told["world_from_ego"] = rows;
       all["moment"] = told;
     }
-    all["cameras"] = cameras;
-    all["lidars"] = lidars;
-    all["sensors"] = others;
     return all;
   }
 
   std::shared_ptr<py::object> adapter_;
   std::string name_;
   OutsideWord word_;
-  std::vector<SensorData> sensors_;                ///< of the last forward
-  std::vector<std::vector<std::uint8_t>> levels_;  ///< of each camera, for a detector of 8-bit pictures
+  std::vector<SensorData> sensors_;  ///< of the last forward
+  Levels levels_;
   BoxRows rows_;
 };
 

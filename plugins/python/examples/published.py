@@ -25,6 +25,7 @@ The network for photographs is TorchScript: float32 [1, 3, H, W], blue first, 0 
 (pixels) and logits [N] before suppression.
 """
 
+import hashlib
 import sys
 import warnings
 
@@ -35,6 +36,12 @@ from torch.utils.checkpoint import checkpoint
 
 warnings.filterwarnings("ignore", "scatter_reduce")  # "in beta"
 BLOCK = 1 << 15  # edges that are worked on at once
+
+
+def version_of(file):
+    """Of its content: Mirage keeps answers on disk under it, so that an evaluation of hours goes on."""
+    with open(file, "rb") as content:
+        return hashlib.sha256(content.read()).hexdigest()[:16]
 
 
 def layers_of(arrays, scope):
@@ -127,6 +134,7 @@ class PointGnn:
         self.locate = [layers_of(arrays, f"output/predictor/loc/cls_{k}") for k in (1, 2)]
         if any(name.startswith("layer2/") for name in arrays) or not all((self.edges, self.features, self.classify, *self.locate)):
             raise ValueError(f"{file}: holds no Point-GNN without graph layers; convert checkpoints/car_auto_T0_train")
+        self.version = version_of(file)
         self.keep, self.known = keep, {}  # at most so many answers, by neighbourhood
 
     def answers(self, reflectance, xyz, place, point, centre):
@@ -201,7 +209,7 @@ class Picture:
     """A network for 8-bit photographs: boxes in the picture."""
 
     def __init__(self, file):
-        self.network = torch.jit.load(file).eval()
+        self.network, self.version = torch.jit.load(file).eval(), version_of(file)
 
     def __call__(self, image):
         height, width = image.shape[:2]
@@ -224,6 +232,7 @@ class Clocs:
 
     def __init__(self, file, lidar, picture, least_score=0.01):
         self.lidar, self.picture, self.least_score = lidar, picture, least_score
+        self.version = "-".join((version_of(file), lidar.version, picture.version))
         with np.load(file, allow_pickle=False) as arrays:
             self.layers = [(torch.from_numpy(arrays[f"fuse_2d_3d.{k}.weight"][:, :, 0, 0]).t(),
                             torch.from_numpy(arrays[f"fuse_2d_3d.{k}.bias"])) for k in (0, 2, 4, 6)]

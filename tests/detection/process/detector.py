@@ -86,7 +86,31 @@ class ByName(Detector):
         return found
 
 
-detector = ByName() if what == "others" else Detector()
+class Local(Detector):
+    """The sum of all x, of which it keeps what it made of the clean sweep; then how many points it has looked at, and the changed
+    rectangle's lower right corner."""
+
+    local, kept = True, {}
+
+    def __call__(self, frame):
+        points, before = frame.points["lidar"], None if frame.clean is None else frame.clean.points["lidar"]
+        added, looked = points, len(points)
+        total = 0
+        if frame.clean is not None:
+            if frame.clean.key not in self.kept:
+                self.kept[frame.clean.key] = before[:, 0].sum()
+                looked += len(before)
+            known = {row.tobytes() for row in before}
+            stays = np.array([row.tobytes() in known for row in points])
+            gone = known - {row.tobytes() for row in points}
+            total = self.kept[frame.clean.key] - sum(np.frombuffer(row, np.float32)[0] for row in gone)
+            added, looked = points[~stays], looked - stays.sum()
+        corner = frame.clean.changed["camera"][2:] if frame.clean is not None else (0, 0)
+        boxes = np.array([[10, 0, 4, 2, 0], [20, 0, 4, 2, 0], [30, 0, 4, 2, 0], [40, 0, 4, 2, 0]], np.float32)
+        return boxes, np.array([total + added[:, 0].sum(), looked, *corner], np.float32)
+
+
+detector = {"others": ByName, "local": Local}.get(what, Detector)()
 detector.out = os.dup(1)
 if what == "early":
     sys.exit("no weights")
