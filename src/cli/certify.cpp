@@ -1,6 +1,8 @@
 // mirage certify: cars that no object on their roof can hide.
+#include <cmath>
 #include <memory>
 
+#include "attack/zoo.h"
 #include "base/error.h"
 #include "base/names.h"
 #include "cli/command.h"
@@ -16,6 +18,7 @@ namespace {
 
 struct CertifyOptions : FrameSource {
   std::filesystem::path run;
+  std::vector<std::filesystem::path> meshes;
   TrustRun trust = TrustRun::no;
   DetectorOptions detector;
   CertificateSettings settings;
@@ -24,41 +27,60 @@ struct CertifyOptions : FrameSource {
   std::size_t frames = 0;
 };
 
+/// "55.6 % (46.2–66.7)", or with another end "55.6–77.8 % (46.2–85.1)"
+std::string bracket(const Interval& certified, const Interval* attacked) {
+  if (attacked == nullptr) return percent(certified);
+  return fmt::format("{:.1f}–{} ({:.1f}–{:.1f})", 100 * certified.value, percent(attacked->value),
+                     100 * certified.low, 100 * attacked->high);
+}
+
 void print_shares(const CertificateResult& result, const CertificateSettings& settings) {
-  const auto both = [](const Interval& at70, const Interval& at50) {
-    return percent(at70.value, at70.low, at70.high) + " | " + percent(at50.value, at50.low, at50.high);
+  const auto cell = [](const CertifiedBand& band, const Bracket& of, bool attacked) {
+    return band.hosts > 0 ? bracket(of.certified, attacked ? &of.attacked : nullptr) : std::string("no cars");
   };
-  Rows rows = {{"cars", std::to_string(result.hosts.size())}};
-  if (!result.shares.empty())
-    rows.push_back({"found as recorded, IoU 0.7 | 0.5 (95 %)",
-                    both(result.shares.front().clean70, result.shares.front().clean50)});
-  if (settings.adversary && !result.shares.empty())
-    rows.push_back({"found with the run's adversary on the roof, without masks",
-                    both(result.shares.front().attacked70, result.shares.front().attacked50)});
-  if (!result.shares.empty())
-    rows.push_back({"control: under a mask over the car itself",
-                    both(result.shares.front().control70, result.shares.front().control50)});
-  for (std::size_t s = 0; s < result.shares.size(); ++s) {
-    const CertifiedShares& of = result.shares[s];
-    rows.push_back({fmt::format("L = {:g} m, roof known: certified", of.size), both(of.known70, of.known50)});
-    if (settings.with_lattice)
-      rows.push_back({fmt::format("L = {:g} m, {} masks: certified", of.size, result.masks[s]),
-                      both(of.lattice70, of.lattice50) + fmt::format(", AP 0.7 {} (plain {})",
-                                                                     percent(result.lattice_ap70[s]),
-                                                                     percent(result.clean_ap70))});
+  const auto both = [](const Interval& at70, const Interval& at50) {
+    return percent(at70) + " | " + percent(at50);
+  };
+  const CertifiedShares& any = result.shares.front();
+  Rows rows = {{"cars", std::to_string(result.hosts.size())},
+               {"found as recorded, IoU 0.7 | 0.5 (95 %)", both(any.clean70, any.clean50)},
+               {"control: under a mask over the car itself", both(any.control70, any.control50)}};
+  for (const CertifiedShares& of : result.shares) {
+    if (of.adversaries > 0)
+      rows.push_back({fmt::format("L = {:g} m, found under {} known object{}, without masks", of.size,
+                                  of.adversaries, of.adversaries > 1 ? "s" : ""),
+                      both(of.attacked70, of.attacked50)});
     if (of.objects > 0)
       rows.push_back({fmt::format("L = {:g} m, objects that reach past the mask", of.size),
-                      fmt::format("{} of {}{}", of.violations, of.objects,
-                                  of.adversary ? ", the run's adversary among them" : "")});
+                      fmt::format("{} of {}", of.violations, of.objects)});
   }
+  for (std::size_t s = 0; s < result.lattice_ap70.size(); ++s)
+    rows.push_back(
+        {fmt::format("L = {:g} m, AP 0.7 of the whole lattice of {} masks", settings.sizes[s],
+                     result.masks[s]),
+         fmt::format("{}, plain {}", percent(result.lattice_ap70[s]), percent(result.clean_ap70))});
   rows.push_back({"intervals over", to_string(result.clusters)});
   print_table(rows);
+  Columns table = {{"certified–found under known objects, IoU 0.5"}};
+  for (const CertifiedBand& band : any.bands)
+    table.front().push_back(
+        std::isfinite(band.farthest) ? fmt::format("{:g}–{:g} m", band.nearest, band.farthest) : "all");
+  for (const CertifiedShares& of : result.shares) {
+    table.push_back({fmt::format("L = {:g} m, roof known", of.size)});
+    for (const CertifiedBand& band : of.bands) table.back().push_back(cell(band, band.known50, true));
+    if (!settings.with_lattice) continue;
+    table.push_back({fmt::format("L = {:g} m, lattice", of.size)});
+    for (const CertifiedBand& band : of.bands)
+      table.back().push_back(cell(band, band.lattice50, settings.whole_lattice));
+  }
+  print_columns(table);
 }
 
 void add_options(CLI::App& app, CertifyOptions& options) {
   CertificateSettings& settings = options.settings;
   add_fields(app, static_cast<FrameSource&>(options), {"placement", "cameras"});  // it is about roofs
   app.add_option("--run", options.run, "run folder whose adversary is also judged");
+  app.add_option("--mesh", options.meshes, "objects that are also judged (.glb, .obj, .ply), or zoo");
   add_trust_option(app, options.trust);
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "only the first N frames; 0: all")->capture_default_str();
@@ -80,7 +102,11 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
   CertificateSettings settings = options.settings;
   settings.seed = common.seed;
   settings.evaluation.quiet = common.quiet;
-  if (!options.run.empty()) settings.adversary = read_run(options.run, options.trust).adversary;
+  const std::vector<NamedObject> objects = read_objects(options.meshes);
+  for (const NamedObject& object : objects) settings.adversaries.push_back(object.mesh);
+  if (!options.run.empty()) settings.adversaries.push_back(read_run(options.run, options.trust).adversary);
+  if (settings.whole_lattice && !settings.with_lattice)
+    throw InputError("--whole-lattice", "", "is of the lattice", "add --lattice");
   const LidarModel lidar = lidar_of(options.data, options.rig);
   options.effects.apply(settings.simulation, lidar, recorded_lidar_effects(options.data), common.seed);
   FrameStore store(options);
@@ -94,6 +120,7 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
   require_cars(census, "a certificate");
   warn_of_labels(census);
   const DetectorPool detectors = load_detector_pool(asked, static_cast<int>(frames.size()));
+  settings.evaluation.detector_identity = detector_identity(asked);
   std::vector<HostId> hosts;
   for (const Host& host : find_all_hosts(store, frames, detectors.front()->region(), settings.simulation,
                                          options.min_view, common.quiet))
@@ -105,6 +132,7 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
   common.made_of->add(settings.simulation);
   add_frames(*common.made_of, options, frames);
   add_detector(*common.made_of, asked);
+  add_objects(*common.made_of, objects);
   print_shares(result, settings);
   nlohmann::json json = to_json(result, settings);
   json["data"] = options.data.string();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <map>
 #include <mutex>
 
@@ -14,10 +15,13 @@
 #include "base/progress.h"
 #include "base/random.h"
 #include "detection/detect.h"
+#include "simulation/object_window.h"
 
 namespace mirage {
 namespace {
 
+/// IoU over which a car is found, whatever is asked.
+constexpr double kStrictest = 0.7;
 constexpr const char* kNothingWritten = "a certification writes nothing until it is done; run it again";
 
 void check_certificate(const CertificateSettings& settings) {
@@ -41,10 +45,11 @@ struct Sight {
   MaskedFrame behind(const Box3& box, const MaskMargin& margin) const {
     return masked(prepared.frame.image, prepared.frame.sweep, prepared.frame.calibration, box, margin);
   }
-  std::vector<Detection> found(const MaskedFrame& masked) {
+  /// `elsewhere`: where the picture was changed before it was masked.
+  std::vector<Detection> found(const MaskedFrame& masked, const PixelRect& elsewhere = {}) {
     SensorView view = view_of(prepared.frame, masked.image, masked.sweep);
     if (recorded) {
-      recorded->changed = masked.hidden;
+      recorded->changed = united(masked.hidden, elsewhere);
       view.clean = &*recorded;
     }
     return detections(detector, view, by);
@@ -82,6 +87,9 @@ bool same(const MaskedFrame& a, const MaskedFrame& b) {
           std::memcmp(a.sweep.data(), b.sweep.data(), a.sweep.size() * sizeof(LidarPoint)) == 0);
 }
 
+/// What is kept of known objects on every car: the best IoU with it under each, by host.
+using AttackedIou = std::map<HostId, std::vector<double>>;
+
 /// A frame's part of the work.
 struct FrameWork {
   std::string id;
@@ -94,8 +102,9 @@ struct FrameWork {
 
 class Certifier {
  public:
-  Certifier(const CertificateSettings& settings, FrameStore& store, const LidarModel& lidar)
-      : settings_(settings), store_(store), ground_(-lidar.height) {
+  Certifier(const CertificateSettings& settings, FrameStore& store, const LidarModel& lidar,
+            const AttackedIou& attacked)
+      : settings_(settings), store_(store), attacked_(attacked), ground_(-lidar.height) {
     margin_ = {settings.mask_pixels, settings.mask_metres, beam_origin_spread(lidar)};
     for (double size : settings.sizes) limits_.push_back(limits_of_size(size));
   }
@@ -121,17 +130,12 @@ class Certifier {
       CertifiedHost& host = hosts[place];
       const Label& label = label_of(frame, host.id);
       const HostTruth& truth = sight.hosts.emplace_back(frame, label, by.matching);
-      const Placement& roof = sight.roofs.emplace_back(store_.placement(host.id));
+      sight.roofs.push_back(store_.placement(host.id));
       host.track = label.track;
       host.range = std::hypot(label.box.bev.x, label.box.bev.y);
       host.clean_iou = best_iou(sight.clean, truth, score);
       host.sizes.resize(limits_.size());
       host.control_iou = best_iou(sight.found(sight.behind(label.box, margin_)), truth, score);
-      if (!settings_.adversary) continue;
-      const Simulated attacked = simulate(prepared, roof, *settings_.adversary, settings_.simulation);
-      host.attacked_iou =
-          best_iou(detections(detector, view_of(prepared, attacked, detector.capabilities()), by),
-                   HostTruth(frame, label, by.matching, silhouette_box(attacked)), score);
     }
     for (std::size_t s = 0; s < limits_.size(); ++s) {
       for (std::size_t h = 0; h < work.hosts.size(); ++h) {
@@ -144,6 +148,10 @@ class Certifier {
         certificate.hidden_share = static_cast<double>(recorded.hidden.width()) * recorded.hidden.height() /
                                    (static_cast<double>(frame.image.width) * frame.image.height);
         certificate.known_iou = best_iou(sight.found(recorded), sight.hosts[h], score);
+        certificate.attacked_iou = host.clean_iou;
+        for_those_in(limits_[s], host.id, [&](const TexturedMesh&, double iou) {
+          certificate.attacked_iou = std::min(certificate.attacked_iou, iou);
+        });
         work.violations[s] += violations(prepared, sight.roofs[h], limits_[s], box, recorded);
       }
       if (settings_.with_lattice) look_through_lattice(sight, s, work, hosts);
@@ -151,7 +159,14 @@ class Certifier {
   }
 
  private:
-  /// How many objects change something that the mask leaves: random ones, and the run's if it is in the box.
+  /// For every adversary that stays in the box: what is found of the host under it.
+  template <class Look>
+  void for_those_in(const AdversaryLimits& limits, const HostId& id, const Look& look) const {
+    for (std::size_t i = 0; i < settings_.adversaries.size(); ++i)
+      if (fits(settings_.adversaries[i], limits)) look(settings_.adversaries[i], attacked_.at(id)[i]);
+  }
+
+  /// How many objects change something that the mask leaves: random ones, and the adversaries in the box.
   std::size_t violations(const PreparedFrame& prepared, const Placement& roof, const AdversaryLimits& limits,
                          const Box3& box, const MaskedFrame& recorded) const {
     const Frame& frame = prepared.frame;
@@ -160,9 +175,10 @@ class Certifier {
       return !same(masked(attacked.image, attacked.sweep, frame.calibration, box, margin_), recorded);
     };
     std::size_t count = 0;
+    if (settings_.objects == 0) return count;
     for (int i = 0; i < settings_.objects; ++i) count += reaches_past(some_object(settings_.seed, i, limits));
-    if (settings_.adversary && fits(*settings_.adversary, limits))
-      count += reaches_past(*settings_.adversary);
+    for (const TexturedMesh& adversary : settings_.adversaries)
+      count += fits(adversary, limits) && reaches_past(adversary);
     return count;
   }
 
@@ -172,57 +188,143 @@ class Certifier {
     std::vector<Box3> objects;
     for (const Placement& roof : sight.roofs)
       objects.push_back(object_box(roof.velo_from_adversary, limits_[s]));
-    std::vector<Detection> united = sight.clean;
+    std::vector<Detection> whole = sight.clean;
     const std::vector<Box3> masks =
         lattice(sight.prepared.frame.calibration, limits_[s], ground_, settings_.lattice);
     for (const Box3& mask : masks) {
       throw_if_interrupted(kNothingWritten);
+      const auto holds = [&](const Box3& object) { return covers(mask, object); };
+      bool asked = settings_.whole_lattice;  // else of cars that no mask before has certified
+      for (std::size_t h = 0; h < objects.size() && !asked; ++h)
+        asked = hosts[work.hosts[h]].sizes[s].lattice_iou <= kStrictest && holds(objects[h]);
+      if (!asked) continue;
       const auto proposals = sight.found(sight.behind(mask, margin_));
       for (std::size_t h = 0; h < objects.size(); ++h) {
-        if (!covers(mask, objects[h])) continue;
         Certificate& certificate = hosts[work.hosts[h]].sizes[s];
+        const double iou = best_iou(proposals, sight.hosts[h], score);
+        certificate.survived_iou = std::max(certificate.survived_iou, iou);
+        if (!holds(objects[h])) continue;
         certificate.covered = true;
-        certificate.lattice_iou =
-            std::max(certificate.lattice_iou, best_iou(proposals, sight.hosts[h], score));
+        certificate.lattice_iou = std::max(certificate.lattice_iou, iou);
       }
-      united.insert(united.end(), proposals.begin(), proposals.end());
+      whole.insert(whole.end(), proposals.begin(), proposals.end());
     }
     work.masks.push_back(masks.size());
-    work.united.push_back(sight.score(suppress(std::move(united), sight.by.matching)));
+    if (!settings_.whole_lattice) return;
+    work.united.push_back(sight.score(suppress(std::move(whole), sight.by.matching)));
+    for (std::size_t h = 0; h < objects.size(); ++h) {
+      CertifiedHost& host = hosts[work.hosts[h]];
+      Certificate& certificate = host.sizes[s];
+      certificate.survived_iou = std::max(certificate.survived_iou, host.clean_iou);
+      for_those_in(limits_[s], host.id, [&](const TexturedMesh& adversary, double iou) {
+        const double best = std::max(certificate.lattice_iou, iou);
+        if (std::min(certificate.survived_iou, kStrictest) > best)
+          certificate.survived_iou =
+              std::min(certificate.survived_iou,
+                       attacked_through(sight, h, host.id, adversary, masks, objects[h], best));
+        else
+          certificate.survived_iou = std::min(certificate.survived_iou, best);
+      });
+    }
+  }
+
+  /// The best IoU with the host under the adversary behind a mask that does not hold its roof, or `best`;
+  /// nearest masks first, and no further than to kStrictest.
+  double attacked_through(Sight& sight, std::size_t h, const HostId& id, const TexturedMesh& adversary,
+                          std::vector<Box3> masks, const Box3& object, double best) const {
+    const PreparedFrame& prepared = sight.prepared;
+    const Simulated attacked = simulate(prepared, sight.roofs[h], adversary, settings_.simulation);
+    const HostTruth truth(prepared.frame, label_of(prepared.frame, id), sight.by.matching,
+                          carried_box(attacked, sight.roofs[h]));
+    const auto away = [&](const Box3& mask) {
+      return std::hypot(mask.bev.x - object.bev.x, mask.bev.y - object.bev.y);
+    };
+    std::ranges::stable_sort(masks, {}, away);
+    for (const Box3& mask : masks) {
+      throw_if_interrupted(kNothingWritten);
+      if (best > kStrictest) break;
+      if (covers(mask, object)) continue;
+      const auto proposals = sight.found(
+          masked(attacked.image, attacked.sweep, prepared.frame.calibration, mask, margin_), attacked.rect);
+      best = std::max(best, best_iou(proposals, truth, settings_.evaluation.score_threshold));
+    }
+    return best;
   }
 
   const CertificateSettings& settings_;
   FrameStore& store_;
+  const AttackedIou& attacked_;
   double ground_;
   MaskMargin margin_;
   std::vector<AdversaryLimits> limits_;
 };
 
-/// Share of the hosts for which `holds`.
-template <class Holds>
-Interval share_of(const std::vector<CertifiedHost>& hosts, const Holds& holds) {
-  ClusteredShare share;
-  for (const CertifiedHost& host : hosts) share.add(cluster_of(host.id.frame, host.track), holds(host));
-  return share.interval();
-}
-
 CertifiedShares shares_of(const std::vector<CertifiedHost>& hosts, std::size_t s) {
   CertifiedShares shares;
-  const auto above = [&](auto&& value, double iou) {
-    return share_of(hosts, [&](const CertifiedHost& host) { return value(host) > iou; });
+  double nearest = 0, farthest = std::numeric_limits<double>::infinity();
+  const auto above = [&](const auto& value, double iou) {
+    ClusteredShare share;
+    for (const CertifiedHost& host : hosts)
+      if (host.range >= nearest && host.range < farthest)
+        share.add(cluster_of(host.id.frame, host.track), value(host) > iou);
+    return share.interval();
+  };
+  const auto of_size = [s](const auto& value) {
+    return [s, value](const CertifiedHost& host) { return value(host.sizes[s]); };
   };
   const auto clean = [](const CertifiedHost& host) { return host.clean_iou; };
-  const auto known = [s](const CertifiedHost& host) { return host.sizes[s].known_iou; };
-  const auto by_lattice = [s](const CertifiedHost& host) { return host.sizes[s].lattice_iou; };
-  shares.clean70 = above(clean, 0.7), shares.clean50 = above(clean, 0.5);
   const auto control = [](const CertifiedHost& host) { return host.control_iou; };
-  const auto attacked = [](const CertifiedHost& host) { return host.attacked_iou; };
-  shares.control70 = above(control, 0.7), shares.control50 = above(control, 0.5);
-  shares.attacked70 = above(attacked, 0.7), shares.attacked50 = above(attacked, 0.5);
-  shares.known70 = above(known, 0.7), shares.known50 = above(known, 0.5);
-  shares.lattice70 = above(by_lattice, 0.7), shares.lattice50 = above(by_lattice, 0.5);
+  const auto attacked = of_size([](const Certificate& of) { return of.attacked_iou; });
+  const auto known = of_size([](const Certificate& of) { return of.known_iou; });
+  const auto by_lattice = of_size([](const Certificate& of) { return of.lattice_iou; });
+  const auto with_or_without =
+      of_size([](const Certificate& of) { return std::max(of.known_iou, of.attacked_iou); });
+  const auto survived = of_size([](const Certificate& of) { return of.survived_iou; });
+  shares.clean70 = above(clean, kStrictest), shares.clean50 = above(clean, 0.5);
+  shares.control70 = above(control, kStrictest), shares.control50 = above(control, 0.5);
+  shares.attacked70 = above(attacked, kStrictest), shares.attacked50 = above(attacked, 0.5);
+  shares.known70 = above(known, kStrictest), shares.known50 = above(known, 0.5);
+  shares.lattice70 = above(by_lattice, kStrictest), shares.lattice50 = above(by_lattice, 0.5);
   for (const CertifiedHost& host : hosts) shares.covered += host.sizes[s].covered;
+  for (std::size_t b = 0; b < shares.bands.size(); ++b) {
+    if (b > 0) nearest = kScoreBands[b - 1], farthest = kScoreBands[b];
+    CertifiedBand& band = shares.bands[b];
+    band.nearest = nearest, band.farthest = farthest;
+    band.hosts = static_cast<int>(std::ranges::count_if(
+        hosts, [&](const CertifiedHost& host) { return host.range >= nearest && host.range < farthest; }));
+    band.known70 = {above(known, kStrictest), above(with_or_without, kStrictest)};
+    band.known50 = {above(known, 0.5), above(with_or_without, 0.5)};
+    band.lattice70 = {above(by_lattice, kStrictest), above(survived, kStrictest)};
+    band.lattice50 = {above(by_lattice, 0.5), above(survived, 0.5)};
+  }
   return shares;
+}
+
+/// What is found of each host under each adversary, of outcomes or by looking.
+AttackedIou attacked_iou(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
+                         const CertificateSettings& settings) {
+  AttackedIou attacked;
+  if (settings.adversaries.empty()) return attacked;
+  std::vector<HostOutcome> own;
+  std::span<const HostOutcome> outcomes = settings.attacked;
+  if (outcomes.empty()) {
+    EvaluationSettings by = settings.evaluation;
+    by.matching = detectors.front()->capabilities().matching();
+    own = evaluate(detectors, store, hosts, clean_detections(detectors, store, hosts, by),
+                   settings.adversaries, settings.simulation, by)
+              .hosts;
+    outcomes = own;
+  }
+  const std::size_t count = settings.adversaries.size();
+  for (const HostOutcome& outcome : outcomes) {
+    std::vector<double>& of = attacked[outcome.id];
+    of.resize(count, -1);
+    of.at(static_cast<std::size_t>(outcome.mesh)) = outcome.attacked_iou;
+  }
+  for (const HostId& id : hosts)
+    if (!attacked.contains(id) || std::ranges::count(attacked.at(id), -1) > 0)
+      throw FieldError("attacked", host_name(id), "has no outcome under every adversary", "evaluate it");
+  return attacked;
 }
 
 }  // namespace
@@ -267,9 +369,10 @@ CertificateResult certify(const DetectorPool& detectors, FrameStore& store, cons
     const auto [at, fresh] = place.emplace(id.frame, frames.size());
     if (fresh) frames.push_back({id.frame, {}, {}, {}, {}, {}});
     frames[at->second].hosts.push_back(result.hosts.size());
-    result.hosts.push_back({id, -1, 0, 0, 0, 0, {}});
+    result.hosts.push_back({id, -1, 0, 0, 0, {}});
   }
-  const Certifier certifier(settings, store, lidar);
+  const AttackedIou attacked = attacked_iou(detectors, store, hosts, settings);
+  const Certifier certifier(settings, store, lidar, attacked);
   Progress progress("certify", frames.size(), settings.evaluation.quiet);
   std::mutex mutex;
   std::size_t done = 0;
@@ -287,24 +390,50 @@ CertificateResult certify(const DetectorPool& detectors, FrameStore& store, cons
   for (std::size_t s = 0; s < settings.sizes.size(); ++s) {
     CertifiedShares shares = shares_of(result.hosts, s);
     shares.size = settings.sizes[s];
-    shares.adversary = settings.adversary && fits(*settings.adversary, limits_of_size(settings.sizes[s]));
-    shares.objects = result.hosts.size() * (static_cast<std::size_t>(settings.objects) + shares.adversary);
-    std::vector<ScoredFrame> united;
+    shares.adversaries =
+        static_cast<int>(std::ranges::count_if(settings.adversaries, [&](const TexturedMesh& adversary) {
+          return fits(adversary, limits_of_size(settings.sizes[s]));
+        }));
+    if (settings.objects > 0)
+      shares.objects = result.hosts.size() * static_cast<std::size_t>(settings.objects + shares.adversaries);
+    std::vector<ScoredFrame> whole;
     std::size_t masks = 0;
     for (const FrameWork& frame : frames) {
       shares.violations += frame.violations[s];
-      if (!settings.with_lattice) continue;
-      united.push_back(frame.united[s]);
-      masks += frame.masks[s];
+      if (settings.with_lattice) masks += frame.masks[s];
+      if (settings.with_lattice && settings.whole_lattice) whole.push_back(frame.united[s]);
     }
-    if (settings.with_lattice) {
-      result.masks.push_back(masks / frames.size());
-      result.lattice_ap70.push_back(average_precision(united, 0.7).average_precision);
-    }
+    if (settings.with_lattice) result.masks.push_back(masks / frames.size());
+    if (!whole.empty()) result.lattice_ap70.push_back(average_precision(whole, 0.7).average_precision);
     result.shares.push_back(shares);
   }
   return result;
 }
+
+namespace {
+
+/// A bracket's `attacked` only where that was looked for.
+nlohmann::json bands_json(const CertifiedShares& shares, const CertificateSettings& settings) {
+  auto bands = nlohmann::json::array();
+  for (const CertifiedBand& band : shares.bands) {
+    bands.push_back(
+        {{"from_m", band.nearest},
+         {"to_m", std::isfinite(band.farthest) ? nlohmann::json(band.farthest) : nlohmann::json()},
+         {"hosts", band.hosts}});
+    const auto add = [&](const char* name, const Bracket& bracket, bool attacked) {
+      bands.back()[name]["certified"] = to_json(bracket.certified);
+      if (attacked) bands.back()[name]["attacked"] = to_json(bracket.attacked);
+    };
+    add("known70", band.known70, true);
+    add("known50", band.known50, true);
+    if (!settings.with_lattice) continue;
+    add("lattice70", band.lattice70, settings.whole_lattice);
+    add("lattice50", band.lattice50, settings.whole_lattice);
+  }
+  return bands;
+}
+
+}  // namespace
 
 nlohmann::json to_json(const CertificateResult& result, const CertificateSettings& settings) {
   auto sizes = nlohmann::json::array(), outcomes = nlohmann::json::array();
@@ -317,10 +446,11 @@ nlohmann::json to_json(const CertificateResult& result, const CertificateSetting
                            {"control_iou50", to_json(of.control50)},
                            {"known_roof_iou70", to_json(of.known70)},
                            {"known_roof_iou50", to_json(of.known50)},
+                           {"adversaries", of.adversaries},
                            {"objects", of.objects},
-                           {"adversary_among_them", of.adversary},
-                           {"violations", of.violations}};
-    if (settings.adversary) {
+                           {"violations", of.violations},
+                           {"bands", bands_json(of, settings)}};
+    if (of.adversaries > 0) {
       size["attacked_iou70"] = to_json(of.attacked70);
       size["attacked_iou50"] = to_json(of.attacked50);
     }
@@ -329,7 +459,7 @@ nlohmann::json to_json(const CertificateResult& result, const CertificateSetting
       size["lattice_iou50"] = to_json(of.lattice50);
       size["covered"] = of.covered;
       size["masks"] = result.masks[s];
-      size["lattice_ap70"] = result.lattice_ap70[s];
+      if (settings.whole_lattice) size["lattice_ap70"] = result.lattice_ap70[s];
     }
     sizes.push_back(std::move(size));
   }
@@ -338,8 +468,11 @@ nlohmann::json to_json(const CertificateResult& result, const CertificateSetting
     for (const Certificate& c : host.sizes) {
       certificates.push_back(
           {{"known_iou", c.known_iou}, {"removed", c.removed}, {"hidden_share", c.hidden_share}});
+      if (!settings.adversaries.empty()) certificates.back()["attacked_iou"] = c.attacked_iou;
       if (settings.with_lattice)
         certificates.back().update({{"lattice_iou", c.lattice_iou}, {"covered", c.covered}});
+      if (settings.with_lattice && settings.whole_lattice)
+        certificates.back()["survived_iou"] = c.survived_iou;
     }
     outcomes.push_back({{"frame", host.id.frame},
                         {"label", host.id.label},
@@ -348,7 +481,6 @@ nlohmann::json to_json(const CertificateResult& result, const CertificateSetting
                         {"clean_iou", host.clean_iou},
                         {"control_iou", host.control_iou},
                         {"sizes", certificates}});
-    if (settings.adversary) outcomes.back()["attacked_iou"] = host.attacked_iou;
   }
   return {{"hosts", result.hosts.size()},
           {"clusters", to_json(result.clusters)},

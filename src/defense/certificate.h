@@ -9,12 +9,21 @@
 //   known roof  the one mask is the object's own box: what any masking defence could reach at best.
 //   lattice     boxes on a grid over the ground, at roofs' heights, that do not depend on the frame: every
 //               box of an object is inside one of them, so the guarantee needs no knowledge of the roof.
-// A certificate is for a car as it was recorded; a car that is not certified may still be found.
+// A certificate is for a car as it was recorded; a car that is not certified may still be found. The share of
+// cars that no object can hide lies in a bracket: no less than are certified, no more than are found with
+// known objects on the roof, under a mask or without one.
+//
+// A certificate asks of the lattice only those masks that hold the car's roof, one to four; the other
+// hundreds can add cars under attack, and false alarms, and are looked through where that is asked for.
 #pragma once
 
+#include <array>
 #include <optional>
+#include <span>
+#include <vector>
 
 #include "attack/evaluation.h"
+#include "attack/score.h"
 #include "base/clusters.h"
 #include "base/fields.h"
 #include "defense/roof_mask.h"
@@ -45,28 +54,34 @@ bool covers(const Box3& mask, const Box3& box);
 /// What `certify` does.
 struct CertificateSettings {
   std::vector<double> sizes = {0.2, 0.4, 0.6, 0.8, 1.0};  ///< L of AdversaryLimits (limits_of_size), m
-  bool with_lattice = false;                              ///< hundreds of passes a frame
+  bool with_lattice = false;                              ///< the masks that hold a roof
+  bool whole_lattice = false;                             ///< and all others: hundreds of passes a frame
   LatticeSettings lattice;
   double mask_pixels = MaskMargin().pixels, mask_metres = MaskMargin().metres;
-  int objects = 20;  ///< random objects a host and size for which the premise is checked; 0: none
+  /// Random objects a host and size for which the premise is checked, and the adversaries; 0: none of both.
+  int objects = 20;
   std::uint64_t seed = 0;
   SimulationSettings simulation;          ///< of these objects
-  std::optional<TexturedMesh> adversary;  ///< attacks the detector without masks, to be told beside
+  std::vector<TexturedMesh> adversaries;  ///< known objects: the bracket's other end
+  /// What the detector finds with them, as evaluate() has it. Empty: certify() evaluates.
+  std::span<const HostOutcome> attacked;
   EvaluationSettings evaluation;
 };
 
 /// But `sizes`, a list of any length.
 template <class Visitor, FieldsOf<CertificateSettings> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "with_lattice",
-         .help = "also certify without knowing the roofs: masks on a grid over the ground, "
-                 "hundreds of passes a frame",
-         .option = "lattice"},
-        s.with_lattice);
+  visit(
+      {.name = "lattice", .help = "also certify without knowing the roofs: masks on a grid over the ground"},
+      s.with_lattice);
+  visit({.name = "whole_lattice",
+         .help = "with --lattice: also look through the masks that hold no car's roof, hundreds a frame: AP, "
+                 "and the bracket's other end"},
+        s.whole_lattice);
   visit_fields(visit, s.lattice);
   visit({.name = "objects",
          .help = "random objects for each car and size, to check that the mask covers all that "
-                 "they change",
+                 "they and known objects change; 0: no check",
          .range = kNotNegative},
         s.objects);
   visit({.name = "mask_pixels", .help = "the mask's margin in the picture, pixels", .range = {0, 1e4}},
@@ -77,8 +92,14 @@ void visit_fields(Visitor& visit, S& s) {
 
 /// One car at one size.
 struct Certificate {
-  double known_iou = 0;     ///< best IoU with the car of what is found under its own roof's mask
-  double lattice_iou = 0;   ///< the best over the lattice's masks that cover the roof; 0 without one
+  double known_iou = 0;  ///< best IoU with the car of what is found under its own roof's mask
+  /// The best over the lattice's masks that cover the roof, but for `whole_lattice` no further than to one
+  /// over 0.7; 0 without one.
+  double lattice_iou = 0;
+  /// The least under the adversaries that stay in the box, without masks; without any, clean_iou.
+  double attacked_iou = 0;
+  /// The same where a detection under any mask of the whole lattice counts, too; above 0.7 not measured out.
+  double survived_iou = 0;
   bool covered = false;     ///< whether a mask of the lattice covers the roof
   std::size_t removed = 0;  ///< returns that the roof's mask takes
   double hidden_share = 0;  ///< of the picture's pixels
@@ -93,8 +114,20 @@ struct CertifiedHost {
   /// Control: the same under a mask over the car itself. Who is found there is found by what is around, or
   /// the mask takes nothing.
   double control_iou = 0;
-  double attacked_iou = 0;  ///< the same with `adversary` on the roof, without masks
   std::vector<Certificate> sizes;
+};
+
+/// Between these lies the share of cars that no object in the box can hide from a detector that keeps what it
+/// finds with and without masks.
+struct Bracket {
+  Interval certified, attacked;
+};
+
+/// Cars at some distances.
+struct CertifiedBand {
+  double nearest = 0, farthest = 0;  ///< m; the nearer end belongs to it
+  int hosts = 0;
+  Bracket known70, known50, lattice70, lattice50;  ///< lattice's `attacked`: of the whole lattice
 };
 
 /// Shares of the cars, with 95 % intervals (base/clusters.h).
@@ -102,13 +135,14 @@ struct CertifiedShares {
   double size = 0;                  ///< L, m
   Interval clean70, clean50;        ///< found as recorded, of all hosts
   Interval control70, control50;    ///< found under a mask over the car itself
-  Interval attacked70, attacked50;  ///< found with the adversary on the roof
+  Interval attacked70, attacked50;  ///< found under every adversary that the box holds, without masks
   Interval known70, known50;        ///< certified with the known roof, of all hosts
   Interval lattice70, lattice50;    ///< certified by the lattice, of all hosts
-  int covered = 0;                  ///< hosts whose roof a mask of the lattice covers
-  std::size_t objects = 0;          ///< for which the premise was checked
-  bool adversary = false;           ///< whether the run's, which this box holds, is among them on every host
-  std::size_t violations = 0;       ///< that changed something the mask leaves
+  std::array<CertifiedBand, kScoreBands.size()> bands;  ///< all distances, then kScoreBands
+  int covered = 0;                                      ///< hosts whose roof a mask of the lattice covers
+  int adversaries = 0;                                  ///< that the box holds
+  std::size_t objects = 0;                              ///< for which the premise was checked
+  std::size_t violations = 0;                           ///< that changed something the mask leaves
 };
 
 /// What certify() found.
@@ -116,17 +150,19 @@ struct CertificateResult {
   std::vector<CertifiedHost> hosts;
   std::vector<CertifiedShares> shares;  ///< one a size
   std::vector<std::size_t> masks;       ///< of the lattice, one a size, a frame on average
-  /// AP at 0.7 of the frame as recorded, and of the lattice's whole answer to it; one a size.
+  /// AP at 0.7 of the frame as recorded, and of the whole lattice's answer to it; one a size.
   double clean_ap70 = 0;
   std::vector<double> lattice_ap70;
   ClusterCount clusters;  ///< of the hosts: what the shares' intervals rest on
 };
 
-/// Certifies every host. FieldError for settings out of range; Interrupted between hosts.
+/// Certifies every host. FieldError for settings out of range and for outcomes that lack a host or an
+/// adversary; Interrupted between hosts.
 CertificateResult certify(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                           const LidarModel& lidar, const CertificateSettings& settings);
 
-/// {"hosts": N, "sizes": [{"size", "clean_iou70", …}], "outcomes": [...]}.
+/// {"hosts": N, "sizes": [{"size", "clean_iou70", …, "bands": [{from_m, to_m (null: any), hosts, known70:
+/// {certified, attacked}, …}]}], "outcomes": [...]}.
 nlohmann::json to_json(const CertificateResult& result, const CertificateSettings& settings);
 
 }  // namespace mirage

@@ -8,6 +8,8 @@
 #include "base/error.h"
 #include "base/random.h"
 #include "defense/certificate.h"
+#include "detection/detector_settings.h"
+#include "generator/dataset.h"
 #include "scene/data/read_frames.h"
 #include "support/files.h"
 
@@ -78,7 +80,7 @@ TEST(RoofMask, HidesAllThatAnyObjectChanges) {
   CertificateSettings settings;
   settings.sizes = {0.2, 0.5, 0.8};
   settings.objects = 25;
-  settings.adversary = random_adversary(3, limits_of_size(0.5));
+  settings.adversaries = {random_adversary(3, limits_of_size(0.5))};
   settings.evaluation.quiet = true;
   DetectorPool detectors;
   detectors.push_back(std::make_unique<test::StandInDetector>());
@@ -86,8 +88,8 @@ TEST(RoofMask, HidesAllThatAnyObjectChanges) {
   const CertificateResult result = certify(detectors, store, hosts, lidar, settings);
   ASSERT_EQ(result.shares.size(), 3u);
   for (const CertifiedShares& shares : result.shares) {
-    EXPECT_EQ(shares.adversary, shares.size > 0.4);  // too large for the smallest box
-    EXPECT_EQ(shares.objects, shares.adversary ? 78u : 75u);
+    EXPECT_EQ(shares.adversaries, shares.size > 0.4 ? 1 : 0);  // too large for the smallest box
+    EXPECT_EQ(shares.objects, shares.adversaries > 0 ? 78u : 75u);
     EXPECT_EQ(shares.violations, 0u) << shares.size;
   }
   // The check sees what sticks out: objects of one size under the mask of a smaller one.
@@ -132,20 +134,24 @@ TEST(Lattice, CoversEveryRoof) {
   }
 }
 
-/// Finds the first frame's car as long as enough returns are where it looks.
+/// Finds the first frame's car as long as enough returns are where it looks, and none where it must not.
 class ReturnsDetector : public test::StandInDetector {
  public:
-  explicit ReturnsDetector(bool on_roof) : on_roof_(on_roof) {}
+  enum class Looks { at_body, at_roof, at_low_roof };
+  explicit ReturnsDetector(Looks looks) : looks_(looks) {}
   std::vector<Detection> forward(const SensorView& input, double, bool) override {
-    int count = 0;
-    for (const LidarPoint& p : input.points)
-      count += std::hypot(p.x - 11.4, p.y) < 2.5 && (on_roof_ ? p.z > 0 : p.z < -0.6 && p.z > -1.6);
-    if (count < (on_roof_ ? 1 : 10)) return {};
+    int body = 0, roof = 0, high = 0;
+    for (const LidarPoint& p : input.points) {
+      if (std::hypot(p.x - 11.4, p.y) > 2.5) continue;
+      body += p.z < -0.6 && p.z > -1.6, roof += p.z > 0, high += p.z > 0.3;
+    }
+    if (looks_ == Looks::at_body ? body < 10 : roof < 1) return {};
+    if (looks_ == Looks::at_low_roof && high > 0) return {};
     return {{test::tiny_car(0), 3}};
   }
 
  private:
-  bool on_roof_;
+  Looks looks_;
 };
 
 TEST(Certificate, IsForCarsThatAreFoundWithoutWhatStandsOnTheirRoof) {
@@ -163,7 +169,8 @@ TEST(Certificate, IsForCarsThatAreFoundWithoutWhatStandsOnTheirRoof) {
   settings.evaluation.quiet = true;
   for (const bool on_roof : {false, true}) {
     DetectorPool detectors;
-    detectors.push_back(std::make_unique<ReturnsDetector>(on_roof));
+    detectors.push_back(std::make_unique<ReturnsDetector>(on_roof ? ReturnsDetector::Looks::at_roof
+                                                                  : ReturnsDetector::Looks::at_body));
     const CertificateResult result =
         certify(detectors, store, {{"000000", 0}}, lidar_of(folder / "data"), settings);
     EXPECT_GT(result.hosts.at(0).clean_iou, 0.9) << on_roof;
@@ -181,12 +188,108 @@ TEST(Certificate, IsForCarsThatAreFoundWithoutWhatStandsOnTheirRoof) {
   CertificateSettings bad = settings;
   bad.sizes = {-1};
   DetectorPool detectors;
-  detectors.push_back(std::make_unique<ReturnsDetector>(false));
+  detectors.push_back(std::make_unique<ReturnsDetector>(ReturnsDetector::Looks::at_body));
   EXPECT_THAT(error_text<InputError>([&] {
                 certify(detectors, store, {{"000000", 0}}, lidar_of(folder / "data"), bad);
               }),
               testing::StartsWith("sizes: -1: "));
 }
+
+TEST(Certificate, IsTheLowerEndOfABracketWhoseUpperEndIsUnderKnownObjects) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 1, true);
+  Frame frame = read_frame(folder / "data", "000000");
+  frame.sweep.push_back({11.2f, 0.f, 0.1f, 0.3f});  // a thing on the roof
+  write_frame(folder / "data", frame);
+  FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
+  CertificateSettings settings;
+  settings.sizes = {0.2, 0.8};
+  settings.with_lattice = settings.whole_lattice = true;
+  settings.lattice.farthest = 20;
+  settings.objects = 0;
+  settings.adversaries = {initial_adversary(limits_of_size(0.8), 1)};
+  settings.evaluation.quiet = true;
+  using Looks = ReturnsDetector::Looks;
+  for (const auto& [looks, certified, attacked] :
+       {std::tuple{Looks::at_body, 1, 1}, {Looks::at_roof, 0, 1}, {Looks::at_low_roof, 0, 0}}) {
+    DetectorPool detectors;
+    detectors.push_back(std::make_unique<ReturnsDetector>(looks));
+    const CertificateResult result =
+        certify(detectors, store, {{"000000", 0}}, lidar_of(folder / "data"), settings);
+    const CertifiedShares &small = result.shares.at(0), &large = result.shares.at(1);
+    EXPECT_EQ(small.adversaries, 0);
+    EXPECT_EQ(large.adversaries, 1);
+    const CertifiedBand &all = large.bands.at(0), &near = large.bands.at(1), &far = large.bands.at(2);
+    EXPECT_EQ(all.hosts, 1);
+    EXPECT_EQ(near.hosts, 1);
+    EXPECT_EQ(far.hosts, 0);
+    EXPECT_EQ(near.known50.certified.value, certified);
+    EXPECT_EQ(near.known50.attacked.value, attacked);
+    // The smallest box does not hold the object: nothing is known to hide the car there.
+    EXPECT_EQ(small.bands.at(1).known50.attacked.value, 1);
+    EXPECT_EQ(near.lattice50.certified.value, certified);
+    EXPECT_GE(near.lattice50.attacked.value, attacked);
+
+    // The evaluation's outcomes say the same.
+    EvaluationSettings by = settings.evaluation;
+    const Evaluation evaluation =
+        evaluate(detectors, store, {{"000000", 0}}, settings.adversaries.front(), settings.simulation, by);
+    CertificateSettings known = settings;
+    known.attacked = evaluation.hosts;
+    EXPECT_EQ(to_json(certify(detectors, store, {{"000000", 0}}, lidar_of(folder / "data"), known), known),
+              to_json(result, settings));
+    known.adversaries.push_back(settings.adversaries.front());
+    EXPECT_THROW(certify(detectors, store, {{"000000", 0}}, lidar_of(folder / "data"), known), FieldError);
+  }
+}
+
+#ifdef MIRAGE_HAS_FUSION
+TEST(Certificate, LocalPassesUnderAFewMasksCertifyTheCarsOfTheWholeLattice) {
+  setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);
+  setenv("MIRAGE_CACHE", "off", 0);
+  TemporaryFolder folder;
+  generate_dataset(read_rig(rig_file("kitti64")), 7, 0, 1, folder / "data", [](std::size_t) {});
+  FrameStore store(FrameSource{folder / "data"});
+  const LidarModel lidar = lidar_of(folder / "data");
+  CertificateSettings settings;
+  settings.sizes = {0.4};
+  settings.with_lattice = true;
+  settings.lattice = {.step = 4, .farthest = 48};
+  settings.objects = 0;
+  settings.evaluation.quiet = true;
+  const auto certified = [&](int memory_mb, bool whole) {
+    DetectorOptions options;
+    options.rig = "kitti64";
+    options.threads = 1;
+    options.clean_memory_mb = memory_mb;
+    DetectorPool detectors;
+    detectors.push_back(load_detector(options));
+    EXPECT_EQ(detectors.front()->capabilities().why_whole.empty(), memory_mb > 0);
+    std::vector<HostId> hosts;
+    for (const Host& host :
+         find_all_hosts(store, {"000000"}, detectors.front()->region(), settings.simulation, 0.7))
+      hosts.push_back(host.id);
+    settings.whole_lattice = whole;
+    return certify(detectors, store, hosts, lidar, settings);
+  };
+  const CertificateResult few = certified(2048, false), whole = certified(0, true);
+  ASSERT_EQ(few.hosts.size(), whole.hosts.size());
+  EXPECT_EQ(few.masks, whole.masks);
+  EXPECT_TRUE(few.lattice_ap70.empty());
+  EXPECT_EQ(whole.lattice_ap70.size(), 1u);
+  int certain = 0, covered = 0;
+  for (std::size_t h = 0; h < few.hosts.size(); ++h) {
+    const Certificate &a = few.hosts[h].sizes.at(0), &b = whole.hosts[h].sizes.at(0);
+    EXPECT_EQ(a.covered, b.covered) << h;
+    EXPECT_LT(a.lattice_iou, b.lattice_iou + 1e-4) << h;
+    EXPECT_NEAR(a.known_iou, b.known_iou, 1e-4) << h;
+    for (const double iou : {0.5, 0.7}) EXPECT_EQ(a.lattice_iou > iou, b.lattice_iou > iou) << h;
+    covered += a.covered, certain += a.lattice_iou > 0.5;
+  }
+  EXPECT_GT(covered, 1);
+  EXPECT_GT(certain, 0);
+}
+#endif
 
 }  // namespace
 }  // namespace mirage
