@@ -14,6 +14,7 @@
 #include "base/names.h"
 #include "base/progress.h"
 #include "base/words.h"
+#include "detection/audit.h"
 #include "generator/dataset.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
@@ -190,6 +191,19 @@ std::map<fs::path, std::string> zoo_kinds(const std::string& rig) {
   return kinds;
 }
 
+/// On the frames on which the gate was measured.
+Audit use_of_points(const RunEvaluation& evaluation) {
+  if (!evaluation.detectors.front()->capabilities().reads_points) return {};
+  std::vector<Detector*> detectors;
+  for (const auto& detector : evaluation.detectors) detectors.push_back(detector.get());
+  const AttackSettings& judged = evaluation.stage.settings;
+  const std::vector<std::string> ids = spread_evenly(list_frames(judged.data), kAuditFrames);
+  Progress progress("use of the sweep", ids.size(), evaluation.settings.quiet);
+  return run_audit(
+      detectors, judged.data, ids, {{AuditChange::Kind::other_sweep}}, {}, 0,
+      [&](std::size_t done, std::size_t) { progress.update(done); }, judged.classes);
+}
+
 ScoredObject scored_object(const NamedObject& object, const std::map<fs::path, std::string>& kinds) {
   const auto kind = kinds.find(object.file);
   const std::string name = kind == kinds.end() ? object.name : object.file.stem().string();
@@ -290,6 +304,7 @@ ScoreResult score(const ScoreRequest& request) {
     }
   }
   result.evaluation = evaluate_run(evaluation);
+  result.points = use_of_points(result.evaluation);
   std::vector<ScoredObject> objects;
   const std::size_t known = result.evaluation.objects.size() - result.learned.size();
   for (std::size_t i = 0; i < known; ++i)
@@ -328,24 +343,33 @@ nlohmann::json to_json(const ScoreResult& result) {
                        {"vehicles", object.result.vehicles_train}});
   std::set<std::string> frames;
   for (const HostId& host : evaluation.hosts) frames.insert(host.frame);
-  return {{"detector", evaluation.detectors.front()->name()},
-          {"weights", evaluation.detector.weights.string()},
-          {"defense", evaluation.detector.defense},
-          {"grade", score.grade.empty() ? nlohmann::json() : nlohmann::json(score.grade)},
-          {"answer", score.answer},
-          {"limit", kScoreLimit},
-          {"within_m", kBoundRange},
-          {"bands", kScoreBands},
-          {"by_band", score.by_band},
-          {"rows", rows},
-          {"frames", frames.size()},
-          {"frames_needed", maybe(score.frames_needed)},
-          {"hosts", evaluation.hosts.size()},
-          {"vehicles", evaluation.learned.hiding.vanished.vehicles},
-          {"clusters", to_json(evaluation.learned.clusters)},
-          {"reliance", to_json(evaluation.reliance)},
-          {"reliance_words", describe(evaluation.reliance)},
-          {"learned", learned}};
+  const nlohmann::json points = to_json(result.points);
+  nlohmann::json uses = points.at("uses");
+  if (const Reliance& picture = evaluation.reliance; picture.reads_picture)
+    uses["image"] =
+        picture.use() == InputUse::unclear ? nlohmann::json() : nlohmann::json(picture.uses_picture());
+  nlohmann::json json = {{"detector", evaluation.detectors.front()->name()},
+                         {"weights", evaluation.detector.weights.string()},
+                         {"defense", evaluation.detector.defense},
+                         {"grade", score.grade.empty() ? nlohmann::json() : nlohmann::json(score.grade)},
+                         {"answer", score.answer},
+                         {"limit", kScoreLimit},
+                         {"within_m", kBoundRange},
+                         {"bands", kScoreBands},
+                         {"by_band", score.by_band},
+                         {"rows", rows},
+                         {"frames", frames.size()},
+                         {"frames_needed", maybe(score.frames_needed)},
+                         {"hosts", evaluation.hosts.size()},
+                         {"vehicles", evaluation.learned.hiding.vanished.vehicles},
+                         {"clusters", to_json(evaluation.learned.clusters)},
+                         {"reliance", to_json(evaluation.reliance)},
+                         {"reliance_words", describe(evaluation.reliance)},
+                         {"uses", uses},
+                         {"learned", learned}};
+  if (!result.points.rows.empty())
+    json.update({{"points", points.at("audit").front()}, {"points_words", points.at("answer").front()}});
+  return json;
 }
 
 nlohmann::json read_scores(const std::vector<fs::path>& files) {

@@ -110,6 +110,7 @@ struct LearnedObject {
 struct ScoreResult {
   Score score;
   RunEvaluation evaluation;
+  Audit points;  ///< of another frame's sweep alone; no row for a detector without a LiDAR
   std::vector<LearnedObject> learned;
 };
 
@@ -120,7 +121,8 @@ ScoreResult score(const ScoreRequest& request);
 /// {detector, weights, defense, grade (null without one), answer: [text], limit, within_m, bands: [m],
 /// by_band: [grade], rows: [{level, name, objects, phantoms?: {value, low, high}, cells: [as HiddenBound, and
 /// held, needed_vehicles]}], frames, frames_needed, hosts, vehicles, clusters, reliance, reliance_words,
-/// learned: [{size, attack, steps, vehicles}]}
+/// points?: as a row of to_json(Audit), points_words?, uses: {image?, points?}: true, false or null, learned:
+/// [{size, attack, steps, vehicles}]}
 nlohmann::json to_json(const ScoreResult& result);
 
 /// Results of `mirage score` (files, or folders that hold result.json): [{score, provenance}]. InputError,

@@ -10,7 +10,9 @@
 #include "cli/options.h"
 #include "cli/page.h"
 #include "cli/table.h"
+#include "defense/certificate.h"
 #include "frames/made_of.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage::cli {
 namespace {
@@ -48,7 +50,7 @@ void add_options(CLI::App& app, ScoreOptions& options) {
   app.add_flag("--no-adaptive", options.no_adaptive,
                "learn no object against the detector; there is no grade then");
   app.add_flag("--certify", options.certify,
-               "also count the cars that no object of these sizes can hide (mirage certify)");
+               "also bracket the share of cars that no object of these sizes can hide (mirage certify)");
   app.add_option("--board", options.board,
                  "in place of scoring: OUT/board.html of these results of mirage score");
   tell_of_cache(app);
@@ -67,6 +69,7 @@ void print_score(const ScoreResult& result) {
       {"cars found as recorded", fmt::format("{} of {}", result.evaluation.learned.hiding.vanished.vehicles,
                                              result.evaluation.hosts.size())}};
   for (auto& row : picture_rows(result.evaluation.reliance)) head.push_back(std::move(row));
+  for (const std::string& line : describe(result.points)) head.push_back({"use of the sweep", line});
   for (const std::string& line : result.score.answer) head.push_back({"answer", line});
   print_table(head);
   Columns table = {{"cars that vanish"}};
@@ -85,24 +88,21 @@ void print_score(const ScoreResult& result) {
   print_columns(table);
 }
 
-/// mirage certify of the same frames and sizes: its shares, one a size.
-nlohmann::json certified(const ScoreRequest& request, const RunEvaluation& evaluation, const Common& common) {
+/// Certificates of the same cars, beside what the objects left of them: their shares, one a size.
+nlohmann::json certified(const ScoreRequest& request, const RunEvaluation& evaluation) {
   const AttackSettings& judged = evaluation.stage.settings;
-  const nlohmann::json result = run_command("certify",
-                                            {{"data", judged.data.string()},
-                                             {"rig", judged.rig},
-                                             {"depth", judged.depth},
-                                             {"rooftop", judged.rooftop},
-                                             {"detector", evaluation.detector.detector},
-                                             {"weights", evaluation.detector.weights.string()},
-                                             {"defense", evaluation.detector.defense},
-                                             {"sizes", fmt::format("{}", fmt::join(request.sizes, ","))},
-                                             {"seed", std::to_string(common.seed)},
-                                             {"threads", std::to_string(common.threads)},
-                                             {"quiet", fmt::format("{}", common.quiet)},
-                                             {"out", (common.out / "certify").string()}},
-                                            "mirage score");
-  return result.at("sizes");
+  CertificateSettings settings;
+  settings.sizes = request.sizes;
+  settings.with_lattice = true;
+  settings.objects = 0;
+  settings.seed = request.seed;
+  settings.simulation = judged.simulation;
+  for (const NamedObject& object : evaluation.objects) settings.adversaries.push_back(object.mesh);
+  settings.attacked = evaluation.learned.hosts;
+  settings.evaluation = evaluation.settings;
+  const CertificateResult result = certify(evaluation.detectors, *evaluation.store, evaluation.hosts,
+                                           lidar_of(judged.data, judged.rig), settings);
+  return to_json(result, settings).at("sizes");
 }
 
 nlohmann::json make_board(const ScoreOptions& options, const Common& common) {
@@ -131,6 +131,9 @@ nlohmann::json run(const ScoreOptions& options, const Common& common) {
   request.detector.seed = request.seed = common.seed;
   request.detector.threads = common.threads;
   request.quiet = common.quiet;
+  if (options.certify && request.detector.locality > 0)
+    throw InputError("--locality", fmt::format("{}", request.detector.locality),
+                     "is an approximation, and proves nothing", "leave it or --certify out");
   const ScoreResult result = score(request);
   Provenance& made_of = *common.made_of;
   const AttackSettings& judged = result.evaluation.stage.settings;
@@ -139,7 +142,7 @@ nlohmann::json run(const ScoreOptions& options, const Common& common) {
   add_detector(made_of, result.evaluation.detector);
   made_of.set("simulation", to_json(judged.simulation));
   nlohmann::json json = to_json(result);
-  if (options.certify) json["certified"] = certified(request, result.evaluation, common);
+  if (options.certify) json["certified"] = certified(request, result.evaluation);
   print_score(result);
   return {{"score", json}};
 }

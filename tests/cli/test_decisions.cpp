@@ -35,7 +35,7 @@ class Decisions : public testing::Test {
 
 TEST_F(Decisions, AScoreFromNothingIsTheSameTwiceAndGoesOnABoard) {
   const std::string score =
-      "score --detector lidar --frames 3 --learn-frames 2 --iterations 2 --out " + at("score");
+      "score --detector lidar --certify --frames 3 --learn-frames 2 --iterations 2 --out " + at("score");
   ASSERT_EQ(mirage(score), 0) << said();
   EXPECT_THAT(said(), testing::AllOf(HasSubstr("Grade D"), HasSubstr("loads that people carry"),
                                      HasSubstr("20–40 m"), HasSubstr("no picture")));
@@ -47,6 +47,13 @@ TEST_F(Decisions, AScoreFromNothingIsTheSameTwiceAndGoesOnABoard) {
   EXPECT_EQ(told.at("rows").at(1).at("objects").size(), 5u);
   EXPECT_EQ(told.at("rows").at(3).at("objects").size(), 6u);
   EXPECT_EQ(told.at("rows").at(4).at("level"), "learned");
+  EXPECT_THAT(said(), HasSubstr("use of the sweep"));
+  EXPECT_TRUE(told.at("uses").contains("points"));
+  const nlohmann::json &certified = told.at("certified").at(0), &all = certified.at("bands").at(0);
+  EXPECT_GE(certified.at("adversaries"), 2);
+  EXPECT_EQ(all.at("hosts"), told.at("hosts"));
+  EXPECT_GE(all.at("known50").at("attacked").at("value"), all.at("known50").at("certified").at("value"));
+  EXPECT_TRUE(all.at("lattice50").contains("certified"));
   EXPECT_EQ(first.at("provenance").at("settings").at("iterations"), 2);
   const std::string sheet = page("score/score.html");
   EXPECT_THAT(sheet, HasSubstr("Grade D"));
@@ -65,6 +72,15 @@ TEST_F(Decisions, AScoreFromNothingIsTheSameTwiceAndGoesOnABoard) {
   EXPECT_EQ(mirage("score --board " + at("score") + " --out " + at("score")), 2);
   EXPECT_THAT(said(), HasSubstr("--out"));
   EXPECT_EQ(mirage("score --board " + at("score/judged") + " --out " + at("board")), 2);
+
+  // Any detector can be certified, by the masks that hold a roof or by all.
+  const std::string certify =
+      "certify --sizes 0.8 --objects 0 --lattice --farthest 20 --mesh zoo --frames 1 --data " +
+      at("score/judged") + " --out " + at("certify");
+  ASSERT_EQ(mirage(certify + " --detector lidar"), 0) << said();
+  EXPECT_THAT(said(), HasSubstr("L = 0.8 m, lattice"));
+  ASSERT_EQ(mirage(certify + " --detector lidar --whole-lattice"), 0) << said();
+  EXPECT_THAT(said(), HasSubstr("of the whole lattice"));
 
   // Known objects alone: no grade, and no frames to learn on.
   ASSERT_EQ(

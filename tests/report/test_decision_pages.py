@@ -76,7 +76,9 @@ def score(grade="C", detector="fusion", value=0.012):
         "limit": 0.05, "within_m": 40, "bands": [0, 20, 40, 70], "rows": rows, "frames": 120, "frames_needed": 320, "hosts": 700,
         "vehicles": 640, "clusters": {"by": "frame", "count": 120}, "reliance": {"reads_picture": True, "uses_picture": True},
         "reliance_words": "AP 0.7 76.8 % with the right picture, 50.1 % with another frame's: it uses its picture",
-        "certified": [{"size": 0.8, "known_roof_iou50": interval(0.5)}],
+        "points_words": "Another frame's sweep costs 60.0 points of AP 0.7 (50.0 to 70.0): it uses its sweep.",
+        "certified": [{"size": 0.8, "bands": [{"hosts": hosts, "known50": {"certified": interval(0.5), "attacked": interval(0.6)},
+                                               "lattice50": {"certified": interval(0.4)}} for hosts in (700, 200, 300, 0)]}],
         "learned": [{"size": 0.8, "attack": "plain", "steps": 60, "vehicles": 90}]},
         "provenance": {"command": "mirage score --detector fusion", "identity": "b" * 64, "date": "2026-01-01T00:00:00Z", "seed": 0,
                        "version": "0.1.0", "weights_hash": "c" * 64, "inputs": {"data": "d" * 64}}}
@@ -149,7 +151,7 @@ class ScorePage(Decision, unittest.TestCase):
 
     def test_is_one_sheet_of_a4_that_says_what_counts(self):
         text = self.browser.run("document.body.innerText")
-        for part in ("Grade C: within 40 m", "about 240 would tell", "does not hold", "no cars", "What was not tested", "Certified", "b" * 64):
+        for part in ("Grade C: within 40 m", "about 240 would tell", "does not hold", "no cars", "What was not tested", "certified, 0.8 m", "45.0 to 65.0", "it uses its sweep", "b" * 64):
             self.assertIn(part, text)
         self.assertEqual(self.sheets(), 1)
 

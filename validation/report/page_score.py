@@ -25,10 +25,18 @@ def worst(score, level, band, place):
     return max(found, key=lambda cell: (order.index(cell["held"]), cell["at_most"])) if found else None
 
 
+def certified(score):
+    """A row for each size; the first band of each is all distances."""
+    return [{"at": f"score.certified.{s}.size", "cells": [{"hosts": band["hosts"], "at": f"score.certified.{s}.bands.{b}"}
+                                                          for b, band in enumerate(size["bands"]) if b > 0]}
+            for s, size in enumerate(score.get("certified", []))]
+
+
 def values(result):
     score = result["score"]
     rows = [dict(row, cells=cells(row, f"score.rows.{at}"), at=f"score.rows.{at}") for at, row in enumerate(score["rows"])]
-    return {"score": score, "bands": spans(score["bands"]), "rows": rows, "made_of": figures.made_of(result), "grades": GRADES}
+    return {"score": score, "bands": spans(score["bands"]), "rows": rows, "made_of": figures.made_of(result), "grades": GRADES,
+            "certified": certified(score)}
 
 
 def board_values(result):
