@@ -113,6 +113,7 @@ class Certifier {
     const auto held = store_.get(work.id);
     const PreparedFrame& prepared = *held;
     const Frame& frame = prepared.frame;
+    require_first_sensors(detector.capabilities(), frame, "certificate");
     EvaluationSettings by = settings_.evaluation;
     by.matching = detector.capabilities().matching();
     by.score_threshold = std::min(kScoreThresholdForAp, settings_.evaluation.score_threshold);

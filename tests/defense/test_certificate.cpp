@@ -154,6 +154,28 @@ class ReturnsDetector : public test::StandInDetector {
   Looks looks_;
 };
 
+/// Names a sensor that no mask covers.
+class RadarReader : public test::StandInDetector {
+ public:
+  Capabilities capabilities() const override {
+    Capabilities can = StandInDetector::capabilities();
+    can.reads = {"lidar", "radar"};
+    return can;
+  }
+};
+
+TEST(Certificate, IsRefusedToADetectorThatReadsMoreThanTheMasksCover) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 1, true);
+  FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
+  DetectorPool detectors;
+  detectors.push_back(std::make_unique<RadarReader>());
+  EXPECT_THAT(test::error_text<InputError>([&] {
+                certify(detectors, store, {{"000000", 0}}, lidar_of(folder / "data"), {});
+              }),
+              testing::HasSubstr("radar: is read by the detector"));
+}
+
 TEST(Certificate, IsForCarsThatAreFoundWithoutWhatStandsOnTheirRoof) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 1, true);
