@@ -218,7 +218,6 @@ class ProcessDetector : public Detector {
 
   /// Where the sensor's array will lie: from `at` on, which goes behind it.
   Placed placed(const SensorData& sensor, std::size_t& at) const {
-    using Kind = SensorData::Kind;
     Placed here;
     here.name = sensor.name;
     here.kind = sensor.kind;
@@ -226,18 +225,17 @@ class ProcessDetector : public Detector {
     if (sensor.image) here.width = sensor.image->width, here.height = sensor.image->height;
     here.points = sensor.points.size();
     here.other = sensor.shape;
-    const bool camera = here.kind == Kind::camera;
-    here.sent = camera                     ? word_.can.reads_image && here.width > 0
-                : here.kind == Kind::lidar ? word_.can.reads_points
-                                           : true;
+    const bool camera = here.kind == Placed::Kind::camera;
+    here.sent = camera                             ? word_.can.reads_image && here.width > 0
+                : here.kind == Placed::Kind::lidar ? word_.can.reads_points
+                                                   : true;
     if (here.sent) at += aligned(here.values() * (camera && word_.bytes ? 1 : sizeof(float)));
     return here;
   }
 
   /// Writes the sensor into the memory; what the job says of it.
   json write(const SensorData& sensor, const Placed& here, bool calibrated) {
-    using Kind = SensorData::Kind;
-    const bool camera = here.kind == Kind::camera;
+    const bool camera = here.kind == Placed::Kind::camera;
     json told = {{"time", sensor.time}};
     if (camera && calibrated) {
       Calibration calibration;
@@ -245,14 +243,15 @@ class ProcessDetector : public Detector {
       told["pixel_from_velo"] = pixel_from_velo(calibration);
       told["intrinsics"] = {sensor.camera.fx, sensor.camera.fy, sensor.camera.cx, sensor.camera.cy};
     }
-    if (here.kind != Kind::lidar && calibrated) told["sensor_from_ego"] = rows_json(sensor.sensor_from_ego);
+    if (here.kind != Placed::Kind::lidar && calibrated)
+      told["sensor_from_ego"] = rows_json(sensor.sensor_from_ego);
     if (!here.sent) return told;
     told[here.array()] = array_at(here.at, here.shape(), camera && word_.bytes ? "uint8" : "float32");
     if (here.values() == 0) return told;
     char* to = memory_.data() + here.at;
-    if (here.kind == Kind::lidar)
+    if (here.kind == Placed::Kind::lidar)
       std::memcpy(to, sensor.points.data(), here.points * sizeof(LidarPoint));
-    else if (here.kind == Kind::other)
+    else if (here.kind == Placed::Kind::other)
       std::memcpy(to, sensor.values.data(), sensor.values.size_bytes());
     else if (word_.bytes)
       write_srgb_bytes(sensor.image->data, reinterpret_cast<std::uint8_t*>(to));
