@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstdio>
 #include <numeric>
 #include <random>
 
@@ -57,6 +58,7 @@ TEST(Comparison, FindsAPlantedRegressionOfATwentieth) {
     found += difference.low > 0;
     EXPECT_LT(difference.value, 0.09);
   }
+  std::printf("a planted regression of 5 points is told in %d of 20 draws of 400 vehicles\n", found);
   EXPECT_GE(found, 16);
 }
 
@@ -70,6 +72,7 @@ TEST(Comparison, ADetectorThatOnlyTremblesIsNoWorse) {
     alarms += told(result.parts.front().difference) == Told::more ||
               told(result.parts.front().difference) == Told::less;
   }
+  std::printf("a detector against itself: %d alarms in 40 draws\n", alarms);
   EXPECT_LE(alarms, 2);
   const auto first = outcomes(100, 1);
   const Comparison same = compare_outcomes(first, first, kObjects, false);
