@@ -22,8 +22,11 @@ import zipfile
 
 from wheel.wheelfile import WheelFile
 
-CODE = ("*.py", "*.pyi", "py.typed", "_core{suffix}", "plugins/process/*", "scenes/rigs/*.toml", "scenes/lidars/*.toml",
-        "scenes/shapes/*.shape")
+SOURCE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
+CODE = ("*.py", "*.pyi", "py.typed", "_core{suffix}", "plugins/process/*")
+# Of the project, what commands read as they run: as src/packaging/install.cmake installs it.
+SHIPPED = re.compile(r"(scenes/.*\.(toml|shape|glb)|scenes/objects/zoo\.json|plugins/blender/mirage_blender/.*\.py|"
+                     r"validation/(?!benchmarks|studies).*\.(py|toml|j2|html|css|js))")
 PLUGINS = ("plugins/*.so", "plugins/*.json")
 WEIGHTS = ("plugins/weights/*",)
 TOLD = """import json, sys, sysconfig
@@ -39,9 +42,9 @@ Generator: mirage
 Root-Is-Purelib: {pure}
 Tag: {tag}
 """
-# Of the policies manylinux_2_*: on every Linux, and not to be carried.
-EVERYWHERE = re.compile(r"(ld-linux.*|lib(c|m|dl|rt|pthread|util|resolv|nsl|anl|mvec|gcc_s|stdc\+\+|z|expat|X11|Xext|Xrender|ICE|SM|GL|"
-                        r"gobject-2\.0|gthread-2\.0|glib-2\.0))\.so\.\d+")
+# Of the policies manylinux_2_*: on every Linux, and not to be carried. Those of X are carried all the same: a server lacks them.
+EVERYWHERE = re.compile(r"(ld-linux.*|lib(c|m|dl|rt|pthread|util|resolv|nsl|anl|mvec|gcc_s|stdc\+\+|z|expat|GL|gobject-2\.0|gthread-2\.0|"
+                        r"glib-2\.0))\.so\.\d+")
 
 
 def resolved(file):
@@ -83,6 +86,18 @@ def carry(module, folder):
     return packed
 
 
+def shipped():
+    """{path in the wheel: file}"""
+    found = {}
+    for top in ("scenes", "validation", "plugins/blender"):
+        for folder, _, names in os.walk(os.path.join(SOURCE, top)):
+            for path in (os.path.join(folder, name) for name in names):
+                place = os.path.relpath(path, SOURCE)
+                if SHIPPED.fullmatch(place):
+                    found["mirage/" + place] = path
+    return found
+
+
 def write(out, name, version, tag, files, summary, requires=""):
     for old in glob.glob(os.path.join(out, f"{name}-*-{tag}.whl")):
         os.remove(old)
@@ -91,8 +106,7 @@ def write(out, name, version, tag, files, summary, requires=""):
     with WheelFile(path, "w", zipfile.ZIP_DEFLATED) as wheel:
         for place, file in sorted(files.items()):
             wheel.write(file, place)
-        notice = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "NOTICE")
-        wheel.write(notice, about + "/NOTICE")
+        wheel.write(os.path.join(SOURCE, "NOTICE"), about + "/NOTICE")
         wheel.writestr(about + "/METADATA", METADATA.format(name=name, version=version, summary=summary, requires=requires))
         wheel.writestr(about + "/WHEEL", WHEEL.format(tag=tag, pure=str(tag.endswith("any")).lower()))
     print(f"{path} ({os.path.getsize(path) / 1e6:.0f} MB)")
@@ -114,7 +128,7 @@ def main():
         return {os.path.relpath(path, asked.built): path for path in found}
 
     with tempfile.TemporaryDirectory() as folder:
-        code = files(CODE)
+        code = {**files(CODE), **shipped()}
         module = f"mirage/_core{suffix}"
         if module not in code:
             raise SystemExit(f"{asked.interpreter}: the module was not built for it; make python PYTHON={asked.interpreter}")

@@ -34,7 +34,9 @@ class Wheel(unittest.TestCase):
 
             names = unpack("mirage-*-cp*.whl")
             for name in ("mirage/__init__.py", "mirage/_core.pyi", "mirage/py.typed", "mirage/plugins/fusion.so", "mirage/mirage_serve.py",
-                         "mirage/plugins/process/mirage_serve.py", "mirage/scenes/rigs/kitti64.toml"):
+                         "mirage/plugins/process/mirage_serve.py", "mirage/scenes/rigs/kitti64.toml",
+                         "mirage/scenes/objects/zoo.json", "mirage/validation/report/detection_plot.py", "mirage/validation/view/page.html",
+                         "mirage/validation/blender/blender_worker.py", "mirage/plugins/blender/mirage_blender/__init__.py"):
                 self.assertIn(name, names)
             self.assertFalse([name for name in names if "CMake" in name or name.endswith((".o", ".weights"))])
             write_data(os.path.join(place, "data"), 1)
