@@ -29,7 +29,8 @@ std::string key_of(const std::string& identity, const FrameSource& source,
                    const std::vector<std::string>& ids) {
   Provenance made_of;
   made_of.input("detector", identity);
-  made_of.input("data", frames_hash(source.data, ids));
+  made_of.input("data", frames_hash(source.data, ids, source.cameras));
+  made_of.input("sensors", sensors_identity(source.sensors));
   made_of.set("classes", source.classes);
   return made_of.made_of().dump();
 }
@@ -47,7 +48,7 @@ Reliance cached_reliance(const DetectorPool& detectors, const std::string& ident
       if (!progress) progress = std::make_unique<Progress>("use of the picture", total, quiet);
       progress->update(done);
     };
-    return measure_reliance(instances, source.data, ids, tell, source.classes, seen);
+    return measure_reliance(instances, recorded_frames(source), ids, tell, seen);
   };
   const auto disk = DiskCache::from_environment();
   if (identity.empty() || !disk->on() || !reads_picture(*detectors.front())) return measure();

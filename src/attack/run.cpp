@@ -19,6 +19,7 @@
 #include "scene/data/data_rig.h"
 #include "scene/depth/learned_depth.h"
 #include "simulation/quality.h"
+#include "simulation/sensor_plugin.h"
 
 namespace mirage {
 namespace {
@@ -55,7 +56,7 @@ std::vector<HostId> read_hosts(const JsonFields& run, const std::string& split) 
   return hosts;
 }
 
-/// Refuses code among detector, weights and depth completion, which are words of shipped parts or paths.
+/// Refuses code among detector, weights, depth completion and sensors: words of shipped parts, or paths.
 void refuse_code(const JsonFields& json, Run& run) {
   DetectorOptions& options = run.settings.detector;
   std::string& depth = run.settings.depth;
@@ -64,7 +65,15 @@ void refuse_code(const JsonFields& json, Run& run) {
     json.fail("detector", fmt::format("\"{}\" is no detector", options.detector));
   if (!is_shipped_depth(depth) && !is_plugin(depth))
     json.fail("depth", fmt::format("\"{}\" is no depth completion", depth));
+  std::string& sensors = run.settings.sensors;
+  bool other_sensors = false;
+  for (const std::string& word : listed_words(sensors)) {
+    if (!is_shipped_sensor(word) && !is_plugin(word))
+      json.fail("sensors", fmt::format("\"{}\" is no sensor", word));
+    other_sensors = other_sensors || is_plugin(word);
+  }
   if (run.trust == TrustRun::yes) return;
+  if (other_sensors) std::swap(sensors, run.refused.sensors);
   if (weights_are_code(options.detector)) std::swap(options.weights, run.refused.weights);
   if (is_plugin(options.detector)) std::swap(options.detector, run.refused.detector);
   if (is_plugin(depth)) std::swap(depth, run.refused.depth);
@@ -187,6 +196,8 @@ void override_settings(Run& run, const Overrides& asked, std::uint64_t seed, boo
     require_own_data(run, data->second);
   if (asked.contains("depth")) run.refused.depth.clear();
   if (!run.refused.depth.empty()) refuse(run, "depth", "a plugin", run.refused.depth, "--depth");
+  if (asked.contains("sensors")) run.refused.sensors.clear();
+  if (!run.refused.sensors.empty()) refuse(run, "sensors", "a plugin", run.refused.sensors, "--sensors");
   override_settings(run.settings, asked, seed);
 }
 

@@ -35,7 +35,7 @@ struct Run {
   TrustRun trust = TrustRun::no;
   /// What run.json names that is code, unless the run is trusted; the settings are empty there.
   struct Refused {
-    std::string detector, depth;
+    std::string detector, depth, sensors;
     std::filesystem::path weights;
   };
   Refused refused;  ///< see Refused
@@ -53,8 +53,8 @@ using Overrides = std::map<std::string, std::string>;
 /// Puts them into the settings; `seed` draws the noise of the LiDAR's effects. FieldError for a text that a
 /// field does not take.
 void override_settings(AttackSettings& settings, const Overrides& asked, std::uint64_t seed);
-/// The same for a run: its own depth completion may be used only if it is no code, or trusted (InputError as
-/// use_detector_of's), and if not `other_data`, its own data set alone (InputError).
+/// The same for a run: its own depth completion and sensors may be used only if they are no code, or trusted
+/// (InputError as use_detector_of's), and if not `other_data`, its own data set alone (InputError).
 void override_settings(Run& run, const Overrides& asked, std::uint64_t seed, bool other_data = false);
 
 /// Options that leave open what use_detector_of fills in.

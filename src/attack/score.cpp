@@ -199,9 +199,8 @@ Audit use_of_points(const RunEvaluation& evaluation) {
   const AttackSettings& judged = evaluation.stage.settings;
   const std::vector<std::string> ids = spread_evenly(list_frames(judged.data), kAuditFrames);
   Progress progress("use of the sweep", ids.size(), evaluation.settings.quiet);
-  return run_audit(
-      detectors, judged.data, ids, {{AuditChange::Kind::other_sweep}}, {}, 0,
-      [&](std::size_t done, std::size_t) { progress.update(done); }, judged.classes);
+  return run_audit(detectors, recorded_frames(judged), ids, {{AuditChange::Kind::other_sweep}}, {}, 0,
+                   [&](std::size_t done, std::size_t) { progress.update(done); });
 }
 
 ScoredObject scored_object(const NamedObject& object, const std::map<fs::path, std::string>& kinds) {

@@ -15,6 +15,7 @@
 #include "detection/detect.h"
 #include "detection/detector_settings.h"
 #include "frames/data_check.h"
+#include "frames/frame_store.h"
 #include "frames/made_of.h"
 #include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
@@ -22,9 +23,7 @@
 namespace mirage::cli {
 namespace {
 
-struct AuditOptions {
-  std::filesystem::path data;
-  std::string rig, classes = kCars;
+struct AuditOptions : FrameSource {
   DetectorOptions detector;
   std::size_t frames = kAuditFrames;
   bool gate = false;
@@ -57,10 +56,7 @@ void write_claim(const std::filesystem::path& file, const DetectorOptions& detec
 }
 
 void add_options(CLI::App& app, AuditOptions& options) {
-  app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
-      ->required();
-  app.add_option("--rig", options.rig, kRigHelp);
-  app.add_option("--classes", options.classes, kClassesHelp)->capture_default_str();
+  add_fields(app, static_cast<FrameSource&>(options), {"depth", "rooftop", "placement", "sun"});
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "N frames, spread evenly over the data set (0: all)")
       ->capture_default_str();
@@ -95,17 +91,16 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
   Audit audit;
   if (!changes.empty()) {
     std::unique_ptr<Progress> progress;
-    audit = run_audit(
-        detectors, options.data, ids, changes, lidar_of(options.data, options.rig), common.seed,
-        [&](std::size_t done, std::size_t total) {
-          if (!progress) progress = std::make_unique<Progress>("audit", total, common.quiet);
-          progress->update(done);
-        },
-        options.classes);
+    audit = run_audit(detectors, recorded_frames(options), ids, changes, lidar_of(options.data, options.rig),
+                      common.seed, [&](std::size_t done, std::size_t total) {
+                        if (!progress) progress = std::make_unique<Progress>("audit", total, common.quiet);
+                        progress->update(done);
+                      });
   }
   add_detector(*common.made_of, asked);
   common.made_of->set("classes", options.classes);
-  add_data(*common.made_of, options.data, ids);
+  common.made_of->input("sensors", sensors_identity(options.sensors));
+  add_data(*common.made_of, options.data, ids, options.cameras);
   const Reliance reliance = can.reads_image ? reliance_of(audit) : no_camera();
   if (!options.claim.empty()) write_claim(options.claim, asked, options.data, reliance);
   nlohmann::json result = to_json(audit);

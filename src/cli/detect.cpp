@@ -27,9 +27,7 @@
 namespace mirage::cli {
 namespace {
 
-struct DetectOptions {
-  std::filesystem::path data;
-  std::string rig, classes = kCars;
+struct DetectOptions : FrameSource {
   DetectorOptions detector;
   std::size_t frames = 0;
   int check = 0;
@@ -118,10 +116,7 @@ void print_kitti(const nlohmann::json& kitti) {
 }
 
 void add_options(CLI::App& app, DetectOptions& options) {
-  app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
-      ->required();
-  app.add_option("--rig", options.rig, kRigHelp);
-  app.add_option("--classes", options.classes, kClassesHelp)->capture_default_str();
+  add_fields(app, static_cast<FrameSource&>(options), {"depth", "rooftop", "placement", "sun"});
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "only the first N frames (0: all)")->capture_default_str();
   app.add_option("--check", options.check,
@@ -174,9 +169,10 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   };
   add_detector(*common.made_of, detector_options);
   common.made_of->set("classes", options.classes);
-  add_data(*common.made_of, options.data, frames);
+  common.made_of->input("sensors", sensors_identity(options.sensors));
+  add_data(*common.made_of, options.data, frames, options.cameras);
   const DetectionRun run =
-      detect_data_set(detectors, options.data, options.frames, tell("detect"), seen, options.classes);
+      detect_data_set(detectors, recorded_frames(options), options.frames, tell("detect"), seen);
   progress.reset();
   write_json(common.out / "detections.json", detections_json(run, can));
   std::vector<ScoredStratum> parts(1);
@@ -209,9 +205,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   result["found"] = found.found;
   result["hints"] = found.hints;
   if (options.check > 0) {
-    FrameSource source;
-    source.data = options.data, source.rig = options.rig, source.classes = options.classes;
-    FrameStore store(source);
+    FrameStore store(options);
     const BoxHabits habits = !run.matching.in_picture() ? box_habits(clean) : BoxHabits();
     const SeenChange change = seen_change(*detector, store, run.ids, options.check);
     result["check"] = {{"boxes", to_json(habits)}, {"gradient", to_json(change)}};

@@ -5,7 +5,9 @@
 #include <memory>
 
 #include "base/error.h"
+#include "base/files.h"
 #include "base/image_io.h"
+#include "base/names.h"
 #include "cli/command.h"
 #include "cli/options.h"
 #include "cli/table.h"
@@ -86,7 +88,10 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   Frame frame = read_frame(asked.data, options.frame, asked.cameras);
   frame.lighting = with_sun(frame, sun);
   seek(classes_of(asked.classes), frame.labels);
-  const PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
+  const auto sensors = load_sensors(asked.sensors);
+  record(sensors, asked.data, frame);
+  PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
+  prepared.measured_by.assign(sensors.begin(), sensors.end());
   const Label& host = vehicle_of(prepared.frame, options.vehicle, "--vehicle");
   const Box3& box = host.box;
   const Carrier carrier = finder->find(prepared.frame, host);
@@ -103,6 +108,10 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   add_frames(*common.made_of, asked, {&options.frame, 1});
   write_sights(prepared, simulated, common.out);
   write_sweep(common.out / "sweep.bin", simulated.sweep);
+  for (const Measurement& measured : simulated.measurements)
+    write_file(common.out / (escape_name(measured.name) + ".f32"),
+               std::string_view(reinterpret_cast<const char*>(measured.data.data()),
+                                measured.data.size() * sizeof(float)));
   print_table({{"roof", carrier.from_box
                             ? "the labelled box's" + (carrier.reason.empty() ? "" : ": " + carrier.reason)
                             : fmt::format("fitted, {:+.3f} m over the labelled box", over_box)},
@@ -137,6 +146,12 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
       {"sun", {{"choice", sun.word}, {"to_sun_velo", {to_sun.x(), to_sun.y(), to_sun.z()}}}},
       {"simulation", to_json(asked.simulation)},
       {"seconds", seconds}};
+  for (std::size_t k = 0; k < simulated.measurements.size(); ++k) {
+    const Measurement &recorded = prepared.frame.measurements[k], &with = simulated.measurements[k];
+    int changed = 0;
+    for (std::size_t i = 0; i < with.data.size(); ++i) changed += with.data[i] != recorded.data[i];
+    result["sensors"][with.name] = {{"shape", with.shape}, {"changed", changed}};
+  }
   if (!prepared.frame.others.empty()) result["cameras"] = cameras_json(prepared.frame, simulated);
   return result;
 }

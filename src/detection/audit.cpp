@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -92,22 +93,34 @@ struct Scene {
   std::size_t index;  ///< of the frame
   const Frame& frame;
   std::span<const LidarPoint> points;  ///< in view
+  std::span<const std::string> reads;  ///< Capabilities::reads
   const std::optional<LidarModel>& lidar;
   std::uint64_t seed;
 };
 
-std::vector<LidarPoint> sweep_in_view(const DataSet& data, const std::string& id) {
-  const auto [width, height] = data.picture_size(id);
-  return points_in_view(data.sweep(id), data.annotations(id, width, height).calibration);
+/// The sweep of another frame, as much of it as is shown of the scene's.
+std::vector<LidarPoint> sweep_in_view(const Scene& scene, const std::string& id) {
+  if (!scene.frame.others.empty()) return scene.data.sweep(id);
+  const auto [width, height] = scene.data.picture_size(id);
+  return points_in_view(scene.data.sweep(id), scene.data.annotations(id, width, height).calibration);
 }
 
 ImageF picture_of(const DataSet& data, const std::string& id) {
   return read_srgb(data.parts(id).at(1).file);
 }
 
+/// What the camera of that number beside the scene's first saw in another frame.
+ImageF picture_beside(const Scene& scene, const std::string& id, std::size_t k) {
+  const std::string& name = scene.frame.others[k].name;
+  for (const SideCamera& camera : scene.data.others(id))
+    if (camera.name == name) return camera.image.get();
+  throw InputError("frame " + id, name, "has no such camera", "leave the frame out, or give --cameras first");
+}
+
 /// A view with what it shows in place of the frame's own.
 struct ChangedView {
   ImageF picture;
+  std::deque<ImageF> beside;  ///< of other cameras
   std::vector<LidarPoint> points;
   Calibration calibration;
   SensorView view;
@@ -118,6 +131,17 @@ struct ChangedView {
   void show(ImageF shown) {
     picture = std::move(shown);
     view.image = &picture;
+  }
+  /// Of each camera beside the first that the detector reads: picture(the frame's number of it).
+  template <class Picture>
+  void show_beside(const Scene& scene, const Picture& of) {
+    for (std::size_t k = 0; k < scene.frame.others.size(); ++k) {
+      const std::string& name = scene.frame.others[k].name;
+      if (std::find(scene.reads.begin(), scene.reads.end(), name) == scene.reads.end()) continue;
+      beside.push_back(of(k));
+      view.others.push_back(sensor_beside(scene.frame, k, &beside.back()));
+      if (beside.back().empty()) view.others.back().image = nullptr;
+    }
   }
   void show(std::vector<LidarPoint> shown) {
     points = std::move(shown);
@@ -136,24 +160,33 @@ std::unique_ptr<ChangedView> changed_view(const AuditChange& change, const Scene
   switch (change.kind) {
     case Kind::other_picture:
       changed->show(picture_of(scene.data, scene.pair.other));
+      changed->show_beside(scene, [&](std::size_t k) { return picture_beside(scene, scene.pair.other, k); });
       break;
     case Kind::black_picture:
       changed->show(ImageF(scene.frame.image.width, scene.frame.image.height, 3));
+      changed->show_beside(scene, [&](std::size_t k) {
+        const PinholeCamera& camera = scene.frame.others[k].calibration.camera;
+        return ImageF(camera.width, camera.height, 3);
+      });
       break;
     case Kind::no_picture:
       changed->view.image = nullptr;
+      changed->show_beside(scene, [](std::size_t) { return ImageF(); });
       break;
     case Kind::blurred_picture:
       changed->show(blurred(scene.frame.image, change.amount));
+      changed->show_beside(
+          scene, [&](std::size_t k) { return blurred(scene.frame.others[k].image.get(), change.amount); });
       break;
     case Kind::late_picture: {
       const auto earlier = scene.data.beside(scene.pair.frame, -static_cast<int>(change.amount));
       if (!earlier) return nullptr;
       changed->show(picture_of(scene.data, *earlier));
+      changed->show_beside(scene, [&](std::size_t k) { return picture_beside(scene, *earlier, k); });
       break;
     }
     case Kind::other_sweep:
-      changed->show(sweep_in_view(scene.data, scene.pair.other));
+      changed->show(sweep_in_view(scene, scene.pair.other));
       break;
     case Kind::thinned_sweep:
       if (!scene.lidar) return nullptr;
@@ -376,13 +409,12 @@ const AuditRow* Audit::row(AuditChange::Kind kind) const {
   return at == rows.end() ? nullptr : &*at;
 }
 
-Audit run_audit(std::span<Detector* const> detectors, const fs::path& data,
+Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& source,
                 const std::vector<std::string>& ids, const std::vector<AuditChange>& changes,
                 const std::optional<LidarModel>& lidar, std::uint64_t seed,
-                const std::function<void(std::size_t, std::size_t)>& progress, const std::string& classes) {
-  const auto set = open_data_set(data);
-  const std::vector<std::string> sought = classes_of(classes);
-  const std::vector<PicturePair> pairs = pair_pictures(data, ids);
+                const std::function<void(std::size_t, std::size_t)>& progress) {
+  const auto set = open_data_set(source.data, source.cameras);
+  const std::vector<PicturePair> pairs = pair_pictures(source.data, ids);
   std::vector<FrameAnswers> frames(pairs.size());
   std::vector<std::string> refused(changes.size());
   std::mutex mutex;
@@ -391,13 +423,13 @@ Audit run_audit(std::span<Detector* const> detectors, const fs::path& data,
     Detector& detector = *detectors[worker];
     for (std::size_t f = worker; f < pairs.size(); f += detectors.size()) {
       throw_if_interrupted("the audit is measured anew");
-      Frame frame = set->read(pairs[f].frame);
-      seek(sought, frame.labels);
-      const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
+      const Frame frame = source.read(pairs[f].frame);
+      const std::vector<LidarPoint> points = RecordedFrames::points(frame);
       const GroundTruth truth = ground_truth(frame, detector.region());
       frames[f].right = answers(detector, view_of(frame, frame.image, points), truth);
       frames[f].changed.resize(changes.size());
-      const Scene scene{*set, pairs[f], f, frame, points, lidar, seed};
+      const Capabilities can = detector.capabilities();
+      const Scene scene{*set, pairs[f], f, frame, points, can.reads, lidar, seed};
       for (std::size_t c = 0; c < changes.size(); ++c) {
         const std::unique_ptr<ChangedView> changed = changed_view(changes[c], scene);
         if (!changed) continue;

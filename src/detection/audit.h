@@ -24,6 +24,7 @@
 #include "base/clusters.h"
 #include "base/intervals.h"
 #include "detection/average_precision.h"
+#include "detection/detect.h"
 #include "detection/detector.h"
 #include "scene/data/label_types.h"
 
@@ -131,14 +132,13 @@ struct Audit {
 /// Shows those frames of the data set, each with every change that it has. `detectors`: instances of one
 /// detector, at least one; each works on a thread of its own. `lidar`: the unit of the sweeps, for
 /// thinned_sweep, which is left out without it. `seed` draws the beams. `progress(done, total)` may be empty.
-/// `classes`: what has to be found.
+/// A changed picture is that of every camera that the detector reads; a changed calibration is the first's.
 /// What takes an input away is `refused` if the detector fails on any frame without it. Its other errors come
 /// through, and those of read_frame; Interrupted between frames.
-Audit run_audit(std::span<Detector* const> detectors, const std::filesystem::path& data,
+Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& source,
                 const std::vector<std::string>& ids, const std::vector<AuditChange>& changes,
                 const std::optional<LidarModel>& lidar = {}, std::uint64_t seed = 0,
-                const std::function<void(std::size_t, std::size_t)>& progress = {},
-                const std::string& classes = kCars);
+                const std::function<void(std::size_t, std::size_t)>& progress = {});
 
 /// The answer in sentences, one for each input that the detector has: "Another frame's picture costs 38.2
 /// points of AP 0.7 (23.9 to 52.5): it uses its picture."

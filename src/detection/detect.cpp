@@ -57,24 +57,30 @@ void check_readable(std::span<const Detection> detections, Matching matching, co
 
 }  // namespace
 
+Frame RecordedFrames::read(const std::string& id) const {
+  Frame frame = read_frame(data, id, cameras);
+  seek(classes_of(classes), frame.labels);
+  if (add_measurements) add_measurements(frame);
+  return frame;
+}
+
+std::vector<LidarPoint> RecordedFrames::points(const Frame& frame) {
+  return frame.others.empty() ? points_in_view(frame.sweep, frame.calibration) : frame.sweep;
+}
+
 DetectionRun detect_data_set(
-    std::span<Detector* const> detectors, const std::filesystem::path& data, std::size_t limit,
+    std::span<Detector* const> detectors, const RecordedFrames& frames, std::size_t limit,
     const std::function<void(std::size_t, std::size_t)>& progress,
-    const std::function<void(std::size_t, const Frame&, const std::vector<Detection>&)>& seen,
-    const std::string& classes) {
+    const std::function<void(std::size_t, const Frame&, const std::vector<Detection>&)>& seen) {
   using Clock = std::chrono::steady_clock;
   DetectionRun run;
   run.matching = detectors.front()->capabilities().matching();
-  run.ids = first_frames(data, limit);
+  run.ids = first_frames(frames.data, limit);
   run.frames.resize(run.ids.size());
   const auto policy = thread_count() > 1 ? std::launch::async : std::launch::deferred;
   const auto read = [&](std::size_t i) {
     if (i >= run.ids.size()) return std::future<Frame>();
-    return std::async(policy, [&data, id = run.ids[i], sought = classes_of(classes)] {
-      Frame frame = read_frame(data, id);
-      seek(sought, frame.labels);
-      return frame;
-    });
+    return std::async(policy, [&frames, id = run.ids[i]] { return frames.read(id); });
   };
   double seconds = 0;
   std::mutex mutex;
@@ -86,7 +92,7 @@ DetectionRun detect_data_set(
       throw_if_interrupted("no results were written yet");
       const Frame frame = next.get();
       next = read(i + detectors.size());
-      const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
+      const std::vector<LidarPoint> points = RecordedFrames::points(frame);
       const auto start = Clock::now();
       auto detections = suppress(
           detector.forward(view_of(frame, frame.image, points), kScoreThresholdForAp, false), run.matching);

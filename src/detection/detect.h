@@ -7,6 +7,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "detection/average_precision.h"
@@ -47,18 +48,33 @@ struct DetectionRun {
   Matching matching;                  ///< how it was judged
 };
 
+/// Frames of a data set as recorded, without an object, and how they are read.
+struct RecordedFrames {
+  RecordedFrames(std::filesystem::path of, std::string sought = kCars)
+      : data(std::move(of)), classes(std::move(sought)) {}
+  std::filesystem::path data;
+  std::string classes;               ///< what has to be found
+  Cameras cameras = Cameras::first;  ///< which are looked at
+  /// Adds what sensors measured that are neither cameras nor LiDARs; empty: there are none.
+  std::function<void(Frame&)> add_measurements = {};
+
+  /// The frame, whole, its labels marked.
+  Frame read(const std::string& id) const;
+  /// What a detector gets of the frame's sweep: all of it with several cameras, else what the camera sees.
+  static std::vector<LidarPoint> points(const Frame& frame);
+};
+
 /// The frames of `data`, or the first `limit` of them (0: all).
 std::vector<std::string> first_frames(const std::filesystem::path& data, std::size_t limit);
 
 /// Runs the detector on each frame of `data` (or on the first `limit`); the next frame is read meanwhile when
 /// there is more than one thread. `detectors`: instances of it, at least one; each works on a thread of its
 /// own. `progress(done, total)` and `seen(place of the frame, it, its detections)` may be empty; one call at
-/// a time. `classes`: what has to be found. Throws Interrupted between frames.
+/// a time. Throws Interrupted between frames.
 DetectionRun detect_data_set(
-    std::span<Detector* const> detectors, const std::filesystem::path& data, std::size_t limit = 0,
+    std::span<Detector* const> detectors, const RecordedFrames& frames, std::size_t limit = 0,
     const std::function<void(std::size_t, std::size_t)>& progress = {},
-    const std::function<void(std::size_t, const Frame&, const std::vector<Detection>&)>& seen = {},
-    const std::string& classes = kCars);
+    const std::function<void(std::size_t, const Frame&, const std::vector<Detection>&)>& seen = {});
 
 // Detections on disk: what `mirage detect` writes, and what other people's detectors do.
 

@@ -40,12 +40,12 @@ Reliance reliance_of(const Audit& audit) {
   return result;
 }
 
-Reliance measure_reliance(std::span<Detector* const> detectors, const std::filesystem::path& data,
+Reliance measure_reliance(std::span<Detector* const> detectors, const RecordedFrames& source,
                           const std::vector<std::string>& ids,
                           const std::function<void(std::size_t, std::size_t)>& progress,
-                          const std::string& classes, std::map<std::string, std::vector<Detection>>* seen) {
+                          std::map<std::string, std::vector<Detection>>* seen) {
   if (!reads_picture(*detectors.front())) return no_camera();
-  Audit audit = run_audit(detectors, data, ids, gate_changes(), {}, 0, progress, classes);
+  Audit audit = run_audit(detectors, source, ids, gate_changes(), {}, 0, progress);
   if (seen) *seen = std::move(audit.as_recorded);
   return reliance_of(audit);
 }

@@ -53,10 +53,9 @@ Reliance reliance_of(const Audit& audit);
 
 /// run_audit with the gate's changes alone. For a detector without a camera nothing is run. `seen`, if given,
 /// gets Audit::as_recorded.
-Reliance measure_reliance(std::span<Detector* const> detectors, const std::filesystem::path& data,
+Reliance measure_reliance(std::span<Detector* const> detectors, const RecordedFrames& source,
                           const std::vector<std::string>& ids,
                           const std::function<void(std::size_t, std::size_t)>& progress = {},
-                          const std::string& classes = kCars,
                           std::map<std::string, std::vector<Detection>>* seen = nullptr);
 
 /// What stands in place of every statement about images; empty if the detector uses its picture.

@@ -101,6 +101,7 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id)
     });
     return carriers;
   });
+  record(sensors_, data_, frame);
   if (frame.others.empty()) frame.sweep = points_in_view(frame.sweep, frame.calibration);
   const auto kept = [this](const std::string& key, const PinholeCamera& camera, const auto& compute) {
     return cache_.depth(key, camera.width, camera.height, compute);
@@ -116,7 +117,7 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id)
       return kept(key, of, [&] { return later.get(); });
     });
   }
-  record(sensors_, data_, entry->prepared);
+  entry->prepared.measured_by.assign(sensors_.begin(), sensors_.end());
   entry->bytes = bytes_of(entry->prepared, entry->carriers);
   return entry;
 }
@@ -245,6 +246,14 @@ void FrameStore::read_ahead() {
     lock.lock();
     if (entry) ahead_.push_back(std::move(entry));
   }
+}
+
+RecordedFrames recorded_frames(const FrameSource& source) {
+  RecordedFrames frames(source.data, source.classes);
+  frames.cameras = source.cameras;
+  if (const auto sensors = load_sensors(source.sensors); !sensors.empty())
+    frames.add_measurements = [sensors, data = source.data](Frame& frame) { record(sensors, data, frame); };
+  return frames;
 }
 
 std::vector<Detection> cached_detections(FrameStore& store, const std::string& frame,

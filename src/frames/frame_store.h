@@ -14,6 +14,7 @@
 #include <thread>
 #include <vector>
 
+#include "detection/detect.h"
 #include "frames/frame_cache.h"
 #include "frames/host_id.h"
 #include "scene/depth_completion.h"
@@ -126,6 +127,9 @@ class FrameStore {
   bool stop_ = false;
   std::thread ahead_thread_;
 };
+
+/// Those of the source as a detector reads them without an object: its cameras, classes and sensors.
+RecordedFrames recorded_frames(const FrameSource& source);
 
 // Clean detections, kept on disk.
 

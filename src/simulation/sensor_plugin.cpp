@@ -235,12 +235,13 @@ std::vector<std::shared_ptr<const PluginSensor>> load_sensors(const std::string&
   return sensors;
 }
 
+bool is_shipped_sensor(const std::string& word) {
+  return shipped_plugin(kSensorPlugins, word) != nullptr;
+}
+
 void record(const std::vector<std::shared_ptr<const PluginSensor>>& sensors, const fs::path& data,
-            PreparedFrame& prepared) {
-  for (const auto& sensor : sensors) {
-    prepared.frame.measurements.push_back(sensor->record(prepared.frame, data));
-    prepared.measured_by.push_back(sensor);
-  }
+            Frame& frame) {
+  for (const auto& sensor : sensors) frame.measurements.push_back(sensor->record(frame, data));
 }
 
 std::string sensors_identity(const std::string& words) {

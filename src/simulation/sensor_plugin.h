@@ -23,10 +23,13 @@ class PluginSensor : public SensorPass {
 /// sensors of one name.
 std::vector<std::shared_ptr<const PluginSensor>> load_sensors(const std::string& words);
 
-/// Adds what these sensors measure of the frame, in their order, and itself to those that insertions pass
-/// through.
+/// Whether a word names a sensor that ships.
+bool is_shipped_sensor(const std::string& word);
+
+/// Adds what these sensors measure of the whole frame, in their order. PreparedFrame::measured_by is to hold
+/// them, so that insertions pass through them.
 void record(const std::vector<std::shared_ptr<const PluginSensor>>& sensors,
-            const std::filesystem::path& data, PreparedFrame& prepared);
+            const std::filesystem::path& data, Frame& frame);
 
 /// Of the content of the plugins that `words` names; "" for none. Errors as load_sensors'.
 std::string sensors_identity(const std::string& words);

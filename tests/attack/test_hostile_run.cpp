@@ -82,6 +82,7 @@ TEST_F(HostileRun, CodeThatItNamesIsRefusedWithTheFileThatItWouldBe) {
   json changed = said();
   changed["detector"] = "/tmp/evil/detector.so";
   changed["depth"] = "evil-depth.so";
+  changed["sensors"] = "radar,evil-sonar.so";
   changed["weights"] = "/tmp/evil/weights";
   write_json(run() / "run.json", changed);
   mirage::Run other = read_run(run());  // looking at it is safe
@@ -97,7 +98,12 @@ TEST_F(HostileRun, CodeThatItNamesIsRefusedWithTheFileThatItWouldBe) {
               AllOf(HasSubstr("run.json: depth"), HasSubstr((fs::current_path() / "evil-depth.so").string()),
                     HasSubstr("--depth"), HasSubstr("--trust-run")));
   mirage::Run guided = other;
-  override_settings(guided, {{"depth", "guided"}}, 0);
+  EXPECT_EQ(guided.settings.sensors, "");
+  EXPECT_THAT(error_text<InputError>([&] {
+                override_settings(guided, {{"depth", "guided"}}, 0);
+              }),
+              AllOf(HasSubstr("run.json: sensors"), HasSubstr("evil-sonar.so"), HasSubstr("--sensors")));
+  override_settings(guided, {{"depth", "guided"}, {"sensors", ""}}, 0);
   EXPECT_EQ(guided.settings.depth, "guided");
 
   options.detector = "/tmp/evil/detector.so";  // as the user's own choice, but not with the run's weights

@@ -89,14 +89,15 @@ TEST_F(ForeignRuns, RunNoCodeThatTheyName) {
       << said();
   EXPECT_FALSE(marked());
 
-  for (const char* key : {"depth", "detector"}) {
+  for (const char* key : {"depth", "sensors", "detector"}) {
     change("depth", "ip-basic");
     change("detector", "fusion");
     change("weights", "");
+    change("sensors", "");
     change(key, planted);
     for (const std::string& command : std::vector<std::string>{"export", "evaluate", "validate", "tradeoff",
                                                                "view", "evaluate --hosts-of " + at("run")}) {
-      const bool needs_it = std::string(key) == "depth" || (command != "export" && command != "tradeoff");
+      const bool needs_it = std::string(key) != "detector" || (command != "export" && command != "tradeoff");
       if (!needs_it) continue;
       EXPECT_EQ(mirage(command + run), 2) << command << " " << said();
       expect_line(command);
@@ -127,6 +128,7 @@ TEST_F(ForeignRuns, ConfigurationsRunNoCodeThatTheyName) {
            {"detect" + at_data, "detector", "detector = \"" + planted + "\""},
            {"attack" + at_data, "depth", "depth = \"" + planted + "\""},
            {"export" + at_run, "depth", "depth = \"" + planted + "\""},
+           {"attack" + at_data, "sensors", "sensors = \"radar," + planted + "\""},
            {"depth" + at_data, "backends", "backends = \"ip-basic," + planted + "\""},
            {"detect" + at_data, "weights", model + "detector = \"torchscript\""},
            {"detect --detector torchscript" + at_data, "weights", model},

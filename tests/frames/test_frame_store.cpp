@@ -15,6 +15,7 @@
 #include "base/error.h"
 #include "base/field_json.h"
 #include "base/files.h"
+#include "detection/audit.h"
 #include "frames/frame_cache.h"
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
@@ -559,15 +560,17 @@ class LooksBack : public Detector {
   std::vector<Detection> forward(const SensorView& view, double, bool) override {
     double mean = -1;
     for (const SensorData& sensor : sensors(view, capabilities().reads))
-      if (sensor.name == "CAM_BACK")
+      if (sensor.name == "CAM_BACK" && sensor.image)
         mean = std::accumulate(sensor.image->data.begin(), sensor.image->data.end(), 0.0) /
                static_cast<double>(sensor.image->data.size());
-    EXPECT_GE(mean, 0);
+    seen.push_back(mean);
     return {Detection(host_, 1 + mean)};
   }
   SensorGradient backward(std::span<const double>) override { return {}; }
   TrainingLoss train_step(std::span<const TrainingSample>, double) override { return {}; }
   void save(const std::filesystem::path&, bool) override {}
+
+  std::vector<double> seen;  ///< the camera's mean brightness, by pass; −1: it saw nothing
 
  private:
   BevBox host_;
@@ -597,6 +600,31 @@ TEST(SurroundFrames, AnEvaluationShowsTheObjectInTheCamerasThatTheDetectorReads)
     EXPECT_EQ(outcome.attacked_score != outcome.clean_score, shown) << host_name(host.id);
   }
   EXPECT_GT(behind, 0);
+}
+
+// The gate swaps and blackens the pictures of every camera that the detector reads.
+TEST(SurroundFrames, TheGateChangesThePicturesOfTheCamerasThatTheDetectorReads) {
+  const test::TemporaryFolder folder;
+  test::write_nuscenes(folder / "data", {test::surround_frame(test::small_rig(), 5, 0),
+                                         test::surround_frame(test::small_rig(), 5, 1)});
+  FrameSource source;
+  source.data = folder / "data";
+  source.cameras = Cameras::all;
+  const Frame frame = read_frame(source.data, "sample0", Cameras::all);
+  LooksBack detector(frame.labels.at(0).box.bev);
+  Detector* const only[] = {&detector};
+  const std::vector<AuditChange> changes = gate_changes();
+  run_audit(only, recorded_frames(source), list_frames(source.data), changes);
+  // In each frame: as recorded, another frame's, black, none.
+  ASSERT_EQ(detector.seen.size(), 8u);
+  for (std::size_t f = 0; f < 2; ++f) {
+    const double* here = &detector.seen[4 * f];
+    EXPECT_GT(here[0], 0);
+    EXPECT_EQ(here[1], detector.seen[4 * (1 - f)]);
+    EXPECT_NE(here[1], here[0]);
+    EXPECT_EQ(here[2], 0);
+    EXPECT_EQ(here[3], -1);
+  }
 }
 
 // Whom the first camera does not see can carry the object, where another shows enough of it.
