@@ -239,6 +239,7 @@ TEST(ValidationKey, ChangesWithEverySettingThatAResultDependsOn) {
         if (std::string(field.name) == "depth") value = "ip-basic-bilateral";
         if (std::string(field.name) == "rooftop") value = "shape";
         if (std::string(field.name) == "rig") value = "xenith";
+        if (std::string(field.name) == "sensors") value = MIRAGE_BUILD "/plugins/radar.so";
       }
       Judged other = judged;
       part(other) = changed;
