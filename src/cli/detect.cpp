@@ -132,13 +132,11 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   make_output_folder(common.out);
   const DetectorOptions detector_options = with_common(options.detector, common, options.data, options.rig);
   check_data(options.data, options.rig, UnitUse::reads_sweeps);
-  const std::vector<std::string> frames = first_frames(options.data, options.frames);
   // One of ours works on all threads by itself; a program is started once a thread.
   DetectorPool pool;
-  if (is_program(detector_options.detector))
-    pool = load_detector_pool(detector_options, static_cast<int>(frames.size()));
-  else
-    pool.push_back(load_detector(detector_options));
+  if (!is_program(detector_options.detector)) pool.push_back(load_detector(detector_options));
+  const std::vector<std::string> frames = first_frames(options.data, options.frames);
+  if (pool.empty()) pool = load_detector_pool(detector_options, static_cast<int>(frames.size()));
   std::vector<Detector*> detectors;
   for (const auto& each : pool) detectors.push_back(each.get());
   Detector* const detector = detectors.front();
