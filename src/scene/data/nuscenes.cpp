@@ -168,8 +168,8 @@ struct LooseRow {
 /// Gives every sweep between two samples of a scene its pictures and its neighbours.
 void add_between(const std::vector<LooseRow>& rows, Tables& tables) {
   using ByTime = std::map<std::int64_t, const Shot*>;
-  std::map<std::string, std::map<std::string, ByTime>> pictures;  // by scene and channel
-  std::map<std::string, std::map<std::int64_t, Sample*>> sweeps;  // by scene
+  std::map<std::string, std::map<std::string, ByTime>> pictures;      // by scene and channel
+  std::map<std::string, std::map<std::int64_t, std::string>> sweeps;  // tokens by scene and time
   const auto scene_of = [&](const LooseRow& row) {
     const auto sample = tables.samples.find(row.sample);
     return sample == tables.samples.end() ? std::string() : sample->second.scene;
@@ -199,16 +199,15 @@ void add_between(const std::vector<LooseRow>& rows, Tables& tables) {
     sweep.time = 1e-6 * static_cast<double>(row.time - keys.begin()->first);
     sweep.share =
         static_cast<double>(row.time - before->first) / static_cast<double>(after->first - before->first);
-    sweeps[scene][row.time] = &sweep;
+    sweeps[scene][row.time] = row.token;
   }
-  for (auto& [scene, by_time] : sweeps) {
+  for (const auto& [scene, by_time] : sweeps) {
     std::map<std::int64_t, std::string> tokens = tables.scenes.at(scene);
-    for (const LooseRow& row : rows)
-      if (row.channel == kLidar && by_time.contains(row.time) && scene_of(row) == scene)
-        tokens[row.time] = row.token;
-    for (auto& [time, sweep] : by_time) {
+    for (const auto& [time, token] : by_time) tokens[time] = token;
+    for (const auto& [time, token] : by_time) {
       const auto at = tokens.find(time);
-      sweep->before = std::prev(at)->second, sweep->after = std::next(at)->second;
+      Sample& sweep = tables.between.at(token);
+      sweep.before = std::prev(at)->second, sweep.after = std::next(at)->second;
     }
   }
 }
