@@ -1,6 +1,5 @@
 #include "attack/clean_view.h"
 
-#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstring>
@@ -43,14 +42,11 @@ class Hash {
 SensorView view_of(const PreparedFrame& prepared, const Simulated& simulated, const Capabilities& can) {
   const Frame& frame = prepared.frame;
   SensorView view = view_of(frame, simulated.image, simulated.sweep);
-  const auto reads = [&](const std::string& name) {
-    return std::find(can.reads.begin(), can.reads.end(), name) != can.reads.end();
-  };
   for (std::size_t k = 0; k < frame.others.size(); ++k)
-    if (const ImageF& image = simulated.others[k].image; !image.empty() && reads(frame.others[k].name))
+    if (const ImageF& image = simulated.others[k].image; !image.empty() && can.names(frame.others[k].name))
       view.others.push_back(sensor_beside(frame, k, &image));
   for (std::size_t k = 0; k < simulated.measurements.size(); ++k)
-    if (const Measurement& measured = simulated.measurements[k]; reads(measured.name)) {
+    if (const Measurement& measured = simulated.measurements[k]; can.names(measured.name)) {
       view.others.push_back(sensor_beside(frame, frame.others.size() + k));
       view.others.back().values = measured.data;
     }

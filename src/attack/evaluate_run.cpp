@@ -233,11 +233,10 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
     throw InputError("evaluate", "mpirun",
                      "processes share their work through the disk cache, which is off here",
                      "set MIRAGE_CACHE to a folder that all of them see, or start it without mpirun");
-  CleanDetections seen;  // by its first camera, which is all that a frame shows without others
-  if (rank() == 0)       // the only one that tells; the others take from its part of the rest meanwhile
+  CleanDetections seen;
+  if (rank() == 0)  // the only one that tells; the others take from its part of the rest meanwhile
     result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, stage.settings,
                                       result.settings.quiet, &seen);
-  if (stage.settings.cameras != Cameras::first) seen.clear();
   const CleanDetections clean =
       clean_detections(result.detectors, *result.store, result.hosts, result.settings, seen);
   const auto judged = [&](std::span<const TexturedMesh> meshes) {

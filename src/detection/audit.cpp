@@ -93,7 +93,7 @@ struct Scene {
   std::size_t index;  ///< of the frame
   const Frame& frame;
   std::span<const LidarPoint> points;  ///< in view
-  std::span<const std::string> reads;  ///< Capabilities::reads
+  const Capabilities& can;
   const std::optional<LidarModel>& lidar;
   std::uint64_t seed;
 };
@@ -137,7 +137,7 @@ struct ChangedView {
   void show_beside(const Scene& scene, const Picture& of) {
     for (std::size_t k = 0; k < scene.frame.others.size(); ++k) {
       const std::string& name = scene.frame.others[k].name;
-      if (std::find(scene.reads.begin(), scene.reads.end(), name) == scene.reads.end()) continue;
+      if (!scene.can.names(name)) continue;
       beside.push_back(of(k));
       view.others.push_back(sensor_beside(scene.frame, k, &beside.back()));
       if (beside.back().empty()) view.others.back().image = nullptr;
@@ -429,7 +429,7 @@ Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& sour
       frames[f].right = answers(detector, view_of(frame, frame.image, points), truth);
       frames[f].changed.resize(changes.size());
       const Capabilities can = detector.capabilities();
-      const Scene scene{*set, pairs[f], f, frame, points, can.reads, lidar, seed};
+      const Scene scene{*set, pairs[f], f, frame, points, can, lidar, seed};
       for (std::size_t c = 0; c < changes.size(); ++c) {
         const std::unique_ptr<ChangedView> changed = changed_view(changes[c], scene);
         if (!changed) continue;

@@ -77,21 +77,12 @@ OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who
   return word;
 }
 
-std::vector<SensorData> sensors_of(const SensorView& view, const OutsideWord& word, const std::string& who) {
-  std::vector<SensorData> all = sensors(view, word.can.reads);
-  for (const std::string& name : word.can.reads)
-    if (std::none_of(all.begin(), all.end(), [&](const SensorData& s) { return s.name == name; }))
-      throw InputError(who, name, "the frame has no such sensor",
-                       "use a data set that has it with --cameras all, or a plugin with --sensors");
-  return all;
-}
-
-std::vector<SensorData> clean_sensors_of(const SensorView& view, const OutsideWord& word,
+std::vector<SensorData> clean_sensors_of(const SensorView& view, const Capabilities& can,
                                          const std::string& who) {
-  if (!view.clean || !word.can.why_whole.empty() || !view.others.empty()) return {};
+  if (!view.clean || !can.why_whole.empty() || !view.others.empty()) return {};
   SensorView before = view;
   before.image = view.clean->image, before.points = view.clean->points, before.clean = nullptr;
-  return sensors_of(before, word, who);
+  return sensors(before, can, who);
 }
 
 bool all_finite(std::span<const float> values) {

@@ -22,13 +22,9 @@ struct OutsideWord {
 };
 /// What the object leaves out is as the protocol says. InputError naming `who` and the key that is wrong.
 OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who);
-/// All sensors of the view, with those that the word names. InputError, naming `who`, where it has no such
-/// sensor.
-std::vector<SensorData> sensors_of(const SensorView& view, const OutsideWord& word, const std::string& who);
-
-/// The same of the frame without the object, for one that saves work by it (Capabilities::why_whole); empty
+/// sensors() of the frame without the object, for one that saves work by it (Capabilities::why_whole); empty
 /// where nothing is known of that.
-std::vector<SensorData> clean_sensors_of(const SensorView& view, const OutsideWord& word,
+std::vector<SensorData> clean_sensors_of(const SensorView& view, const Capabilities& can,
                                          const std::string& who);
 
 /// Whether its numbers are: what it answers is looked at, gradients too.

@@ -47,8 +47,9 @@ struct Capabilities {
   std::string version = {};
   /// The sensors that it reads, by name; empty: every camera or LiDAR of the kinds above.
   std::vector<std::string> reads = {};
-  std::vector<std::string> types = {"Car"};  ///< classes that it finds, as Label::type has them
-  MatchBy judged_by = MatchBy::own;          ///< as DetectorOptions::matching asks
+  bool names(const std::string& sensor) const;  ///< whether `reads` does
+  std::vector<std::string> types = {"Car"};     ///< classes that it finds, as Label::type has them
+  MatchBy judged_by = MatchBy::own;             ///< as DetectorOptions::matching asks
   /// How its boxes are compared: as asked, or from above, or in the picture if it finds boxes nowhere else.
   Matching matching() const;
 };
@@ -104,10 +105,11 @@ SensorView view_of(const Frame& frame, const ImageF& image, std::span<const Lida
 inline constexpr const char *kFirstCamera = "camera", *kFirstLidar = "lidar";
 
 /// All sensors of a view: the first camera and the first LiDAR, then those of its frame that the view has or
-/// `reads` names, cameras before measurements and each as the view has it, else as recorded; then what else
-/// the view has. The first camera is called as its frame calls it where `reads` names that. Of a view without
-/// a calibration the camera stands where the ego frame does.
-std::vector<SensorData> sensors(const SensorView& view, std::span<const std::string> reads = {});
+/// the detector names, cameras before measurements and each as the view has it, else as recorded; then what
+/// else the view has. The first camera is called as its frame calls it where the detector names that. Of a
+/// view without a calibration the camera stands where the ego frame does. InputError of `who` where the
+/// detector names one that there is not.
+std::vector<SensorData> sensors(const SensorView& view, const Capabilities& can, const std::string& who);
 /// One of the frame's sensors beside its first camera and its LiDAR, as recorded: its other cameras
 /// (Frame::others), then its measurements. `image`: a camera's in place of the recorded one, which is not
 /// read then.

@@ -14,6 +14,10 @@ Matching Capabilities::matching() const {
   return {judged_by != MatchBy::own ? judged_by : finds_bev ? MatchBy::bev : MatchBy::picture};
 }
 
+bool Capabilities::names(const std::string& sensor) const {
+  return std::find(reads.begin(), reads.end(), sensor) != reads.end();
+}
+
 SensorView view_of(const Frame& frame) {
   return view_of(frame, frame.image, frame.sweep);
 }
@@ -43,10 +47,7 @@ SensorData sensor_beside(const Frame& frame, std::size_t place, const ImageF* im
   return data;
 }
 
-std::vector<SensorData> sensors(const SensorView& view, std::span<const std::string> reads) {
-  const auto named = [&](const std::string& name) {
-    return std::find(reads.begin(), reads.end(), name) != reads.end();
-  };
+std::vector<SensorData> sensors(const SensorView& view, const Capabilities& can, const std::string& who) {
   SensorData camera, lidar;
   camera.name = kFirstCamera, camera.image = view.image;
   lidar.kind = SensorData::Kind::lidar, lidar.name = kFirstLidar, lidar.points = view.points;
@@ -54,7 +55,7 @@ std::vector<SensorData> sensors(const SensorView& view, std::span<const std::str
     camera.camera = view.calibration->camera;
     camera.sensor_from_ego = view.calibration->camera_from_velo;
   }
-  if (view.frame && named(view.frame->camera)) camera.name = view.frame->camera;
+  if (view.frame && can.names(view.frame->camera)) camera.name = view.frame->camera;
   std::vector<SensorData> all = {std::move(camera), std::move(lidar)};
   std::vector<SensorData> rest = view.others;
   const std::size_t beside = view.frame ? view.frame->others.size() + view.frame->measurements.size() : 0;
@@ -67,11 +68,16 @@ std::vector<SensorData> sensors(const SensorView& view, std::span<const std::str
     if (there != rest.end()) {
       all.push_back(std::move(*there));
       rest.erase(there);
-    } else if (named(name)) {
+    } else if (can.names(name)) {
       all.push_back(sensor_beside(*view.frame, k));
     }
   }
   std::move(rest.begin(), rest.end(), std::back_inserter(all));
+  for (const std::string& name : can.reads)
+    if (std::none_of(all.begin(), all.end(), [&](const SensorData& s) { return s.name == name; }))
+      throw InputError(who, name, "the frame has no such sensor",
+                       "use a data set that has it with --cameras all, a plugin with --sensors, or another "
+                       "detector");
   return all;
 }
 

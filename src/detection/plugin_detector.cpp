@@ -26,18 +26,13 @@ class RawFrame {
   /// InputError where the plugin reads a sensor by name that the view lacks.
   RawFrame(const SensorView& view, const Capabilities& can, const std::string& who,
            const Eigen::Affine3d& ego_from_given = Eigen::Affine3d::Identity())
-      : sensors_(sensors(view, can.reads)) {
+      : sensors_(sensors(view, can, who)) {
     const auto reads = [&](const SensorData& sensor) {
-      const bool named = std::find(can.reads.begin(), can.reads.end(), sensor.name) != can.reads.end();
+      const bool named = can.names(sensor.name);
       if (sensor.kind == SensorData::Kind::other) return named;
       if (!(sensor.kind == SensorData::Kind::camera ? can.reads_image : can.reads_points)) return false;
       return can.reads.empty() || named;
     };
-    for (const std::string& name : can.reads)
-      if (std::none_of(sensors_.begin(), sensors_.end(), [&](const SensorData& s) { return s.name == name; }))
-        throw InputError(who, name, "the frame has no such sensor",
-                         "use a data set that has it with --cameras all, a plugin with --sensors, or another "
-                         "detector");
     for (std::size_t i = 0; i < sensors_.size(); ++i) {
       if (!reads(sensors_[i])) continue;
       places_.push_back(i);

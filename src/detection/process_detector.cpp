@@ -270,8 +270,8 @@ class ProcessDetector : public Detector {
 
   /// Writes the view's sensors into the memory; the job that names them.
   json place(const SensorView& view, double score_threshold, bool keep_graph) {
-    const std::vector<SensorData> all = sensors_of(view, word_, who_),
-                                  before = clean_sensors_of(view, word_, who_);
+    const std::vector<SensorData> all = sensors(view, word_.can, who_),
+                                  before = clean_sensors_of(view, word_.can, who_);
     std::vector<Placed> placed_before;
     placed_.clear();
     std::size_t at = 0, gradients = 0;

@@ -20,21 +20,7 @@ struct Simulated::Tape {
 
 namespace {
 
-/// A SensorTape whose `add` is written once for both precisions.
-template <class Self>
-class TapeOf : public SensorTape {
- public:
-  void vjp(const Simulated& simulated, const TexturedMesh& object, const Upstream<float>& upstream,
-           AdversaryGradient& placed) const override {
-    static_cast<const Self&>(*this).add(simulated, object, upstream, placed);
-  }
-  void vjp(const Simulated& simulated, const TexturedMesh& object, const Upstream<double>& upstream,
-           AdversaryGradient& placed) const override {
-    static_cast<const Self&>(*this).add(simulated, object, upstream, placed);
-  }
-};
-
-struct CameraSensorTape : TapeOf<CameraSensorTape> {
+struct CameraSensorTape : SensorTapeOf<CameraSensorTape> {
   std::size_t camera = 0;
   Calibration calibration;
   CameraTape tape;
@@ -71,7 +57,7 @@ class CameraSensor : public SensorPass {
   std::size_t camera_;
 };
 
-struct LidarSensorTape : TapeOf<LidarSensorTape> {
+struct LidarSensorTape : SensorTapeOf<LidarSensorTape> {
   SimulationSettings settings;
   LidarTape tape;
 

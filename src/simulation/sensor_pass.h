@@ -22,6 +22,20 @@ class SensorTape {
                    AdversaryGradient& placed) const = 0;
 };
 
+/// A SensorTape whose `add` is written once for both precisions.
+template <class Self>
+class SensorTapeOf : public SensorTape {
+ public:
+  void vjp(const Simulated& simulated, const TexturedMesh& object, const Upstream<float>& upstream,
+           AdversaryGradient& placed) const override {
+    static_cast<const Self&>(*this).add(simulated, object, upstream, placed);
+  }
+  void vjp(const Simulated& simulated, const TexturedMesh& object, const Upstream<double>& upstream,
+           AdversaryGradient& placed) const override {
+    static_cast<const Self&>(*this).add(simulated, object, upstream, placed);
+  }
+};
+
 /// One sensor. Several threads may draw at once.
 class SensorPass {
  public:

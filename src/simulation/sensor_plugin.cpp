@@ -128,7 +128,7 @@ struct Instance {
   std::size_t values = 0;
 };
 
-class PluginTape : public SensorTape {
+class PluginTape : public SensorTapeOf<PluginTape> {
  public:
   PluginTape(std::shared_ptr<const Instance> of, std::size_t place) : of_(std::move(of)), place_(place) {}
   PluginTape(const PluginTape&) = delete;
@@ -137,20 +137,9 @@ class PluginTape : public SensorTape {
     if (tape) of_->api->release(tape);
   }
 
-  void vjp(const Simulated& simulated, const TexturedMesh&, const Upstream<float>& upstream,
-           AdversaryGradient& placed) const override {
-    add_from(simulated, upstream, placed);
-  }
-  void vjp(const Simulated& simulated, const TexturedMesh&, const Upstream<double>& upstream,
-           AdversaryGradient& placed) const override {
-    add_from(simulated, upstream, placed);
-  }
-
-  void* tape = nullptr;
-
- private:
   template <class S>
-  void add_from(const Simulated& simulated, const Upstream<S>& upstream, AdversaryGradient& placed) const {
+  void add(const Simulated& simulated, const TexturedMesh&, const Upstream<S>& upstream,
+           AdversaryGradient& placed) const {
     const S* d_data = upstream.others.empty() ? nullptr : upstream.others[simulated.others.size() + place_];
     if (!d_data) return;
     const std::vector<double> d_values(d_data, d_data + of_->values);
@@ -159,10 +148,13 @@ class PluginTape : public SensorTape {
       return of_->api->vjp(of_->sensor, tape, d_values.data(), d_vertices.data(), d_albedo.data(), error,
                            kPluginErrorSize);
     });
-    add(d_vertices, placed.vertices);
-    add(d_albedo, placed.texels);
+    for (std::size_t i = 0; i < d_vertices.size(); ++i) placed.vertices[i / 3][i % 3] += d_vertices[i];
+    for (std::size_t i = 0; i < d_albedo.size(); ++i) placed.texels[i / 3][i % 3] += d_albedo[i];
   }
 
+  void* tape = nullptr;
+
+ private:
   std::shared_ptr<const Instance> of_;
   std::size_t place_;  ///< among the frame's measurements
 };

@@ -559,7 +559,7 @@ class LooksBack : public Detector {
   std::array<double, 4> region() const override { return {-60, 60, -60, 60}; }
   std::vector<Detection> forward(const SensorView& view, double, bool) override {
     double mean = -1;
-    for (const SensorData& sensor : sensors(view, capabilities().reads))
+    for (const SensorData& sensor : sensors(view, capabilities(), "test"))
       if (sensor.name == "CAM_BACK" && sensor.image)
         mean = std::accumulate(sensor.image->data.begin(), sensor.image->data.end(), 0.0) /
                static_cast<double>(sensor.image->data.size());

@@ -180,9 +180,8 @@ class RadarDetector : public Detector {
   }
   std::array<double, 4> region() const override { return {0, 70, -40, 40}; }
   std::vector<Detection> forward(const SensorView& view, double threshold, bool) override {
-    const std::vector<std::string> reads = {"radar"};
     double logit = 0;
-    for (const SensorData& sensor : sensors(view, reads)) {
+    for (const SensorData& sensor : sensors(view, capabilities(), "test")) {
       if (sensor.kind != SensorData::Kind::other) continue;
       EXPECT_EQ(sensor.name, "radar");
       weights = weights_of(sensor.values.size(), 7);

@@ -354,7 +354,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
     std::erase_if(view.others,
                   [](const SensorData& other) { return other.kind == SensorData::Kind::camera; });
     for (std::size_t k = 1; k < frame.cameras(); ++k)
-      if (pictures[k] && std::count(can.reads.begin(), can.reads.end(), frame.name_of(k)) > 0)
+      if (pictures[k] && can.names(frame.name_of(k)))
         view.others.push_back(sensor_beside(frame, k - 1, pictures[k]));
     if (can.why_whole.empty()) view.clean = &as_recorded;
     Appearance look = look_at(context.detector, view, host_boxes, judge_by);

@@ -48,11 +48,11 @@ class PythonDetector : public Detector {
 
   std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     const py::gil_scoped_acquire lock;
-    sensors_ = sensors_of(input, word_, "detector");
+    sensors_ = sensors(input, word_.can, "detector");
     const ImageF* image = sensors_.front().image;
     const bool seen = image && !image->empty();
     levels_ = levels_of(sensors_);
-    const std::vector<SensorData> clean = clean_sensors_of(input, word_, "detector");
+    const std::vector<SensorData> clean = clean_sensors_of(input, word_.can, "detector");
     const Levels clean_levels = levels_of(clean);
     try {
       const auto output =
