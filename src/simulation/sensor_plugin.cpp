@@ -41,7 +41,7 @@ std::vector<double> flat(const std::vector<Vec3d>& points) {
   return values;
 }
 
-void add(const std::vector<double>& values, std::vector<Vec3d>& to) {
+void accumulate(const std::vector<double>& values, std::vector<Vec3d>& to) {
   for (std::size_t i = 0; i < to.size(); ++i) to[i] += Vec3d::Map(values.data() + 3 * i);
 }
 
@@ -148,8 +148,8 @@ class PluginTape : public SensorTapeOf<PluginTape> {
       return of_->api->vjp(of_->sensor, tape, d_values.data(), d_vertices.data(), d_albedo.data(), error,
                            kPluginErrorSize);
     });
-    for (std::size_t i = 0; i < d_vertices.size(); ++i) placed.vertices[i / 3][i % 3] += d_vertices[i];
-    for (std::size_t i = 0; i < d_albedo.size(); ++i) placed.texels[i / 3][i % 3] += d_albedo[i];
+    accumulate(d_vertices, placed.vertices);
+    accumulate(d_albedo, placed.texels);
   }
 
   void* tape = nullptr;
