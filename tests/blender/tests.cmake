@@ -1,7 +1,6 @@
 # The Blender add-on inside Blender; skipped with a message where Blender (or a display for the window) is missing.
 add_executable(make_addon_scene blender/make_scene.cpp)
 target_link_libraries(make_addon_scene PRIVATE mirage::exchange mirage_options)
-find_program(MIRAGE_TEST_PYTHON NAMES /usr/bin/python3 python3)
 add_test(NAME addon.scene_check COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/blender/test_glb_check.py
                                         ${PROJECT_SOURCE_DIR} $<TARGET_FILE:make_addon_scene>)
 foreach(suite headless window)

@@ -6,8 +6,5 @@ add_library(mirage_faults MODULE ${CMAKE_CURRENT_SOURCE_DIR}/faults/injector.cpp
 target_link_libraries(mirage_faults PRIVATE ${CMAKE_DL_LIBS})
 target_compile_options(mirage_faults PRIVATE -Wall -Wextra -Wpedantic -Wshadow -Werror)
 set_target_properties(mirage_faults PROPERTIES LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/test_plugins)
-add_test(NAME faults.quick COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/faults/run.py
-                                   ${PROJECT_SOURCE_DIR} ${CMAKE_BINARY_DIR} --quick)
-add_test(NAME faults.refusals COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/faults/refusals.py
-                                      ${PROJECT_SOURCE_DIR} ${CMAKE_BINARY_DIR} --quick)
-set_tests_properties(faults.quick faults.refusals PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 900)
+mirage_python_test(faults.quick faults/run.py --quick)
+mirage_python_test(faults.refusals faults/refusals.py --quick)

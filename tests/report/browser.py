@@ -179,3 +179,38 @@ class PageChecks:
             paper.append(self.browser.run("getComputedStyle(document.body).backgroundColor"))
         self.browser.theme("light")
         self.assertNotEqual(*paper)
+
+
+class ReportChecks(PageChecks):
+    """What holds of every page of figures, too. `path`: the page; `least`: figures; `result`: the file beside it that has them; `cells`:
+    selects those of tables that hold figures and no digits of their own."""
+
+    least, result, cells = 30, "result.json", None
+
+    @classmethod
+    def show(cls, path):
+        cls.path, cls.browser = path, Browser()
+        cls.addClassCleanup(cls.browser.__exit__)
+        cls.browser.open(path)
+
+    def tearDown(self):
+        self.assertEqual(self.browser.errors, [])
+
+    def test_asks_for_nothing_but_itself(self):
+        outside = [url for url in self.browser.requests if not url.startswith(("data:", "blob:"))]
+        self.assertEqual([url for url in outside if not url.endswith(os.path.basename(self.path))], [])
+
+    def test_every_figure_is_in_the_result(self):
+        read = {}
+        shown = self.browser.run("[...document.querySelectorAll('data')].map(d => [d.dataset.at, d.value, d.textContent])")
+        self.assertGreater(len(shown), self.least)
+        for place, value, text in shown:
+            name, inside = place.split("#") if "#" in place else (self.result, place)
+            if name not in read:
+                with open(os.path.join(os.path.dirname(self.path), name), encoding="utf-8") as file:
+                    read[name] = json.load(file)
+            self.assertEqual(str(at(read[name], inside)), value, place)
+            self.assertTrue(text)
+        if self.cells:
+            self.assertEqual(self.browser.run(f"[...document.querySelectorAll({json.dumps(self.cells)})].filter(c => /\\d/.test(c.textContent) && "
+                                              "!c.querySelector('data')).map(c => c.textContent)"), [])

@@ -22,26 +22,18 @@ def write_page(folder):
     return os.path.join(folder, "reproduce.html")
 
 
-class Page(browser.PageChecks, unittest.TestCase):
+class Page(browser.ReportChecks, unittest.TestCase):
+    least, result, cells = 300, "reproduce.json", "section:not(#method) td:not(.quiet)"
+
     @classmethod
     def setUpClass(cls):
         cls.folder = tempfile.TemporaryDirectory(prefix="mirage-paper-")
-        paper_fixture.make(cls.folder.name)
-        cls.path = write_page(cls.folder.name)
-        cls.browser = browser.Browser()
         cls.addClassCleanup(cls.folder.cleanup)
-        cls.addClassCleanup(cls.browser.__exit__)
-        cls.browser.open(cls.path)
-
-    def tearDown(self):
-        self.assertEqual(self.browser.errors, [])
+        paper_fixture.make(cls.folder.name)
+        cls.show(write_page(cls.folder.name))
 
     def count(self, selector):
         return self.browser.run(f"document.querySelectorAll({json.dumps(selector)}).length")
-
-    def test_asks_for_nothing_but_itself(self):
-        outside = [url for url in self.browser.requests if not url.startswith(("data:", "blob:"))]
-        self.assertEqual([url for url in outside if not url.endswith("reproduce.html")], [])
 
     def test_parts_are_there(self):
         sections = self.browser.run("[...document.querySelectorAll('section')].map(s => s.id)")
@@ -79,18 +71,6 @@ class Page(browser.PageChecks, unittest.TestCase):
         root = xml.etree.ElementTree.parse(path).getroot()
         self.assertTrue(root.tag.endswith("svg"))
         self.assertGreater(int(root.get("width")), 500)
-
-    def test_every_figure_is_in_the_result(self):
-        with open(os.path.join(self.folder.name, "reproduce.json"), encoding="utf-8") as file:
-            result = json.load(file)
-        shown = self.browser.run("[...document.querySelectorAll('data')].map(d => [d.dataset.at, d.value, d.textContent])")
-        self.assertGreater(len(shown), 300)
-        for place, value, text in shown:
-            self.assertEqual(str(browser.at(result, place)), value, place)
-            self.assertTrue(text)
-        loose = self.browser.run("[...document.querySelectorAll('section:not(#method) td:not(.quiet)')].filter(c => "
-                                 "/\\d/.test(c.textContent) && !c.querySelector('data')).map(c => c.textContent)")
-        self.assertEqual(loose, [])
 
 
 class OneJudge(unittest.TestCase):

@@ -26,8 +26,8 @@ if __name__ == "__main__":
 try:
     from PIL import Image
 
+    import atomic
     import figures
-    import files
     import paper_heat
     import paper_plots as plots
     import pictures
@@ -125,7 +125,7 @@ def plots_of(table):
 
 
 def page(result, folder):
-    environment = files.templates(HERE, REPORT)
+    environment = figures.templates(HERE, REPORT)
     fig = figures.figure_function(result)
     names = [table["name"] for table in result["tables"]]
     sections = [{"at": names.index(name), "kind": kind, "table": result["tables"][names.index(name)],
@@ -137,17 +137,17 @@ def page(result, folder):
         pictures=shown_pictures(folder, result["tables"]),
         minutes=sum(step.get("seconds", 0) for step in result["steps"].values()) / 60)
     return environment.get_template("paper_page.html.j2").render(
-        style=files.asset(REPORT, "style.css"), own_style=files.asset(HERE, "paper_page.css"))
+        style=figures.asset(REPORT, "style.css"), own_style=figures.asset(HERE, "paper_page.css"))
 
 
 def main(folder):
     result = figures.read_json(os.path.join(folder, "reproduce.json"))
-    files.write(os.path.join(folder, "reproduce.html"), page(result, folder))
+    atomic.write(os.path.join(folder, "reproduce.html"), page(result, folder))
     for table in result["tables"]:  # for pages of others
         svg = paper_heat.heat(table) if table.get("matrix") else None
         if svg:
-            files.write(os.path.join(folder, table["name"] + ".svg"), paper_heat.standalone(svg))
+            atomic.write(os.path.join(folder, table["name"] + ".svg"), paper_heat.standalone(svg))
 
 
 if __name__ == "__main__":
-    files.run(main, sys.argv[1])
+    atomic.run(main, sys.argv[1])

@@ -6,6 +6,7 @@ import json
 import math
 import os
 
+import jinja2
 from markupsafe import Markup, escape
 
 import charts
@@ -48,6 +49,17 @@ FORMATS = {
 def read_json(path):
     with open(path, encoding="utf-8") as file:
         return json.load(file)
+
+
+def templates(*folders):
+    """The environment in which pages are filled; templates are looked for in these folders."""
+    return jinja2.Environment(loader=jinja2.FileSystemLoader(folders), autoescape=True)
+
+
+def asset(folder, name):
+    """A text that goes into a page as it is."""
+    with open(os.path.join(folder, name), encoding="utf-8") as file:
+        return Markup(file.read())
 
 
 def at(tree, place):

@@ -19,8 +19,8 @@ sys.path.insert(0, HERE)
 try:
     from markupsafe import Markup
 
+    import atomic
     import figures
-    import files
     import pictures
     import plots
 except ImportError as error:
@@ -104,7 +104,7 @@ def sign_off(environment, hosts):
     more = [f"{len(named) - NAMED_HIDDEN} more"] if len(named) > NAMED_HIDDEN else []
     return environment.get_template("sign_off.html.j2").render(
         bands=by_distance(hosts), hidden=named[:NAMED_HIDDEN] + more, untested=untested(environment.globals["result"]),
-        a4=files.asset(HERE, "a4.css"))
+        style=figures.asset(HERE, "a4.css"))
 
 
 def page(environment, result, hosts, folder, model, viewer, origin):
@@ -127,9 +127,8 @@ def page(environment, result, hosts, folder, model, viewer, origin):
                "remaining": plots.remaining(result), "ladder_cost": plots.ladder_cost(result)},
         pictured=[pictured_view(folder, i, hosts[i]) for i in order[:PICTURED_HOSTS]],
         hosts=[host_view(i, host) for i, host in enumerate(hosts)])
-    macros = environment.get_template("macros.html.j2").module
-    environment.globals.update(swipe=macros.swipe, became=macros.became)
-    return environment.get_template("page.html.j2").render(style=files.asset(HERE, "style.css"), script=files.asset(HERE, "page.js"), viewer=viewer)
+    return environment.get_template("page.html.j2").render(style=figures.asset(HERE, "style.css"), script=figures.asset(HERE, "page.js"),
+                                                           viewer=viewer)
 
 
 def main():
@@ -148,13 +147,13 @@ def main():
     result = figures.gather(result, hosts, figures.loss_curve(os.path.join(options.run, "loss.csv")),
                             figures.read_json(options.evaluation) if options.evaluation else None,
                             figures.read_json(options.tradeoff) if options.tradeoff else None)
-    environment = files.templates(HERE)
+    environment = figures.templates(HERE)
     text = page(environment, result, hosts, folder, model_uri(os.path.join(options.run, "adversary.glb")),
                 viewer_script(options.viewer), figures.origin_function(hosts, options.evaluation, options.tradeoff))
-    files.write(os.path.join(folder, "report.html"), text)
+    atomic.write(os.path.join(folder, "report.html"), text)
     if options.sign_off:
-        files.write(os.path.join(folder, "sign-off.html"), sign_off(environment, hosts))
+        atomic.write(os.path.join(folder, "sign-off.html"), sign_off(environment, hosts))
 
 
 if __name__ == "__main__":
-    files.run(main)
+    atomic.run(main)
