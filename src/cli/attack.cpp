@@ -158,16 +158,13 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
 }  // namespace
 
 Command attack_command() {
-  auto options = std::make_shared<AttackOptions>();
-  return Command{
+  return command_of<AttackOptions>({
       .name = "attack",
       .help = "learns the universal adversary; resumes from its checkpoint",
       .default_out = "out/attack",
       .example = "mirage attack --data path/to/kitti --detector fusion --iterations 200 --out out/attack",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) { return run(*options, common); },
       .many_ranks = true,
-  };
+  });
 }
 
 }  // namespace mirage::cli

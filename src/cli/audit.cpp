@@ -1,16 +1,12 @@
 // mirage audit: what a detector loses when one of its inputs is wrong.
 #include "detection/audit.h"
 
-#include <memory>
-
 #include "attack/detector_pool.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/logging.h"
-#include "base/progress.h"
 #include "cli/command.h"
 #include "cli/options.h"
-#include "cli/page.h"
 #include "cli/table.h"
 #include "detection/detect.h"
 #include "detection/detector_settings.h"
@@ -89,14 +85,9 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
   if (!can.reads_image)
     std::erase_if(changes, [](const AuditChange& change) { return change.input() == AuditInput::picture; });
   Audit audit;
-  if (!changes.empty()) {
-    std::unique_ptr<Progress> progress;
+  if (!changes.empty())
     audit = run_audit(detectors, recorded_frames(options), ids, changes, lidar_of(options.data, options.rig),
-                      common.seed, [&](std::size_t done, std::size_t total) {
-                        if (!progress) progress = std::make_unique<Progress>("audit", total, common.quiet);
-                        progress->update(done);
-                      });
-  }
+                      common.seed, progress_of("audit", common));
   add_detector(*common.made_of, asked);
   common.made_of->set("classes", options.classes);
   common.made_of->input("sensors", sensors_identity(options.sensors));
@@ -124,22 +115,19 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
   return result;
 }
 
+void afterwards(const AuditOptions& options, const Common& common) {
+  if (!options.gate) write_page(common.out);
+}
+
 }  // namespace
 
 Command audit_command() {
-  auto options = std::make_shared<AuditOptions>();
-  return Command{
+  return command_of<AuditOptions>({
       .name = "audit",
       .help = "measures what a detector loses when its picture, its sweep or its calibration is wrong",
       .default_out = "out/audit",
       .example = "mirage audit --data path/to/kitti --detector fusion",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) { return run(*options, common); },
-      .afterwards =
-          [options](const Common& common) {
-            if (!options->gate) write_page(common.out);
-          },
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -1,6 +1,5 @@
 // mirage certify: cars that no object on their roof can hide.
 #include <cmath>
-#include <memory>
 
 #include "attack/zoo.h"
 #include "base/error.h"
@@ -91,9 +90,7 @@ void add_options(CLI::App& app, CertifyOptions& options) {
       ->delimiter(',')
       ->capture_default_str();
   add_fields(app, settings);
-  app.add_option("--score", settings.evaluation.score_threshold, "score of a detection")
-      ->check(within(kShare))
-      ->capture_default_str();
+  add_score_option(app, settings.evaluation.score_threshold);
   options.effects.add(app);
   tell_of_cache(app);
 }
@@ -148,15 +145,12 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
 }  // namespace
 
 Command certify_command() {
-  auto options = std::make_shared<CertifyOptions>();
-  return Command{
+  return command_of<CertifyOptions>({
       .name = "certify",
       .help = "counts cars that no object within a box on their roof can hide",
       .default_out = "out/certify",
       .example = "mirage certify --data generated --detector lidar",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) { return run(*options, common); },
-  };
+  });
 }
 
 }  // namespace mirage::cli

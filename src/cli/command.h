@@ -1,4 +1,4 @@
-// A subcommand of `mirage`: its options and what it runs. Commands hold no logic of their own.
+// The subcommands of `mirage`: their options and what they run. Commands hold no logic of their own.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -8,6 +8,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <vector>
 
 #include "base/provenance.h"
 #include "base/schedule.h"
@@ -24,11 +25,8 @@ struct Common {
   std::shared_ptr<Provenance> made_of = std::make_shared<Provenance>();
 };
 
-/// Every x_command() has one form. It makes the command's options (a struct, which `options` and `run` share
-/// and so keep alive) and returns Command{.name = …, .help = …, .default_out = …, .example = …, .options = …,
-/// .run = …}. What is long there stands above it in the anonymous namespace, with the struct:
-/// add_options(CLI::App&, XOptions&) and run(const XOptions&, const Common&), which in a unity build are
-/// overloads on that struct.
+/// Every x_command() returns command_of<XOptions>({.name = …, .help = …, .default_out = …, .example = …}).
+/// What is done stands above it in the anonymous namespace.
 struct Command {
   /// `example`: a command line of it, for its help.
   std::string name = {}, help = {}, default_out = {}, example = {};
@@ -44,6 +42,19 @@ struct Command {
   /// *.result.json.
   std::string page = {}, one_file = "the page";
 };
+
+/// A command whose options are a struct. Beside that stand add_options(CLI::App&, Options&), run(Options&,
+/// const Common&) and, where there is one, afterwards(const Options&, const Common&): overloads, in a unity
+/// build.
+template <class Options>
+Command command_of(Command told) {
+  const auto options = std::make_shared<Options>();  // lives as long as the command
+  told.options = [options](CLI::App& app) { add_options(app, *options); };
+  told.run = [options](const Common& common) -> nlohmann::json { return run(*options, common); };
+  if constexpr (requires(const Common& common) { afterwards(*options, common); })
+    told.afterwards = [options](const Common& common) { afterwards(*options, common); };
+  return told;
+}
 
 /// What these options say of a training.
 inline void take_common(TrainingSchedule& schedule, const Common& common) {
@@ -76,5 +87,9 @@ Command rig_command();
 Command score_command();
 Command view_command();
 Command zoo_command();
+
+/// Parses `mirage <command> …`, runs the command, and turns errors into an exit code: 0 done, 1 failed, 2 bad
+/// arguments or bad input. Errors print one line on standard error.
+int dispatch(std::vector<std::string> arguments);
 
 }  // namespace mirage::cli

@@ -1,11 +1,9 @@
 // mirage compare: whether one detector is easier to fool than another.
-#include <memory>
 
 #include "attack/comparison.h"
 #include "base/error.h"
 #include "cli/command.h"
 #include "cli/options.h"
-#include "cli/page.h"
 #include "cli/table.h"
 
 namespace mirage::cli {
@@ -76,9 +74,7 @@ void add_options(CLI::App& app, CompareOptions& options) {
   app.add_option("--min-view", request.min_view, "a car needs this share of the reference adversary in view")
       ->check(within(kShare))
       ->capture_default_str();
-  app.add_option("--score", request.settings.score_threshold, "score of a detection")
-      ->check(within(kShare))
-      ->capture_default_str();
+  add_score_option(app, request.settings.score_threshold);
   app.add_option(
          "--fail-above", options.fail_above,
          "exit code 1 if the second detector is worse by more than this many points beyond the interval")
@@ -107,27 +103,23 @@ nlohmann::json run(CompareOptions& options, const Common& common) {
   return {{"compare", to_json(result)}};
 }
 
+void afterwards(const CompareOptions& options, const Common& common) {
+  write_page(common.out);
+  if (options.fail_above && options.worse > *options.fail_above)
+    throw Failure("--fail-above",
+                  fmt::format("the second detector is worse by at least {:.1f} points", options.worse),
+                  "see worse in result.json");
+}
+
 }  // namespace
 
 Command compare_command() {
-  auto options = std::make_shared<CompareOptions>();
-  return Command{
+  return command_of<CompareOptions>({
       .name = "compare",
       .help = "tells whether one detector is easier to fool than another, on the same vehicles and objects",
       .default_out = "out/compare",
       .example = "mirage compare --detectors fusion refined --runs out/attack --data path/to/kitti",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) { return run(*options, common); },
-      .afterwards =
-          [options](const Common& common) {
-            write_page(common.out);
-            if (options->fail_above && options->worse > *options->fail_above)
-              throw Failure(
-                  "--fail-above",
-                  fmt::format("the second detector is worse by at least {:.1f} points", options->worse),
-                  "see worse in result.json");
-          },
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -1,5 +1,4 @@
 // mirage defend: fine-tunes a detector to resist.
-#include <memory>
 
 #include "cli/command.h"
 #include "cli/options.h"
@@ -24,12 +23,11 @@ nlohmann::json run(const DefendOptions& options, const Common& common) {
   const DefenseResult result = train_defended(settings);
   common.made_of->add(settings);
   add_detector(*common.made_of, settings.detector);
-  std::vector<std::pair<std::string, std::string>> rows = {
-      {"hosts", std::to_string(result.hosts)},
-      {"updates", std::to_string(result.steps)},
-      {"seconds an update", fmt::format("{:.2f}", result.seconds_per_step)},
-      {"loss (running mean)", fmt::format("{:.3f}", result.loss.total)},
-      {"weights", result.weights.string()}};
+  Rows rows = {{"hosts", std::to_string(result.hosts)},
+               {"updates", std::to_string(result.steps)},
+               {"seconds an update", fmt::format("{:.2f}", result.seconds_per_step)},
+               {"loss (running mean)", fmt::format("{:.3f}", result.loss.total)},
+               {"weights", result.weights.string()}};
   nlohmann::json json = {{"method", options.method},
                          {"hosts", result.hosts},
                          {"steps", result.steps},
@@ -52,32 +50,29 @@ nlohmann::json run(const DefendOptions& options, const Common& common) {
   return json;
 }
 
+void add_options(CLI::App& app, DefendOptions& options) {
+  add_fields(app, options.settings, {"minutes"});  // a run is of so many steps
+  app.get_option("--precision")->check(one_of({kFloat, kBfloat16}));
+  app.add_option("--method", options.method,
+                 "adversarial (free adversarial training); denoising (the same with non-local "
+                 "means on image features); depth-gate (fusion weighs image features by "
+                 "agreement in depth, trained clean); ceiling (random meshes, under a ceiling of "
+                 "1.4 m); controls: "
+                 "roof-objects (random meshes in the adversary's place), picture-dropout (half of "
+                 "the samples without their picture)")
+      ->capture_default_str();
+}
+
 }  // namespace
 
 Command defend_command() {
-  auto options = std::make_shared<DefendOptions>();
-  return Command{
+  return command_of<DefendOptions>({
       .name = "defend",
-      .help =
-          "fine-tunes a detector to resist: adversarial training, feature denoising, depth gate; and "
-          "controls",
+      .help = "fine-tunes a detector to resist: adversarial training, feature denoising, depth gate; and "
+              "controls",
       .default_out = "out/defend",
       .example = "mirage defend --data generated --method adversarial --steps 1000",
-      .options =
-          [options](CLI::App& app) {
-            add_fields(app, options->settings, {"minutes"});  // a run is of so many steps
-            app.get_option("--precision")->check(one_of({kFloat, kBfloat16}));
-            app.add_option("--method", options->method,
-                           "adversarial (free adversarial training); denoising (the same with non-local "
-                           "means on image features); depth-gate (fusion weighs image features by "
-                           "agreement in depth, trained clean); ceiling (random meshes, under a ceiling of "
-                           "1.4 m); controls: "
-                           "roof-objects (random meshes in the adversary's place), picture-dropout (half of "
-                           "the samples without their picture)")
-                ->capture_default_str();
-          },
-      .run = [options](const Common& common) { return run(*options, common); },
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -1,4 +1,3 @@
-#include <memory>
 
 #include "base/clusters.h"
 #include "cli/command.h"
@@ -97,17 +96,13 @@ nlohmann::json run(const DemoOptions& options, const Common& common) {
 }  // namespace
 
 Command demo_command() {
-  auto options = std::make_shared<DemoOptions>();
-  return Command{
+  return command_of<DemoOptions>({
       .name = "demo",
-      .help =
-          "runs the whole chain on generated frames: generate → attack → evaluate → export → validate, "
-          "which writes the report",
+      .help = "runs the whole chain on generated frames: generate → attack → evaluate → export → validate, "
+              "which writes the report",
       .default_out = "out/demo",
       .example = "mirage demo --quick --out out/demo",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) { return run(*options, common); },
-  };
+  });
 }
 
 }  // namespace mirage::cli

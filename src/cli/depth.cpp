@@ -5,8 +5,7 @@
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/names.h"
-#include "base/progress.h"
-#include "cli/command.h"
+#include "cli/options.h"
 #include "cli/table.h"
 #include "frames/data_check.h"
 #include "scene/data/data_rig.h"
@@ -106,13 +105,7 @@ nlohmann::json run(const DepthOptions& options, const Common& common) {
     common.made_of->input("backend_" + escape_name(name),
                           depth_identity({name, options.weights, false, common.seed, common.threads}));
   if (backends.empty()) throw InputError("--backends", "", "names none", "try ip-basic,guided");
-  std::unique_ptr<Progress> progress;
-  const auto scores =
-      score_depth(score, backends, initial_adversary(), [&](std::size_t done, std::size_t total) {
-        if (!progress) progress = std::make_unique<Progress>("depth", total, common.quiet);
-        progress->update(done);
-      });
-  progress.reset();
+  const auto scores = score_depth(score, backends, initial_adversary(), progress_of("depth", common));
   if (!common.quiet) print_scores(scores, score.hidden > 0);
   nlohmann::json list = nlohmann::json::array();
   for (const DepthScore& s : scores) {
@@ -137,15 +130,12 @@ nlohmann::json run(const DepthOptions& options, const Common& common) {
 }  // namespace
 
 Command depth_command() {
-  auto options = std::make_shared<DepthOptions>();
-  return Command{
+  return command_of<DepthOptions>({
       .name = "depth",
       .help = "scores depth completion: against true depth, or on returns held back",
       .default_out = "out/depth",
       .example = "mirage depth --data generated --backends ip-basic,guided",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) { return run(*options, common); },
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -6,14 +6,12 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <memory>
 
 #include "attack/detector_pool.h"
 #include "attack/glue_check.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/names.h"
-#include "base/progress.h"
 #include "cli/options.h"
 #include "cli/table.h"
 #include "detection/kitti_ap.h"
@@ -91,7 +89,7 @@ void print_scores(const std::vector<ScoredStratum>& parts, const Interval& ap50,
   for (const auto& [stratum, at50, at70] : parts) {
     const bool all = &stratum == &parts.front().stratum;
     const auto ap = [&](const PrecisionRecall& at, const Interval& interval) {
-      return all ? percent(interval.value, interval.low, interval.high) : percent(at.average_precision);
+      return all ? percent(interval) : percent(at.average_precision);
     };
     rows.push_back({stratum.name, std::to_string(at50.boxes), ap(at50, ap50), ap(at70, ap70),
                     percent(at50.recall), percent(at70.recall)});
@@ -142,13 +140,6 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   Detector* const detector = detectors.front();
   const LabelCensus census = count_labels(options.data, frames, options.classes);
   warn_of_labels(census);
-  std::unique_ptr<Progress> progress;
-  const auto tell = [&](const char* what) {
-    return [&progress, what, quiet = common.quiet](std::size_t done, std::size_t total) {
-      if (!progress) progress = std::make_unique<Progress>(what, total, quiet);
-      progress->update(done);
-    };
-  };
   if (!options.kitti.empty()) make_output_folder(options.kitti);
   const Capabilities can = detector->capabilities();
   std::vector<KittiFrame> kitti(frames.size());
@@ -169,9 +160,8 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   common.made_of->set("classes", options.classes);
   common.made_of->input("sensors", sensors_identity(options.sensors));
   add_data(*common.made_of, options.data, frames, options.cameras);
-  const DetectionRun run =
-      detect_data_set(detectors, recorded_frames(options), options.frames, tell("detect"), seen);
-  progress.reset();
+  const DetectionRun run = detect_data_set(detectors, recorded_frames(options), options.frames,
+                                           progress_of("detect", common), seen);
   write_json(common.out / "detections.json", detections_json(run, can));
   std::vector<ScoredStratum> parts(1);
   parts[0].stratum.name = "all";
@@ -243,17 +233,14 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
 }  // namespace
 
 Command detect_command() {
-  auto options = std::make_shared<DetectOptions>();
-  return Command{
+  return command_of<DetectOptions>({
       .name = "detect",
       .help =
           "runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for a "
           "detector of that alone)",
       .default_out = "out/detect",
       .example = "mirage detect --data path/to/kitti --detector fusion",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) { return run(*options, common); },
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -1,5 +1,3 @@
-#include "cli/dispatch.h"
-
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>

@@ -2,7 +2,6 @@
 #include "attack/drive.h"
 
 #include <cmath>
-#include <memory>
 
 #include "attack/baseline.h"
 #include "attack/zoo.h"
@@ -11,7 +10,6 @@
 #include "base/names.h"
 #include "cli/command.h"
 #include "cli/options.h"
-#include "cli/page.h"
 #include "cli/table.h"
 #include "detection/detector_settings.h"
 #include "frames/made_of.h"
@@ -94,9 +92,7 @@ void add_options(CLI::App& app, DriveOptions& options) {
   add_overrides<SimulationSettings>(app, options.asked, {"light", "camera_effects"});
   options.effects.add(app, "the run's");
   add_fields(app, options.settings);
-  app.add_option("--score", options.score, "score of a detection")
-      ->check(within(kShare))
-      ->capture_default_str();
+  add_score_option(app, options.score);
   tell_of_cache(app);
 }
 
@@ -151,16 +147,13 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
 }  // namespace
 
 Command drive_command() {
-  auto options = std::make_shared<DriveOptions>();
-  return Command{
+  return command_of<DriveOptions>({
       .name = "drive",
       .help = "an object on every vehicle of a drive: blind gaps in seconds, distance at confirmation",
       .default_out = "out/drive",
       .example = "mirage drive --run out/attack --data kitti-tracking --sequence 0003 --weights real",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) { return run(*options, common); },
       .afterwards = [](const Common& common) { write_page(common.out); },
-  };
+  });
 }
 
 }  // namespace mirage::cli

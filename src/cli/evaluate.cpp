@@ -1,5 +1,4 @@
 #include <cstdio>
-#include <memory>
 
 #include "attack/evaluate_run.h"
 #include "attack/expectation.h"
@@ -130,53 +129,49 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
                  "into OUT/pictures")
       ->check(within(kNotNegative))
       ->capture_default_str();
-  app.add_option("--score", request.settings.score_threshold, "score of a detection")
-      ->check(within(kShare))
-      ->capture_default_str();
+  add_score_option(app, request.settings.score_threshold);
   app.add_option("--iou", request.settings.detected_iou, "IoU at which a vehicle counts as detected")
       ->check(within(kShare))
       ->capture_default_str();
 }
 
+nlohmann::json run(const EvaluateOptions& options, const Common& common) {
+  EvaluationRequest request = options.request;
+  request.detector.seed = common.seed;
+  request.detector.threads = common.threads;
+  for (const auto& [name, text] : options.computed) set_field(request.detector, name, text);
+  request.settings.quiet = common.quiet;
+  request.settings.expectation = parse_expectation(options.expect);
+  request.settings.expectation_seed = common.seed;
+  options.effects.check();
+  options.quality.ask(request.asked);
+  options.effects.ask(request.asked);
+  const RunEvaluation evaluation = evaluate_run(request);
+  common.made_of->add(evaluation.stage.settings);
+  add_frames(*common.made_of, evaluation.stage.settings, evaluation.hosts);
+  if (!evaluation.objects.empty()) add_objects(*common.made_of, evaluation.objects);
+  add_detector(*common.made_of, evaluation.detector);
+  common.made_of->set("expect", options.expect);
+  print_head(evaluation);
+  print_arms(evaluation);
+  print_bounds(evaluation);
+  print_strata(evaluation);
+  nlohmann::json result = to_json(evaluation);
+  if (options.pictures > 0 && rank() == 0)
+    result["pictures"] = draw_evaluation_pictures(evaluation, options.pictures, common.out / "pictures");
+  return result;
+}
+
 }  // namespace
 
 Command evaluate_command() {
-  auto options = std::make_shared<EvaluateOptions>();
-  return Command{
+  return command_of<EvaluateOptions>({
       .name = "evaluate",
       .help = "judges a run or objects: attack success against a detector and a data set",
       .default_out = "out/evaluate",
       .example = "mirage evaluate --run out/attack --baseline all",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) -> nlohmann::json {
-        EvaluationRequest request = options->request;
-        request.detector.seed = common.seed;
-        request.detector.threads = common.threads;
-        for (const auto& [name, text] : options->computed) set_field(request.detector, name, text);
-        request.settings.quiet = common.quiet;
-        request.settings.expectation = parse_expectation(options->expect);
-        request.settings.expectation_seed = common.seed;
-        options->effects.check();
-        options->quality.ask(request.asked);
-        options->effects.ask(request.asked);
-        const RunEvaluation evaluation = evaluate_run(request);
-        common.made_of->add(evaluation.stage.settings);
-        add_frames(*common.made_of, evaluation.stage.settings, evaluation.hosts);
-        if (!evaluation.objects.empty()) add_objects(*common.made_of, evaluation.objects);
-        add_detector(*common.made_of, evaluation.detector);
-        common.made_of->set("expect", options->expect);
-        print_head(evaluation);
-        print_arms(evaluation);
-        print_bounds(evaluation);
-        print_strata(evaluation);
-        nlohmann::json result = to_json(evaluation);
-        if (options->pictures > 0 && rank() == 0)
-          result["pictures"] =
-              draw_evaluation_pictures(evaluation, options->pictures, common.out / "pictures");
-        return result;
-      },
       .many_ranks = true,
-  };
+  });
 }
 
 }  // namespace mirage::cli

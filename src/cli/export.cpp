@@ -1,7 +1,6 @@
 // mirage export: the adversary and scenes of a run as glTF, the adversary as FBX and OBJ too.
 #include <fmt/format.h>
 
-#include <memory>
 #include <optional>
 
 #include "attack/run.h"
@@ -162,44 +161,40 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
   return result;
 }
 
+void add_options(CLI::App& app, ExportOptions& options) {
+  app.add_option("--run", options.run, "folder of a finished mirage attack")->required();
+  add_overrides<FrameSource>(app, options.asked);
+  add_trust_option(app, options.trust);
+  app.add_option("--frames", options.frames,
+                 "export N frames of the run, test frames first. 0: all test frames")
+      ->check(within(kNotNegative))
+      ->capture_default_str();
+  app.add_flag("--fbx", options.fbx,
+               "also write adversary.fbx (by Blender) for engines: metres, pivot on the roof "
+               "socket, embedded texels");
+  app.add_flag("--obj", options.obj, "also write adversary.obj with .mtl and .png: metres, x forward, z up");
+  app.add_flag("--kit", options.kit,
+               "also write what builds it (by Blender): parts as .stl and .3mf, its skin as .pdf at true "
+               "scale, a plate to mount it on");
+  app.add_option("--bed", options.bed, "of --kit: the printer's bed X,Y,Z, m; each part fits it")
+      ->delimiter(',')
+      ->expected(3)
+      ->check(CLI::Range(0.05, 10.0))
+      ->capture_default_str();
+  app.add_option("--sheet", options.sheet, "of --kit: paper of the skin")
+      ->check(one_of({"A0", "A1", "A2", "A3", "A4"}))
+      ->capture_default_str();
+}
+
 }  // namespace
 
 Command export_command() {
-  auto options = std::make_shared<ExportOptions>();
-  return Command{
+  return command_of<ExportOptions>({
       .name = "export",
       .help = "writes the adversary and scenes of a run as .glb (and .fbx, .obj)",
       .default_out = "out/export",
       .example = "mirage export --run out/attack --frames 0 --fbx",
-      .options =
-          [options](CLI::App& app) {
-            app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
-            add_overrides<FrameSource>(app, options->asked);
-            add_trust_option(app, options->trust);
-            app.add_option("--frames", options->frames,
-                           "export N frames of the run, test frames first. 0: all test frames")
-                ->check(within(kNotNegative))
-                ->capture_default_str();
-            app.add_flag("--fbx", options->fbx,
-                         "also write adversary.fbx (by Blender) for engines: metres, pivot on the roof "
-                         "socket, embedded texels");
-            app.add_flag("--obj", options->obj,
-                         "also write adversary.obj with .mtl and .png: metres, x forward, z up");
-            app.add_flag(
-                "--kit", options->kit,
-                "also write what builds it (by Blender): parts as .stl and .3mf, its skin as .pdf at true "
-                "scale, a plate to mount it on");
-            app.add_option("--bed", options->bed, "of --kit: the printer's bed X,Y,Z, m; each part fits it")
-                ->delimiter(',')
-                ->expected(3)
-                ->check(CLI::Range(0.05, 10.0))
-                ->capture_default_str();
-            app.add_option("--sheet", options->sheet, "of --kit: paper of the skin")
-                ->check(one_of({"A0", "A1", "A2", "A3", "A4"}))
-                ->capture_default_str();
-          },
-      .run = [options](const Common& common) { return run(*options, common); },
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -5,7 +5,6 @@
 
 #include <cmath>
 #include <cstdio>
-#include <memory>
 #include <mutex>
 
 #include "base/error.h"
@@ -185,23 +184,22 @@ void add_options(CLI::App& app, FitOptions& options) {
   app.add_option("--mesh-up", options.up, "axis of those files that points up, e.g. +y");
 }
 
+nlohmann::json run(const FitOptions& options, const Common& common) {
+  if (!options.build_model.empty()) return build_model(options, common);
+  if (options.data.empty())
+    throw InputError("mirage fit", "--data", "missing", "give a data set, or --build-model FILE");
+  return fit_data_set(options, common);
+}
+
 }  // namespace
 
 Command fit_command() {
-  auto options = std::make_shared<FitOptions>();
-  return Command{
+  return command_of<FitOptions>({
       .name = "fit",
       .help = "fits the vehicle shape manifold: meshes, rooftops, fitting error",
       .default_out = "out/fit",
       .example = "mirage fit --data generated --mesh-format glb",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) -> nlohmann::json {
-        if (!options->build_model.empty()) return build_model(*options, common);
-        if (options->data.empty())
-          throw InputError("mirage fit", "--data", "missing", "give a data set, or --build-model FILE");
-        return fit_data_set(*options, common);
-      },
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -2,8 +2,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
-#include <memory>
 
 #include "base/error.h"
 #include "base/interrupt.h"
@@ -63,7 +61,7 @@ nlohmann::json run(const GenerateOptions& options, const Common& common) {
   if (!options.look.empty()) rig = with_look(rig, parse_look(options.look, "generate", "--look"));
   common.made_of->file("rig", rig_file(options.rig));
   common.made_of->input("lidar", lidar_identity(rig.lidar));
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   if (options.drives > 0 && !rig.others.empty())
     throw InputError("--drives", options.rig, "the rig has several cameras, and drives are seen by one",
                      "give a rig of one camera, or single frames");
@@ -81,7 +79,7 @@ nlohmann::json run(const GenerateOptions& options, const Common& common) {
                              options.truth   ? Truth::all
                              : options.depth ? Truth::depth
                                              : Truth::none);
-  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const double seconds = seconds_since(start);
   if (!common.quiet) {
     fmt::print("frames written   {:6}   (kept from before: {})\n", sum.written, sum.kept);
     fmt::print("cars labelled    {:6}   (other objects: {})\n", sum.cars, sum.others);
@@ -103,16 +101,13 @@ nlohmann::json run(const GenerateOptions& options, const Common& common) {
 }  // namespace
 
 Command generate_command() {
-  auto options = std::make_shared<GenerateOptions>();
-  return Command{
+  return command_of<GenerateOptions>({
       .name = "generate",
       .help = "writes generated frames in KITTI's layout",
       .default_out = "generated",
       .example = "mirage generate --rig kitti64 --frames 20 --out generated",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) { return run(*options, common); },
       .many_ranks = true,
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -13,6 +13,7 @@
 #include "base/plugins.h"
 #include "base/words.h"
 #include "cli/field_options.h"
+#include "cli/table.h"
 #include "defense/adversarial_training.h"
 #include "detection/detector.h"
 #include "detection/detector_settings.h"
@@ -73,12 +74,6 @@ std::string heading_of(const CLI::Option& option) {
     for (const std::string& name : option.get_lnames())
       if (std::find(names.begin(), names.end(), "--" + name) != names.end()) return heading;
   return "";
-}
-
-/// Letters of UTF-8, each a column.
-std::size_t columns(const std::string& text) {
-  return static_cast<std::size_t>(std::count_if(
-      text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
 }
 
 std::size_t line_width() {

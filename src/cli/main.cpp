@@ -4,7 +4,7 @@
 #include "base/interrupt.h"
 #include "base/quiet_png.h"
 #include "base/ranks.h"
-#include "cli/dispatch.h"
+#include "cli/command.h"
 
 int main(int argc, char** argv) {
   // The Python of worker and reports may lie in a folder that a package manager owns.

@@ -4,11 +4,13 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <memory>
 #include <set>
 #include <string>
 #include <vector>
 
 #include "attack/run.h"
+#include "base/progress.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "detection/detector.h"
@@ -33,6 +35,20 @@ inline void add_trust_option(CLI::App& app, TrustRun& trust) {
   app.add_flag_callback(
       "--trust-run", [&trust] { trust = TrustRun::yes; },
       "load plugins and TorchScript models that the run names: they are programs, and run as you");
+}
+
+/// --score of the commands that judge detections.
+inline void add_score_option(CLI::App& app, double& threshold) {
+  app.add_option("--score", threshold, "score of a detection")->check(within(kShare))->capture_default_str();
+}
+
+/// Shows how far a work has come that says it itself; gone with what it is given to.
+inline auto progress_of(const char* what, const Common& common) {
+  return [what, quiet = common.quiet, progress = std::shared_ptr<Progress>()](std::size_t done,
+                                                                              std::size_t total) mutable {
+    if (!progress) progress = std::make_shared<Progress>(what, total, quiet);
+    progress->update(done);
+  };
 }
 
 // Options of the commands that prepare frames, and how their results are told.

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <charconv>
-#include <memory>
 
 #include "base/error.h"
 #include "base/image_io.h"
@@ -193,15 +192,12 @@ void add_options(CLI::App& app, RenderOptions& options) {
 }  // namespace
 
 Command render_command() {
-  auto options = std::make_shared<RenderOptions>();
-  return Command{
+  return command_of<RenderOptions>({
       .name = "render",
       .help = "draws the meshes of a scene (.glb): picture and depth",
       .default_out = "out/render",
       .example = "mirage render --scene out/export/000008_0.glb --samples 4",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) { return run(*options, common); },
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -2,7 +2,6 @@
 #include "validation/paper/reproduce.h"
 
 #include <filesystem>
-#include <memory>
 
 #include "base/files.h"
 #include "cli/command.h"
@@ -12,6 +11,8 @@
 
 namespace mirage::cli {
 namespace {
+
+struct ReproduceOptions : paper::ReproduceSettings {};
 
 void print_result(const std::filesystem::path& out, const nlohmann::json& result) {
   for (const auto& table : result.at("tables"))
@@ -24,7 +25,7 @@ void print_result(const std::filesystem::path& out, const nlohmann::json& result
   print_table(rows);
 }
 
-void add_options(CLI::App& app, paper::ReproduceSettings& options) {
+void add_options(CLI::App& app, ReproduceOptions& options) {
   app.add_option(
          "what", options.what,
          "table1: attack success, KITTI rig; table2: the same, Xenith rig; fig3: recall over IoU; fig4: "
@@ -63,33 +64,31 @@ void add_options(CLI::App& app, paper::ReproduceSettings& options) {
       ->capture_default_str();
 }
 
+nlohmann::json run(const ReproduceOptions& options, const Common& common) {
+  paper::ReproduceSettings settings = options;
+  settings.out = common.out;
+  settings.seed = common.seed;
+  settings.threads = common.threads;
+  settings.quiet = common.quiet;
+  if (settings.quick) paper::make_quick(settings);
+  const nlohmann::json result =
+      paper::reproduce(settings, [](const std::string& command, const NamedSettings& named) {
+        run_command(command, named, "mirage reproduce");
+      });
+  if (!result.empty()) print_result(std::filesystem::absolute(settings.out), result);
+  return result;
+}
+
 }  // namespace
 
 Command reproduce_command() {
-  auto options = std::make_shared<paper::ReproduceSettings>();
-  return Command{
+  return command_of<ReproduceOptions>({
       .name = "reproduce",
       .help = "repeats the experiments of Tu et al. (CoRL 2021): tables with intervals",
       .default_out = "out/reproduce",
       .example = "mirage reproduce table1 --quick",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run =
-          [options](const Common& common) {
-            paper::ReproduceSettings settings = *options;
-            settings.out = common.out;
-            settings.seed = common.seed;
-            settings.threads = common.threads;
-            settings.quiet = common.quiet;
-            if (settings.quick) paper::make_quick(settings);
-            const nlohmann::json result =
-                paper::reproduce(settings, [](const std::string& command, const NamedSettings& named) {
-                  run_command(command, named, "mirage reproduce");
-                });
-            if (!result.empty()) print_result(std::filesystem::absolute(settings.out), result);
-            return result;
-          },
       .many_ranks = true,
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -2,7 +2,6 @@
 // calibration.
 #include <fmt/format.h>
 
-#include <memory>
 #include <numbers>
 #include <optional>
 
@@ -122,31 +121,27 @@ nlohmann::json run(const RigOptions& options, const Common& common) {
           {"on_rays", found.on_rays}};
 }
 
+void add_options(CLI::App& app, RigOptions& options) {
+  app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
+      ->required();
+  app.add_option("--sweeps", options.sweeps, "sweeps to read, evenly spread over the set")
+      ->check(within({1, 50}))
+      ->capture_default_str();
+}
+
 }  // namespace
 
 Command rig_command() {
-  auto options = std::make_shared<RigOptions>();
-  return Command{
+  return command_of<RigOptions>({
       .name = "rig",
-      .help =
-          "finds the rig that recorded a data set: its LiDAR's beams and firings from sweeps, its camera "
-          "from "
-          "the calibration",
+      .help = "finds the rig that recorded a data set: its LiDAR's beams and firings from sweeps, its camera "
+              "from "
+              "the calibration",
       .default_out = "rig.toml",
       .example = "mirage rig --data path/to/my-log --out my-rig.toml",
-      .options =
-          [options](CLI::App& app) {
-            app.add_option("--data", options->data,
-                           "data set (KITTI's object, tracking or raw layout, nuScenes)")
-                ->required();
-            app.add_option("--sweeps", options->sweeps, "sweeps to read, evenly spread over the set")
-                ->check(within({1, 50}))
-                ->capture_default_str();
-          },
-      .run = [options](const Common& common) { return run(*options, common); },
       .page = "rig.toml",
       .one_file = "the rig file",
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -1,14 +1,11 @@
 // mirage score: a detector's grade, and a board of several.
 #include "attack/score.h"
 
-#include <memory>
-
 #include "base/error.h"
 #include "base/files.h"
 #include "cli/command.h"
 #include "cli/named_settings.h"
 #include "cli/options.h"
-#include "cli/page.h"
 #include "cli/table.h"
 #include "defense/certificate.h"
 #include "frames/made_of.h"
@@ -150,16 +147,13 @@ nlohmann::json run(const ScoreOptions& options, const Common& common) {
 }  // namespace
 
 Command score_command() {
-  auto options = std::make_shared<ScoreOptions>();
-  return Command{
+  return command_of<ScoreOptions>({
       .name = "score",
       .help = "grades a detector: which objects it holds against, at which distances",
       .default_out = "out/score",
       .example = "mirage score --detector fusion --out out/score",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) { return run(*options, common); },
       .afterwards = [](const Common& common) { write_page(common.out); },
-  };
+  });
 }
 
 }  // namespace mirage::cli

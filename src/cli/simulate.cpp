@@ -1,8 +1,6 @@
 #include <fmt/format.h>
 
-#include <chrono>
 #include <cmath>
-#include <memory>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -29,6 +27,7 @@ struct SimulateOptions {
   std::string frame;
   int vehicle = 0;
   InsertionOptions insertion;
+  SimulateOptions() { insertion.cameras = Cameras::all; }
 };
 
 /// A full-size grey picture of a window's channel.
@@ -100,10 +99,10 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   const Vec3d at = placement.velo_from_adversary.translation();
   const Vec3d& to_sun = prepared.frame.lighting.to_sun_velo;
   const double over_box = roof.translation().z() - box.bottom - box.height;
-  const auto start = std::chrono::steady_clock::now();
+  const auto start = Clock::now();
   const Simulated simulated = simulate(
       prepared, placement, adversary, asked.for_unit(lidar, recorded_lidar_effects(asked.data), common.seed));
-  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const double seconds = seconds_since(start);
   common.made_of->add(asked.simulation);
   add_frames(*common.made_of, asked, {&options.frame, 1});
   write_sights(prepared, simulated, common.out);
@@ -156,28 +155,23 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   return result;
 }
 
+void add_options(CLI::App& app, SimulateOptions& options) {
+  app.add_option("--frame", options.frame, "frame id, e.g. 000008")->required();
+  app.add_option("--vehicle", options.vehicle, "label index of the host, from 0")->capture_default_str();
+  app.add_option("--mesh", options.mesh, "object, in metres (.glb, .gltf, .obj or .ply)")->required();
+  options.insertion.add(app);
+}
+
 }  // namespace
 
 Command simulate_command() {
-  auto options = std::make_shared<SimulateOptions>();
-  options->insertion.cameras = Cameras::all;
-  return Command{
+  return command_of<SimulateOptions>({
       .name = "simulate",
       .help = "inserts a mesh on the roof of one vehicle: images, sweep, masks, depths",
       .default_out = "out/simulate",
       .example =
           "mirage simulate --data generated --frame 000000 --vehicle 0 --mesh out/attack/adversary.glb",
-      .options =
-          [options](CLI::App& app) {
-            app.add_option("--frame", options->frame, "frame id, e.g. 000008")->required();
-            app.add_option("--vehicle", options->vehicle, "label index of the host, from 0")
-                ->capture_default_str();
-            app.add_option("--mesh", options->mesh, "object, in metres (.glb, .gltf, .obj or .ply)")
-                ->required();
-            options->insertion.add(app);
-          },
-      .run = [options](const Common& common) { return run(*options, common); },
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -1,15 +1,18 @@
-// The short tables that commands print on standard output.
+// What commands tell: short tables on standard output, and pages.
 #pragma once
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "base/child_process.h"
 #include "base/intervals.h"
+#include "base/logging.h"
 #include "base/names.h"
 #include "detection/reliance.h"
 
@@ -25,20 +28,22 @@ inline void print_table(const Rows& rows) {
   std::fflush(stdout);
 }
 
+/// Letters of UTF-8, each a column.
+inline std::size_t columns(const std::string& text) {
+  return static_cast<std::size_t>(
+      std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xC0) != 0x80; }));
+}
+
 /// Rows of cells, the first row the heads.
 using Columns = std::vector<std::vector<std::string>>;
 
 /// After an empty line; a row may have fewer cells than the others.
 inline void print_columns(const Columns& rows) {
-  const auto width = [](const std::string& text) {  // of UTF-8
-    return static_cast<std::size_t>(
-        std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xC0) != 0x80; }));
-  };
   std::vector<std::size_t> widest;
   for (const auto& row : rows)
     for (std::size_t i = 0; i < row.size(); ++i) {
       if (widest.size() <= i) widest.push_back(0);
-      widest[i] = std::max(widest[i], width(printable(row[i])));
+      widest[i] = std::max(widest[i], columns(printable(row[i])));
     }
   std::fputs("\n", stdout);
   for (const auto& row : rows) {
@@ -46,7 +51,7 @@ inline void print_columns(const Columns& rows) {
     for (std::size_t i = 0; i < row.size(); ++i) {
       const std::string cell = printable(row[i]);
       line += cell;
-      if (i + 1 < row.size()) line.append(widest[i] + 2 - width(cell), ' ');
+      if (i + 1 < row.size()) line.append(widest[i] + 2 - columns(cell), ' ');
     }
     std::fputs((line + "\n").c_str(), stdout);
   }
@@ -78,6 +83,15 @@ inline Rows picture_rows(const Reliance& reliance) {
   Rows rows = {{"use of the picture", describe(reliance)}};
   if (const std::string note = picture_note(reliance); !note.empty()) rows.push_back({"images", note});
   return rows;
+}
+
+/// The page that a Python program makes beside OUT/result.json, one self-contained file
+/// (validation/report/command_page.py). A warning in its place where Python or jinja2 is missing.
+inline void write_page(const std::filesystem::path& out) {
+  std::string said;
+  if (run_script("validation/report/command_page.py", out, &said) != 0)
+    spdlog::warn("no page beside {}: {}", (out / "result.json").string(),
+                 said.empty() ? "install python3-jinja2 and python3-pil" : said);
 }
 
 }  // namespace mirage::cli

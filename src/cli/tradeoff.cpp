@@ -3,8 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <memory>
-
 #include "cli/command.h"
 #include "cli/options.h"
 #include "cli/table.h"
@@ -12,6 +10,8 @@
 
 namespace mirage::cli {
 namespace {
+
+struct TradeoffOptions : TradeoffSettings {};
 
 std::string in_words(const TradeoffPoint& point) {
   const SimulationSettings& s = point.drawing.value();
@@ -41,40 +41,38 @@ void print_result(const TradeoffResult& result) {
   print_table(rows);
 }
 
+void add_options(CLI::App& app, TradeoffOptions& options) {
+  add_overrides<FrameSource>(app, options.asked, {}, "the run's, or as mirage attack has it");
+  app.add_option("--run", options.run,
+                 "finished mirage attack, for its adversary and hosts (default: a random mesh)");
+  add_trust_option(app, options.trust);
+  add_fields(app, as_base<TradeoffSettings>(options));
+  add_fields(app, options.detector);
+}
+
+nlohmann::json run(const TradeoffOptions& options, const Common& common) {
+  TradeoffSettings settings = options;
+  settings.out = common.out;
+  settings.seed = common.seed;
+  settings.quiet = common.quiet;
+  settings.detector.seed = common.seed;
+  settings.detector.threads = common.threads;
+  if (settings.cycles) require_text_path(common.out);
+  const TradeoffResult result = tradeoff(settings, [](const auto& out) { return start_blender(out); });
+  common.made_of->add(settings);
+  print_result(result);
+  return to_json(result);
+}
+
 }  // namespace
 
 Command tradeoff_command() {
-  auto options = std::make_shared<TradeoffSettings>();
-  return Command{
+  return command_of<TradeoffOptions>({
       .name = "tradeoff",
       .help = "measures speed against accuracy: fronts and recommended settings",
       .default_out = "out/tradeoff",
       .example = "mirage tradeoff --run out/attack",
-      .options =
-          [options](CLI::App& app) {
-            add_overrides<FrameSource>(app, options->asked, {}, "the run's, or as mirage attack has it");
-            app.add_option("--run", options->run,
-                           "finished mirage attack, for its adversary and hosts (default: a random mesh)");
-            add_trust_option(app, options->trust);
-            add_fields(app, *options);
-            add_fields(app, options->detector);
-          },
-      .run =
-          [options](const Common& common) {
-            TradeoffSettings settings = *options;
-            settings.out = common.out;
-            settings.seed = common.seed;
-            settings.quiet = common.quiet;
-            settings.detector.seed = common.seed;
-            settings.detector.threads = common.threads;
-            if (settings.cycles) require_text_path(common.out);
-            const TradeoffResult result =
-                tradeoff(settings, [](const auto& out) { return start_blender(out); });
-            common.made_of->add(settings);
-            print_result(result);
-            return to_json(result);
-          },
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -1,6 +1,5 @@
 // mirage train: trains a detector, or learned depth completion, on a data set.
 #include <cstdio>
-#include <memory>
 
 #include "base/error.h"
 #include "base/names.h"
@@ -58,36 +57,35 @@ nlohmann::json train_detector_command(const TrainingOptions& options, const Comm
   return json;
 }
 
+void add_options(CLI::App& app, TrainOptions& options) {
+  app.add_option("what", options.what, "detector, or depth: learned depth completion")
+      ->check(one_of({"detector", "depth"}))
+      ->capture_default_str();
+  add_fields(app, options.detector);
+  app.get_option("--precision")->check(one_of({kFloat, kBfloat16}));
+  add_fields(app, options.depth);
+}
+
+nlohmann::json run(TrainOptions& options, const Common& common) {
+  take_common(options.detector, common);
+  for (const auto& data : {options.detector.data, options.detector.validation})
+    if (!data.empty()) check_data(data, options.detector.rig, UnitUse::reads_sweeps);
+  common.made_of->add(options.detector);
+  return options.what == "depth" ? train_depth_command(options, common)
+                                 : train_detector_command(options.detector, common);
+}
+
 }  // namespace
 
 Command train_command() {
-  auto options = std::make_shared<TrainOptions>();
-  return Command{
+  return command_of<TrainOptions>({
       .name = "train",
       .help =
           "trains a detector or depth completion; goes on from its checkpoint when the output folder holds "
           "one",
       .default_out = "out/train",
       .example = "mirage train --data generated --detector lidar --steps 2000",
-      .options =
-          [options](CLI::App& app) {
-            app.add_option("what", options->what, "detector, or depth: learned depth completion")
-                ->check(one_of({"detector", "depth"}))
-                ->capture_default_str();
-            add_fields(app, options->detector);
-            app.get_option("--precision")->check(one_of({kFloat, kBfloat16}));
-            add_fields(app, options->depth);
-          },
-      .run =
-          [options](const Common& common) {
-            take_common(options->detector, common);
-            for (const auto& data : {options->detector.data, options->detector.validation})
-              if (!data.empty()) check_data(data, options->detector.rig, UnitUse::reads_sweeps);
-            common.made_of->add(options->detector);
-            return options->what == "depth" ? train_depth_command(*options, common)
-                                            : train_detector_command(options->detector, common);
-          },
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -3,8 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <memory>
-
 #include "base/files.h"
 #include "base/ranks.h"
 #include "cli/command.h"
@@ -20,10 +18,6 @@ struct ValidateOptions {
   ValidationSettings settings;
   QualityOption quality;
 };
-
-std::string share(const Interval& interval) {
-  return percent(interval.value, interval.low, interval.high);
-}
 
 std::string fidelity(const MeanChange& change, double seconds, const PooledError* error) {
   std::string text = fmt::format("{:.4f} ({} of radiance), SSIM {:.3f}, FLIP {:.3f}, {:.1f} s", change.mae,
@@ -79,11 +73,11 @@ void add_verdict(const Verdict& verdict, bool sees, Rows& rows) {
       if (variant.kind == VariantKind::soft || (sees && variant.kind != VariantKind::rung))
         rows.push_back(
             {fmt::format("FN | ASR, {}, {} (95 %)", title, variant.name),
-             fmt::format("{} | {} of {}", share(variant.fn_asr), share(variant.asr), variant.vehicles)});
+             fmt::format("{} | {} of {}", percent(variant.fn_asr), percent(variant.asr), variant.vehicles)});
   for (const auto& arm : verdict.judged().arms) {
     if (!sees && (arm.look.light == ArmLight::visible || arm.look.light == ArmLight::cycles)) continue;
     rows.push_back({fmt::format("ASR, {}, {} returns", to_word(arm.look.light), to_word(arm.look.returns)),
-                    fmt::format("{} of {}{}", share(arm.asr), arm.vehicles, against_first(arm))});
+                    fmt::format("{} of {}{}", percent(arm.asr), arm.vehicles, against_first(arm))});
   }
   rows.push_back({"intervals over", to_string(verdict.judged().clusters)});
   for (const auto& control : verdict.controls)
@@ -101,7 +95,7 @@ void add_verdict(const Verdict& verdict, bool sees, Rows& rows) {
 void add_budget(const BudgetReport& budget, Rows& rows) {
   rows.push_back({"budget, left-out scenes",
                   fmt::format("{} within {} (asked: {}); time saved {} against always {}",
-                              share(budget.test->ruled.within), percent(budget.settings.budget),
+                              percent(budget.test->ruled.within), percent(budget.settings.budget),
                               percent(budget.settings.confidence), percent(budget.test->saved),
                               budget.test->fixed.chosen.begin()->first)});
 }
@@ -165,41 +159,42 @@ void add_options(CLI::App& app, ValidateOptions& options) {
                "what was not tested");
 }
 
+nlohmann::json run(ValidateOptions& options, const Common& common) {
+  ValidationSettings settings = options.settings;
+  options.quality.ask(settings.asked);
+  settings.out = common.out;
+  settings.seed = common.seed;
+  settings.quiet = common.quiet;
+  settings.detector.seed = common.seed;
+  settings.made_of = common.made_of;
+  options.settings = settings;
+  const Validation result = validate(settings, [](const auto& out) {
+    return start_blender(out, rank() == 0 ? "blender.log" : fmt::format("blender-{}.log", rank()));
+  });
+  print_fidelity(result);
+  nlohmann::json json = to_json(result);
+  // The same under the keys by which readers of result.json look for Blender.
+  const nlohmann::json& reference = json.at("reference");
+  json.update({{"blender", reference.at("version")},
+               {"blender_losses", reference.at("losses")},
+               {"blender_restarts", reference.at("losses").size()}});
+  return json;
+}
+
+void afterwards(const ValidateOptions& options, const Common&) {
+  write_report(options.settings);
+}
+
 }  // namespace
 
 Command validate_command() {
-  auto options = std::make_shared<ValidateOptions>();
-  return Command{
+  return command_of<ValidateOptions>({
       .name = "validate",
       .help = "re-renders in Blender, compares, writes the fidelity report",
       .default_out = "out/validate",
       .example = "mirage validate --run out/attack --evaluation out/evaluate",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run =
-          [options](const Common& common) {
-            ValidationSettings settings = options->settings;
-            options->quality.ask(settings.asked);
-            settings.out = common.out;
-            settings.seed = common.seed;
-            settings.quiet = common.quiet;
-            settings.detector.seed = common.seed;
-            settings.made_of = common.made_of;
-            options->settings = settings;
-            const Validation result = validate(settings, [](const auto& out) {
-              return start_blender(out, rank() == 0 ? "blender.log" : fmt::format("blender-{}.log", rank()));
-            });
-            print_fidelity(result);
-            nlohmann::json json = to_json(result);
-            // The same under the keys by which readers of result.json look for Blender.
-            const nlohmann::json& reference = json.at("reference");
-            json.update({{"blender", reference.at("version")},
-                         {"blender_losses", reference.at("losses")},
-                         {"blender_restarts", reference.at("losses").size()}});
-            return json;
-          },
-      .afterwards = [options](const Common&) { write_report(options->settings); },
       .many_ranks = true,
-  };
+  });
 }
 
 }  // namespace mirage::cli

@@ -3,8 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <memory>
-
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/options.h"
@@ -43,36 +41,34 @@ void add_options(CLI::App& app, ViewOptions& options) {
       ->capture_default_str();
 }
 
+nlohmann::json run(const ViewOptions& options, const Common& common) {
+  ViewSettings settings = options.settings;
+  settings.detect = !options.no_detector;
+  settings.page = common.out;
+  settings.quiet = common.quiet;
+  settings.detector.seed = common.seed;
+  settings.detector.threads = common.threads;
+  nlohmann::json result = make_view(settings);
+  const auto number = [&](const char* key) { return result.at(key).get<double>(); };
+  print_table({{"frames", fmt::format("{:.0f}", number("frames"))},
+               {"attacked vehicles",
+                fmt::format("{:.0f} ({:.0f} of them learned on)", number("vehicles"), number("learned_on"))},
+               {"returns shown", fmt::format("{:.0f} of {:.0f}", number("kept_points"), number("points"))},
+               {"page", fmt::format("{} ({:.1f} MB)", result.at("page").get<std::string>(),
+                                    1e-6 * number("bytes"))}});
+  return result;
+}
+
 }  // namespace
 
 Command view_command() {
-  auto options = std::make_shared<ViewOptions>();
-  return Command{
+  return command_of<ViewOptions>({
       .name = "view",
       .help = "writes a folder of frames as one page that opens offline: pictures, points, boxes, attacks",
       .default_out = "out/view",
       .example = "mirage view --run out/attack",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) -> nlohmann::json {
-        ViewSettings settings = options->settings;
-        settings.detect = !options->no_detector;
-        settings.page = common.out;
-        settings.quiet = common.quiet;
-        settings.detector.seed = common.seed;
-        settings.detector.threads = common.threads;
-        nlohmann::json result = make_view(settings);
-        const auto number = [&](const char* key) { return result.at(key).get<double>(); };
-        print_table(
-            {{"frames", fmt::format("{:.0f}", number("frames"))},
-             {"attacked vehicles",
-              fmt::format("{:.0f} ({:.0f} of them learned on)", number("vehicles"), number("learned_on"))},
-             {"returns shown", fmt::format("{:.0f} of {:.0f}", number("kept_points"), number("points"))},
-             {"page",
-              fmt::format("{} ({:.1f} MB)", result.at("page").get<std::string>(), 1e-6 * number("bytes"))}});
-        return result;
-      },
       .page = "view.html",
-  };
+  });
 }
 
 }  // namespace mirage::cli

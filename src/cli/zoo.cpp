@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <map>
-#include <memory>
 #include <set>
 #include <sstream>
 
@@ -256,17 +255,14 @@ nlohmann::json run(const ZooOptions& options, const Common& common) {
 }  // namespace
 
 Command zoo_command() {
-  auto options = std::make_shared<ZooOptions>();
-  return Command{
+  return command_of<ZooOptions>({
       .name = "zoo",
       .help =
           "makes the objects that ship in scenes/objects: shapes, loads, and objects learned on generated "
           "frames",
       .default_out = "out/zoo",
       .example = "mirage zoo --learn none --out out/zoo",
-      .options = [options](CLI::App& app) { add_options(app, *options); },
-      .run = [options](const Common& common) { return run(*options, common); },
-  };
+  });
 }
 
 }  // namespace mirage::cli
