@@ -1,15 +1,26 @@
-// Made-up evaluations for tests of the paper's tables and findings. Nothing in them was measured.
+// Made-up evaluations for tests of the paper's tables and findings, and a stand-in for the program in tests
+// of `mirage reproduce`. Nothing in them was measured.
 #pragma once
 
 #include <fmt/format.h>
+#include <gtest/gtest.h>
 
+#include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "attack/evaluation.h"
 #include "attack/host_outcome.h"
+#include "base/error.h"
+#include "base/field_text.h"
+#include "base/files.h"
 #include "detection/reliance.h"
+#include "support/files.h"
+#include "validation/paper/experiments.h"
+#include "validation/paper/finding.h"
 #include "validation/paper/results.h"
 
 namespace mirage::test {
@@ -76,5 +87,71 @@ inline nlohmann::json evaluation_json(const MadeUp& learned, const MadeUp& rando
   json["sized"] = json["cuboid"] = json["random"];
   return json;
 }
+
+/// Evidence made of evaluations by their run's name.
+class WithEvidence : public testing::Test {
+ protected:
+  void judged(const std::string& run, const MadeUp& learned, const MadeUp& random = {},
+              bool uses_picture = true) {
+    const auto file = folder_ / (std::to_string(count_++) + ".json");
+    write_json(file, evaluation_json(learned, random, uses_picture));
+    evidence_.evaluations["evaluations/" + run] = paper::read_evaluation(file, "data");
+  }
+  /// Of one finding.
+  std::vector<paper::Check> checks(const std::string& name) const {
+    for (const paper::Finding& finding : paper::findings(evidence_))
+      if (finding.name == name) return finding.checks;
+    ADD_FAILURE() << name;
+    return {};
+  }
+  TemporaryFolder folder_;
+  paper::Evidence evidence_;
+  int count_ = 0;
+};
+
+inline paper::ReproduceSettings settings_in(const std::filesystem::path& out,
+                                            const std::string& what = "all") {
+  paper::ReproduceSettings settings;
+  settings.out = out;
+  settings.what = what;
+  settings.quiet = true;
+  return settings;
+}
+
+/// Stands in for the program: writes what the tables read; remembers what was asked for.
+class Program {
+ public:
+  struct Call {
+    std::string command;
+    NamedSettings settings;
+  };
+  std::vector<Call> calls;
+  std::string broken;  ///< folder whose command fails
+  MadeUp learned{40, 5, 3, 1, 30}, random{40, 5, 1, 0, 30};
+  bool uses_picture = true;
+  /// Meshes of single evaluations, learned and random, by their folder's name.
+  std::map<std::string, std::pair<MadeUp, MadeUp>> planted;
+  int worse_by_seed = 0;  ///< so many fewer vehicles a frame are hidden in each further run
+
+  void operator()(const std::string& command, const NamedSettings& settings) {
+    const auto given = [&](const char* name) { return settings.contains(name) ? settings.at(name) : ""; };
+    const std::filesystem::path out = settings.at("out");
+    calls.push_back({command, settings});
+    if (!broken.empty() && out.string().ends_with(broken)) throw Failure(broken, "made to fail", "nothing");
+    nlohmann::json result = {{"rig", given("rig")}, {"frames", 120}};
+    if (command == "attack") {
+      write_file(out / "adversary.glb", "mesh of " + out.string());
+      write_file(out / "run.json", "{}");
+    }
+    if (command == "evaluate") {
+      const auto own = planted.find(out.filename().string());
+      MadeUp mesh = own == planted.end() ? learned : own->second.first;
+      mesh.hidden -= given("seed").empty() ? 0 : worse_by_seed * std::stoi(given("seed"));
+      result = evaluation_json(mesh, own == planted.end() ? random : own->second.second, uses_picture);
+    }
+    if (command == "detect") result = {{"ap50", 0.9}, {"ap70", 0.8}};
+    write_json(out / "result.json", result);
+  }
+};
 
 }  // namespace mirage::test

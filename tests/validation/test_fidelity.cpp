@@ -110,7 +110,7 @@ struct Reference : public ::testing::Test {
     PlainReference reference(planted);
     return matched_light(reference, scene);
   }
-  LidarCheck rays(const test::Planted& planted) {
+  MatchedResult rays(const test::Planted& planted) {
     PlainReference reference(planted);
     return check_lidar(reference, scene, simulate_host(scene, scene.simulation));
   }
@@ -123,10 +123,10 @@ TEST_F(Reference, APlainLoopAgreesWithRasteriserAndRays) {
   EXPECT_LE(light.mae, 1e-3);  // a pixel's centre on a border between texels may show either
   EXPECT_LE(light.pixels_off, light.mask_either / 200);
   EXPECT_LE(light.depth_error, 1e-3);
-  const LidarCheck lidar = rays({});
+  const MatchedResult lidar = rays({});
   EXPECT_GT(lidar.returns, 10);
   EXPECT_GE(lidar.rays, lidar.returns);
-  EXPECT_EQ(lidar.disagreements, 0);
+  EXPECT_EQ(lidar.hit_disagreements, 0);
   EXPECT_LE(lidar.range_error, 1e-4);
 }
 
@@ -190,11 +190,11 @@ TEST_F(Reference, AShiftByAPixelIsSeenInTheMask) {
 
 TEST_F(Reference, RangesThatAreOffAndRaysThatPassAreCounted) {
   EXPECT_NEAR(rays({.range = 0.005}).range_error, 0.005, 1e-4);
-  EXPECT_EQ(rays({.range = 0.005}).disagreements, 0);
+  EXPECT_EQ(rays({.range = 0.005}).hit_disagreements, 0);
   // A ray that passes; and the return that it made, if it made one.
-  const LidarCheck passing = rays({.misses = 3});
-  EXPECT_GE(passing.disagreements, 3);
-  EXPECT_LE(passing.disagreements, 6);
+  const MatchedResult passing = rays({.misses = 3});
+  EXPECT_GE(passing.hit_disagreements, 3);
+  EXPECT_LE(passing.hit_disagreements, 6);
   EXPECT_NEAR(matched({.range = 0.05}).depth_error_mean, 0.05, 5e-3);
 }
 

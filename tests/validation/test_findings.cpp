@@ -7,7 +7,6 @@
 #include "validation/paper/finding.h"
 #include "validation/paper/reproduce.h"
 #include "validation/paper_fixture.h"
-#include "validation/paper_program.h"
 
 namespace mirage::paper {
 namespace {
@@ -19,24 +18,12 @@ using mirage::test::TemporaryFolder;
 using nlohmann::json;
 using testing::HasSubstr;
 
-/// Evidence made of evaluations by their run's name.
-class Findings : public testing::Test {
+class Findings : public test::WithEvidence {
  protected:
-  void judged(const std::string& run, const MadeUp& learned, const MadeUp& random = {},
-              bool uses_picture = true) {
-    const fs::path file = folder_ / ("evaluation-" + std::to_string(count_++) + ".json");
-    write_json(file, evaluation_json(learned, random, uses_picture));
-    evidence_.evaluations["evaluations/" + run] = read_evaluation(file, "data");
+  Check only(const std::string& name) const {
+    const std::vector<Check> found = checks(name);
+    return found.empty() ? Check() : found.front();
   }
-  Check only(const std::string& name) {
-    for (const Finding& finding : findings(evidence_))
-      if (finding.name == name) return finding.checks.empty() ? Check() : finding.checks.front();
-    ADD_FAILURE() << name;
-    return {};
-  }
-  TemporaryFolder folder_;
-  Evidence evidence_;
-  int count_ = 0;
 };
 
 TEST_F(Findings, TheOrderHolds) {

@@ -12,7 +12,7 @@
 #include "validation/paper/experiments.h"
 #include "validation/paper/finding.h"
 #include "validation/paper/reproduce.h"
-#include "validation/paper_program.h"
+#include "validation/paper_fixture.h"
 
 namespace mirage::paper {
 namespace {
@@ -181,64 +181,54 @@ TEST(FusionTable, ADetectorThatDoesNotUseItsPictureIsNamedInItsImageRows) {
 }
 
 /// Findings about kinds of fusion, from planted evaluations.
-class FusionFindings : public testing::Test {
+class FusionFindings : public test::WithEvidence {
  protected:
-  void judged(const std::string& evaluation, const MadeUp& learned, const MadeUp& sized,
-              bool uses_picture = true) {
-    const auto file = folder_ / (std::to_string(count_++) + ".json");
-    write_json(file, test::evaluation_json(learned, sized, uses_picture));
-    evidence_.evaluations[evaluation] = read_evaluation(file, "data");
+  Check only(const std::string& name) const {
+    const std::vector<Check> found = checks(name);
+    EXPECT_EQ(found.size(), 1u) << name;
+    return found.empty() ? Check() : found.front();
   }
-  Check only(const std::string& name) {
-    for (const Finding& finding : findings(evidence_))
-      if (finding.name == name && finding.checks.size() == 1) return finding.checks.front();
-    ADD_FAILURE() << name;
-    return {};
-  }
-  TemporaryFolder folder_;
-  Evidence evidence_;
-  int count_ = 0;
 };
 
 TEST_F(FusionFindings, TheWeakerSideIsTheOneThatLearnsMoreBeyondItsSize) {
   // The image's mesh hides less than LiDAR's and is much smaller: net of that it has learned more.
-  judged("evaluations/kitti64-late-image", vanishing(3), vanishing(0));
-  judged("evaluations/kitti64-late-lidar", vanishing(4), vanishing(4));
+  judged("kitti64-late-image", vanishing(3), vanishing(0));
+  judged("kitti64-late-lidar", vanishing(4), vanishing(4));
   const Check image = only("fusions-side");
   EXPECT_EQ(image.verdict, Verdict::holds);
   EXPECT_EQ(image.rig, "KITTI rig, late");
   ASSERT_EQ(image.comparisons.size(), 2u);
   EXPECT_NEAR(image.comparisons[0].difference.value, 0.45, 1e-12);
   EXPECT_THAT(image.sentence, HasSubstr("net +45.0 points"));
-  judged("evaluations/kitti64-late-image", vanishing(4), vanishing(4));
-  judged("evaluations/kitti64-late-lidar", vanishing(3), vanishing(0));
+  judged("kitti64-late-image", vanishing(4), vanishing(4));
+  judged("kitti64-late-lidar", vanishing(3), vanishing(0));
   EXPECT_EQ(only("fusions-side").verdict, Verdict::fails);
-  judged("evaluations/kitti64-late-image", vanishing(3), vanishing(0));
+  judged("kitti64-late-image", vanishing(3), vanishing(0));
   EXPECT_EQ(only("fusions-side").verdict, Verdict::open);
-  judged("evaluations/kitti64-late-image", vanishing(4), vanishing(0), false);
+  judged("kitti64-late-image", vanishing(4), vanishing(0), false);
   EXPECT_THAT(only("fusions-side").sentence, HasSubstr("nothing follows about images"));
 }
 
 TEST_F(FusionFindings, AMeshThatOnlyFillsItsBoxHasLearnedNothing) {
-  judged("evaluations/kitti64-fusion-both", vanishing(4), vanishing(4));
+  judged("kitti64-fusion-both", vanishing(4), vanishing(4));
   EXPECT_EQ(only("fusions-net").verdict, Verdict::open);
-  judged("evaluations/kitti64-fusion-both", vanishing(4), vanishing(1));
+  judged("kitti64-fusion-both", vanishing(4), vanishing(1));
   EXPECT_EQ(only("fusions-net").verdict, Verdict::holds);
-  judged("evaluations/kitti64-fusion-both", vanishing(1), vanishing(4));
+  judged("kitti64-fusion-both", vanishing(1), vanishing(4));
   EXPECT_EQ(only("fusions-net").verdict, Verdict::fails);
   // Missed at IoU 0.7 with a box left: one of the two meanings, and so not told.
-  judged("evaluations/kitti64-fusion-both", {120, 5, 4, 0}, vanishing(0));
+  judged("kitti64-fusion-both", {120, 5, 4, 0}, vanishing(0));
   const Check turned = only("fusions-net");
   EXPECT_EQ(turned.verdict, Verdict::open);
   EXPECT_EQ(turned.comparisons.at(1).verdict, Verdict::holds);
 }
 
 TEST_F(FusionFindings, TransferIsJudgedBetweenFusions) {
-  judged("evaluations/kitti64-painted-both--on--kitti64-late-both", vanishing(2), vanishing(0));
+  judged("kitti64-painted-both--on--kitti64-late-both", vanishing(2), vanishing(0));
   const Check moved = only("fusions-transfer");
   EXPECT_EQ(moved.rig, "KITTI rig, painted → late");
   EXPECT_EQ(moved.verdict, Verdict::holds);
-  judged("evaluations/kitti64-painted-both--on--real-late", vanishing(2), vanishing(0));
+  judged("kitti64-painted-both--on--real-late", vanishing(2), vanishing(0));
   EXPECT_EQ(evidence_.evaluations.size(), 2u);
   for (const Finding& finding : findings(evidence_))
     if (finding.name == "fusions-transfer") {
@@ -265,10 +255,10 @@ TEST_F(FusionFindings, InThePictureThereAreNoMetres) {
 }
 
 TEST_F(FusionFindings, NetsAreComparedOnTheVehiclesThatAllFourHave) {
-  judged("evaluations/a", vanishing(4), vanishing(1));
+  judged("a", vanishing(4), vanishing(1));
   MadeUp few = vanishing(2);
   few.frames = 60;
-  judged("evaluations/b", few, few);
+  judged("b", few, few);
   const auto net = [&](const std::string& a, const std::string& b) {
     return difference({{evidence_.of("evaluations/" + a), 1},
                        {evidence_.of("evaluations/" + a, "sized"), -1},
@@ -284,9 +274,9 @@ TEST_F(FusionFindings, NetsAreComparedOnTheVehiclesThatAllFourHave) {
 }
 
 TEST_F(FusionFindings, AreAFamilyApartFromThePapers) {
-  judged("evaluations/kitti64-fusion-image", vanishing(3), vanishing(0));
-  judged("evaluations/kitti64-fusion-lidar", vanishing(2), vanishing(0));
-  judged("evaluations/kitti64-fusion-both", vanishing(4), vanishing(0));
+  judged("kitti64-fusion-image", vanishing(3), vanishing(0));
+  judged("kitti64-fusion-lidar", vanishing(2), vanishing(0));
+  judged("kitti64-fusion-both", vanishing(4), vanishing(0));
   for (const Finding& finding : findings(evidence_))
     for (const Check& check : finding.checks)
       for (const Comparison& one : check.comparisons) EXPECT_EQ(one.family, 4) << finding.name;  // of eight

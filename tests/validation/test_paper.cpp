@@ -10,7 +10,7 @@
 #include "base/files.h"
 #include "support/files.h"
 #include "validation/paper/reproduce.h"
-#include "validation/paper_program.h"
+#include "validation/paper_fixture.h"
 
 namespace mirage::paper {
 namespace {

@@ -18,7 +18,7 @@
 #include "support/files.h"
 #include "validation/blender/blender_process.h"
 #include "validation/fidelity/validate.h"
-#include "validation/tradeoff/settings.h"
+#include "validation/tradeoff/subjects.h"
 
 namespace mirage {
 namespace {

@@ -75,13 +75,6 @@ TEST(TradeoffPoints, TheRuleForDraftAndExact) {
   }
 }
 
-TEST(TradeoffPoints, AMedianOfAnyCount) {
-  EXPECT_EQ(median_of({}), 0);
-  EXPECT_EQ(median_of({3}), 3);
-  EXPECT_EQ(median_of({9, 1, 2}), 2);
-  EXPECT_EQ(median_of({4, 1, 2, 9}), 3);
-}
-
 TradeoffSettings tiny(const std::filesystem::path& data, const std::filesystem::path& out) {
   TradeoffSettings settings;
   if (!data.empty()) settings.asked["data"] = data;

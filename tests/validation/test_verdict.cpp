@@ -12,7 +12,7 @@
 #include "base/random.h"
 #include "fixture.h"
 #include "validation/fidelity/budget.h"
-#include "validation/fidelity/raster_rungs.h"
+#include "validation/fidelity/ladders.h"
 #include "validation/fidelity/summary.h"
 #include "validation/fidelity/verdict.h"
 #include "validation/paper/finding.h"

@@ -11,7 +11,7 @@
 
 #include "base/intervals.h"
 #include "base/random.h"
-#include "validation/fidelity/raster_rungs.h"
+#include "validation/fidelity/ladders.h"
 #include "validation/reference/unbiased_error.h"
 
 namespace mirage {

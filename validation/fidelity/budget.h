@@ -1,5 +1,5 @@
 // Model only what a scene requires: which rung of the ladder is the cheapest that keeps the error within a
-// budget, told from features that cost milliseconds (raster_rungs.h).
+// budget, told from features that cost milliseconds (ladders.h).
 //
 // Rule. For each rung r, log(error_r + 1e-4) is regressed on the features by ridge regression (λ = 1 on
 // standardised features; the intercept is free), fitted on the calibration scenes; s_r is the root mean

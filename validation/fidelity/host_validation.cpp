@@ -22,8 +22,7 @@ std::vector<LidarRay> rays_near(const PreparedFrame& prepared, const Mesh& mesh)
 }
 
 /// Rasteriser's depth at the pixels' centres against the reference's rays through them.
-void check_depth(ReferenceRenderer& renderer, const HostScene& scene, const MatchedLight& of, double& worst,
-                 double& mean) {
+void check_depth(ReferenceRenderer& renderer, const HostScene& scene, MatchedLight& of) {
   const Calibration& calibration = scene.prepared->frame.calibration;
   RenderScene drawn;
   drawn.things.push_back({"adversary", "adversary", scene.placed});
@@ -46,12 +45,11 @@ void check_depth(ReferenceRenderer& renderer, const HostScene& scene, const Matc
       expected.emplace_back(depth.at(u, v), 1 / towards.norm());
     }
   const std::vector<double> distances = renderer.raycast(scene.glb, rays, scene.scratch);
-  worst = mean = 0;
   for (std::size_t i = 0; i < distances.size(); ++i) {
     if (distances[i] < 0) continue;  // the pixel's centre lies on the silhouette; the mask IoU has it
     const double off = std::abs(distances[i] * expected[i].second - expected[i].first);
-    worst = std::max(worst, off);
-    mean += off / static_cast<double>(distances.size());
+    of.depth_error = std::max(of.depth_error, off);
+    of.depth_error_mean += off / static_cast<double>(distances.size());
   }
 }
 
@@ -92,12 +90,12 @@ MatchedLight matched_light(ReferenceRenderer& renderer, const HostScene& scene) 
         worst = std::max(worst, std::abs(result.raster.at(u, v, c) - result.cycles.at(u, v, c)));
       result.pixels_off += either.at(u, v) > 0.5f && worst > 1e-3f;
     }
-  check_depth(renderer, scene, result, result.depth_error, result.depth_error_mean);
+  check_depth(renderer, scene, result);
   return result;
 }
 
-LidarCheck check_lidar(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated) {
-  LidarCheck result;
+MatchedResult check_lidar(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated) {
+  MatchedResult result;
   result.returns = simulated.adversary_points;
   const std::vector<LidarRay> rays = rays_near(*scene.prepared, scene.placed.mesh);
   result.rays = static_cast<int>(rays.size());
@@ -111,7 +109,7 @@ LidarCheck check_lidar(ReferenceRenderer& renderer, const HostScene& scene, cons
     const Hit hit = caster.intersect(ray);
     if (distances[i] >= 0) hits.push_back(rays[i].origin + distances[i] * rays[i].direction);
     if ((distances[i] < 0) == hit.hit())
-      ++result.disagreements;
+      ++result.hit_disagreements;
     else if (hit.hit())
       result.range_error = std::max(result.range_error, std::abs(distances[i] - static_cast<double>(hit.t)));
   }
@@ -124,7 +122,7 @@ LidarCheck check_lidar(ReferenceRenderer& renderer, const HostScene& scene, cons
     if (nearest < kSameReturn)
       result.range_error = std::max(result.range_error, nearest);
     else
-      ++result.disagreements;
+      ++result.hit_disagreements;
   }
   return result;
 }

@@ -4,34 +4,23 @@
 #include <cmath>
 
 #include "base/image.h"
+#include "validation/fidelity/vehicle_result.h"
 #include "validation/reference/host_scene.h"
 
 namespace mirage {
 
 /// Matched light: the reference at the pixels' centres against the rasteriser at its hard limit (σ → 0, γ →
 /// 0), nothing in front of the object. Pictures are composites over the photograph.
-struct MatchedLight {
+struct MatchedLight : MatchedResult {
   PixelRect rect;
-  ImageF raster, cycles;                        ///< RGB
-  ImageF raster_mask, cycles_mask;              ///< 1 channel, 0 or 1
-  double mask_iou = 1, mae = 0, max_error = 0;  ///< errors over the union of the masks, scene-linear
-  double depth_error = 0,
-         depth_error_mean = 0;  ///< m, at the pixels' centres, largest and mean, against the reference's rays
-  int mask_both = 0, mask_either = 0;  ///< pixels
-  /// Pixels that are off by more than 1e-3: their centre lies within float32 of a border between texels or
-  /// faces.
-  int pixels_off = 0;
+  ImageF raster, cycles;            ///< RGB
+  ImageF raster_mask, cycles_mask;  ///< 1 channel, 0 or 1
 };
 MatchedLight matched_light(ReferenceRenderer& renderer, const HostScene& scene);
 
 /// LiDAR: the simulated returns, and every ray of the sensor model that passes near the object, against
-/// the reference's.
-struct LidarCheck {
-  int returns = 0, rays = 0;
-  double range_error = 0;  ///< m, largest over rays that both hit
-  int disagreements = 0;   ///< rays that only one of the two sees hit the object
-};
-LidarCheck check_lidar(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated);
+/// the reference's. The figures of rays alone.
+MatchedResult check_lidar(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated);
 
 /// Monte Carlo noise of the full render over the object's pixels: mean |Δ| from its expectation over the mean
 /// radiance, told from two independent renders of `samples` samples.

@@ -2,68 +2,64 @@
 // and how far each light-weight picture is from the full one.
 #pragma once
 
+#include <map>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "base/image.h"
 #include "simulation/insertion.h"
 #include "validation/fidelity/host_validation.h"
+#include "validation/fidelity/vehicle_result.h"
 #include "validation/reference/host_scene.h"
 
 namespace mirage {
 
-/// How far two pictures are apart: mean |Δ| of scene-linear radiance, the same over the mean radiance, PSNR
-/// of scene-linear values (infinite where equal), SSIM and FLIP of the sRGB-encoded ones.
-struct Change {
-  double mae = 0, relative = 0, psnr = 0, ssim = 1, flip = 0;
-};
-template <class Visitor, FieldsOf<Change> S>
-void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "mae"}, s.mae);
-  visit({.name = "relative"}, s.relative);
-  visit({.name = "psnr", .endless = true}, s.psnr);
-  visit({.name = "ssim"}, s.ssim);
-  visit({.name = "flip"}, s.flip);
-}
-/// `from` is the reference, whose mean radiance `relative` divides by. `mask` may be empty: all pixels.
-Change change(const ImageF& from, const ImageF& to, const ImageF& mask);
-
-struct LadderRung {
-  std::string effect;
-  std::string group;   ///< "raster": ours; "cycles": effects in Cycles; "samples": the full render with fewer
-  std::string base;    ///< the rung (or "centres", "reference") that `change` is against
-  Change change;       ///< over the object's visible pixels
-  Change crop;         ///< over the whole window: the shadow that the object casts shows here
-  Change to_full;      ///< error against the reference over the object's visible pixels, as a camera sees it
-  SquaredError error;  ///< of the object alone, before anything saturates (unbiased_error.h, error_to)
-  double seconds = 0;
+/// Without what the detector makes of it.
+struct LadderRung : LightRungResult {
   ImageF picture;  ///< full.rect-sized composite over the photograph
 };
 
 struct LightLadder {
   std::vector<LadderRung> rungs;
-  int reference_samples = 0;  ///< of the full render that `to_full` is against, in both halves together
-  double reference_seconds = 0;
-  double reference_noise = 0;  ///< its own error, a share of the object's mean radiance (root mean square)
+  ReferenceResult reference;  ///< what `to_full` is against
 };
 
-/// Raster rungs: raster_rungs.h. Cycles rungs: matched light over the pixels' area, then that with each
+/// Raster rungs: raster_rungs(). Cycles rungs: matched light over the pixels' area, then that with each
 /// effect alone and with several. Samples: the full render (`full`) and that with fewer samples. Every rung
 /// of Cycles is drawn as two independent halves. Rungs share their seeds, so that Monte Carlo noise cancels
 /// in `change`; the reference has others, and two halves of twice the samples, so that it does not in
 /// `to_full`.
 LightLadder light_ladder(ReferenceRenderer& renderer, const HostScene& scene, const FullLight& full);
 
+/// The rungs that Mirage draws itself. "hard": hard edges, the plain light. "soft": the picture as attacked,
+/// with the scene's own settings. Then the hard one with the lighting done on sRGB numbers ("sRGB shading"),
+/// with the hemisphere's light spread evenly ("uniform ambient"), with the light model with visibility
+/// ("visible light"), and with what lens ("lens") and sensor ("sensor") add.
+const std::vector<std::string>& raster_rungs();
+/// Those that scene_features draws.
+const std::set<std::string>& feature_rungs();
+/// One of them.
+Simulated draw_raster_rung(const std::string& rung, const HostScene& scene);
+
+// What of a scene tells, for milliseconds, which effects of light it needs (budget.h).
+
+/// By name: the sun's elevation (rad), its azimuth against the camera (cosine; 1: it stands behind the
+/// camera) and against the vehicle's heading, its share of the light, the roof's height over the road (m),
+/// the vehicle's range (m), the camera's elevation seen from the roof (rad), log of the object's pixels, its
+/// visible share; and what three light-weight renders tell: soft_change and light_change, the relative change
+/// of the object's visible pixels from hard edges to soft ones and from the plain light model to the one with
+/// visibility. `simulated`: the scene's object, with the scene's settings; an object of no pixel changes
+/// nothing.
+std::map<std::string, double> scene_features(const HostScene& scene, const Simulated& simulated);
+/// Their names, in order.
+const std::vector<std::string>& scene_feature_names();
+
 // What each effect of the LiDAR changes in the returns on one attacked vehicle.
 
-struct LidarRung {
-  std::string effect;
-  int returns = 0;  ///< on the object
-  double changed =
-      0;  ///< share of the ideal returns that are lost or moved, and new ones, over the ideal count
-  double returns_change = 0;  ///< relative change of their number
-  double seconds = 0;         ///< of the whole insertion
-  Sweep sweep;                ///< the frame's sweep with the object in it, for the detector
+/// Without what the detector makes of it.
+struct LidarRung : LidarRungResult {
+  Sweep sweep;  ///< the frame's sweep with the object in it, for the detector
 };
 
 /// The effects of all rungs together: what a unit of the frame's kind adds to thin noiseless rays. Random

@@ -280,4 +280,15 @@ double flip(const ImageF& reference, const ImageF& test, const ImageF& mask) {
   return mean_absolute_error(map, ImageF(map.width, map.height, 1), mask);
 }
 
+Change change(const ImageF& from, const ImageF& to, const ImageF& mask) {
+  const ImageF seen_from = encoded(from), seen = encoded(to);
+  Change result;
+  result.mae = mean_absolute_error(from, to, mask);
+  result.relative = relative_error(from, to, mask);
+  result.psnr = psnr(from, to, mask);
+  result.ssim = ssim(grey(seen_from), grey(seen), mask);
+  result.flip = flip(seen_from, seen, mask);
+  return result;
+}
+
 }  // namespace mirage

@@ -2,6 +2,7 @@
 // pixels.
 #pragma once
 
+#include "base/fields.h"
 #include "base/image.h"
 
 namespace mirage {
@@ -33,5 +34,21 @@ double flip(const ImageF& reference, const ImageF& test, const ImageF& mask = {}
 ImageF grey(const ImageF& rgb);
 /// Scene-linear → sRGB-encoded, clamped to [0, 1].
 ImageF encoded(const ImageF& linear);
+
+/// How far two pictures are apart: mean |Δ| of scene-linear radiance, the same over the mean radiance, PSNR
+/// of scene-linear values (infinite where equal), SSIM and FLIP of the sRGB-encoded ones.
+struct Change {
+  double mae = 0, relative = 0, psnr = 0, ssim = 1, flip = 0;
+};
+template <class Visitor, FieldsOf<Change> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "mae"}, s.mae);
+  visit({.name = "relative"}, s.relative);
+  visit({.name = "psnr", .endless = true}, s.psnr);
+  visit({.name = "ssim"}, s.ssim);
+  visit({.name = "flip"}, s.flip);
+}
+/// `from` is the reference, whose mean radiance `relative` divides by. `mask` may be empty: all pixels.
+Change change(const ImageF& from, const ImageF& to, const ImageF& mask);
 
 }  // namespace mirage

@@ -141,22 +141,10 @@ std::vector<Summary> ladder(const Vehicles& vehicles, std::vector<Rung> LadderRe
 
 MatchedSummary matched_summary(const std::vector<const MatchedResult*>& results) {
   MatchedSummary sum;
-  double both = 0, error = 0;
   for (const MatchedResult* result : results) {
-    const MatchedResult& m = *result;
-    both += m.mask_both;
-    sum.pixels += m.mask_either;
-    error += m.mae * m.mask_either;
-    sum.mask_iou_worst = std::min(sum.mask_iou_worst, m.mask_iou);
-    sum.max_error = std::max(sum.max_error, m.max_error);
-    sum.depth_error = std::max(sum.depth_error, m.depth_error);
-    sum.pixels_off += m.pixels_off;
-    sum.range_error = std::max(sum.range_error, m.range_error);
-    sum.hit_disagreements += m.hit_disagreements;
-    sum.rays += m.rays;
-    sum.returns += m.returns;
+    sum.add(*result);
+    sum.mask_iou_worst = std::min(sum.mask_iou_worst, result->mask_iou);
   }
-  if (sum.pixels > 0) sum.mask_iou = both / sum.pixels, sum.mae = error / sum.pixels;
   return sum;
 }
 
@@ -306,17 +294,9 @@ json full_figures(const FullSummary& full) {
 }
 
 json matched_figures(const MatchedSummary& m) {
-  return {{"mask_iou", m.mask_iou},
-          {"mask_iou_worst", m.mask_iou_worst},
-          {"mae", m.mae},
-          {"max_error", m.max_error},
-          {"depth_error_m", m.depth_error},
-          {"pixels", m.pixels},
-          {"pixels_off", m.pixels_off},
-          {"range_error_m", m.range_error},
-          {"hit_disagreements", m.hit_disagreements},
-          {"rays", m.rays},
-          {"returns", m.returns}};
+  json out = fields_json<MatchedResult>(m);
+  out.update({{"mask_iou_worst", m.mask_iou_worst}, {"pixels", m.mask_either}});
+  return out;
 }
 
 /// What a camera's picture alone tells.

@@ -15,14 +15,8 @@ namespace mirage {
 
 /// Rasteriser and rays against the reference's, light for light (MatchedResult), over the vehicles: errors
 /// over all their pixels, or the largest.
-struct MatchedSummary {
-  double mask_iou = 1, mask_iou_worst = 1;
-  double mae = 0, max_error = 0;  ///< scene-linear
-  double depth_error = 0;         ///< m
-  double pixels = 0;              ///< of either mask
-  int pixels_off = 0;
-  double range_error = 0;  ///< m
-  int hit_disagreements = 0, rays = 0, returns = 0;
+struct MatchedSummary : MatchedResult {
+  double mask_iou_worst = 1;  ///< of a vehicle
 };
 
 /// The same of one camera of frames with several; without rays of the LiDAR.

@@ -9,6 +9,8 @@ namespace mirage {
 using nlohmann::json;
 
 void MatchedResult::add(const MatchedResult& other) {
+  range_error = std::max(range_error, other.range_error);
+  rays += other.rays, returns += other.returns, hit_disagreements += other.hit_disagreements;
   const double own = mask_either, theirs = other.mask_either, all = own + theirs;
   if (theirs == 0) return;
   mask_both += other.mask_both, mask_either += other.mask_either, pixels_off += other.pixels_off;

@@ -11,7 +11,7 @@
 
 #include "base/fields.h"
 #include "frames/host_id.h"
-#include "validation/fidelity/ladders.h"
+#include "validation/fidelity/picture_errors.h"
 #include "validation/reference/reference_renderer.h"
 #include "validation/reference/unbiased_error.h"
 
@@ -101,12 +101,17 @@ void visit_fields(Visitor& visit, S& s) {
 
 /// Rasteriser and rays against the reference's, light for light (host_validation.h).
 struct MatchedResult {
-  double mask_iou = 1, mae = 0, max_error = 0;
-  double depth_error = 0, depth_error_mean = 0;        ///< m
-  int mask_both = 0, mask_either = 0, pixels_off = 0;  ///< pixels
-  double range_error = 0;                              ///< m
-  int rays = 0, returns = 0, hit_disagreements = 0;
-  /// Adds the picture of another camera.
+  double mask_iou = 1, mae = 0, max_error = 0;  ///< errors over the union of the masks, scene-linear
+  /// m, at the pixels' centres, largest and mean, against the reference's rays.
+  double depth_error = 0, depth_error_mean = 0;
+  int mask_both = 0, mask_either = 0;  ///< pixels
+  /// Pixels that are off by more than 1e-3: their centre lies within float32 of a border between texels or
+  /// faces.
+  int pixels_off = 0;
+  double range_error = 0;     ///< m, largest over rays that both hit
+  int rays = 0, returns = 0;  ///< of the sensor model near the object; simulated on it
+  int hit_disagreements = 0;  ///< rays that only one of the two sees hit the object
+  /// Adds other pictures or rays.
   void add(const MatchedResult& other);
 };
 template <class Visitor, FieldsOf<MatchedResult> S>
@@ -145,9 +150,13 @@ void visit_fields(Visitor& visit, S& s) {
 
 /// A rung of the ladder of light (ladders.h).
 struct LightRungResult {
-  std::string effect, group, base;
-  Change change, crop, to_full;
-  SquaredError error;
+  std::string effect;
+  std::string group;   ///< "raster": ours; "cycles": effects in Cycles; "samples": the full render with fewer
+  std::string base;    ///< the rung (or "centres", "reference") that `change` is against
+  Change change;       ///< over the object's visible pixels
+  Change crop;         ///< over the whole window: the shadow that the object casts shows here
+  Change to_full;      ///< error against the reference over the object's visible pixels, as a camera sees it
+  SquaredError error;  ///< of the object alone, before anything saturates (unbiased_error.h, error_to)
   double seconds = 0;
   std::optional<OutcomeResult> outcome;  ///< of a vehicle that is found without the adversary
 };
@@ -166,8 +175,10 @@ void visit_fields(Visitor& visit, S& s) {
 /// A rung of the LiDAR's (ladders.h).
 struct LidarRungResult {
   std::string effect;
-  int returns = 0;
-  double changed = 0, returns_change = 0, seconds = 0;
+  int returns = 0;     ///< on the object
+  double changed = 0;  ///< share of the ideal returns lost or moved, and new ones, over the ideal count
+  double returns_change = 0;  ///< relative change of their number
+  double seconds = 0;         ///< of the whole insertion
   std::optional<OutcomeResult> outcome;
 };
 template <class Visitor, FieldsOf<LidarRungResult> S>
@@ -181,8 +192,9 @@ void visit_fields(Visitor& visit, S& s) {
 }
 /// The full render that light is measured against (ladders.h).
 struct ReferenceResult {
-  int samples = 0;
-  double seconds = 0, noise = 0;
+  int samples = 0;  ///< in both halves together
+  double seconds = 0;
+  double noise = 0;  ///< its own error, a share of the object's mean radiance (root mean square)
 };
 template <class Visitor, FieldsOf<ReferenceResult> S>
 void visit_fields(Visitor& visit, S& s) {
@@ -195,7 +207,7 @@ struct LadderResult {
   std::vector<LightRungResult> light;
   std::vector<LidarRungResult> lidar;
   ReferenceResult reference;
-  std::map<std::string, double> features;  ///< raster_rungs.h, and what two renders tell
+  std::map<std::string, double> features;  ///< ladders.h, and what two renders tell
 };
 template <class Visitor, FieldsOf<LadderResult> S>
 void visit_fields(Visitor& visit, S& s) {

@@ -19,7 +19,6 @@
 #include "validation/fidelity/host_validation.h"
 #include "validation/fidelity/ladders.h"
 #include "validation/fidelity/picture_errors.h"
-#include "validation/fidelity/raster_rungs.h"
 #include "validation/reference/reference_renderer.h"
 
 namespace mirage {
@@ -202,13 +201,6 @@ struct Looked {
   MatchedLight matched;
   FullLight full;
 
-  MatchedResult matched_result() const {
-    MatchedResult m;
-    m.mask_iou = matched.mask_iou, m.mask_both = matched.mask_both, m.mask_either = matched.mask_either;
-    m.mae = matched.mae, m.max_error = matched.max_error, m.pixels_off = matched.pixels_off;
-    m.depth_error = matched.depth_error, m.depth_error_mean = matched.depth_error_mean;
-    return m;
-  }
   FullResult full_result() const {
     const ImageF seen_raster = encoded(full.raster), seen_cycles = encoded(full.cycles);
     FullResult result;
@@ -244,19 +236,19 @@ LadderResult ladders(ReferenceRenderer& renderer, const Looked& at, const Simula
   const auto& [camera, turned, scene, drawn, matched, full] = at;
   LadderResult result;
   LightLadder light = light_ladder(renderer, scene, full);
-  result.reference = {light.reference_samples, light.reference_seconds, light.reference_noise};
+  result.reference = light.reference;
   result.features = scene_features(scene, drawn);
   for (LadderRung& rung : light.rungs) {
     const ImageF picture = with_window(scene.prepared->frame.image, rung.picture, full.rect);
     Pictures pictures = pictures_of(simulated);
     pictures[camera] = &picture;
-    const auto seen = outcome(pictures, simulated.sweep);
-    result.light.push_back({std::move(rung.effect), std::move(rung.group), std::move(rung.base), rung.change,
-                            rung.crop, rung.to_full, rung.error, rung.seconds, seen});
+    rung.outcome = outcome(pictures, simulated.sweep);
+    result.light.push_back(rung);
   }
-  for (const LidarRung& rung : lidar_ladder(scene))
-    result.lidar.push_back({rung.effect, rung.returns, rung.changed, rung.returns_change, rung.seconds,
-                            outcome(pictures_of(simulated), rung.sweep)});
+  for (LidarRung& rung : lidar_ladder(scene)) {
+    rung.outcome = outcome(pictures_of(simulated), rung.sweep);
+    result.lidar.push_back(rung);
+  }
   return result;
 }
 
@@ -317,18 +309,15 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
           samples_for(measure_noise(context.renderer, at.scene, at.simulated), context.settings.noise);
     at.scene.samples = scene.samples;
     at.full = full_light(context.renderer, at.scene, at.simulated);
-    seen.matched.add(at.matched_result());
+    seen.matched.add(at.matched);
     if (frame.cameras() > 1) {
       if (!seen.surround) seen.surround.emplace();
-      seen.surround->cameras.push_back({frame.name_of(camera), at.matched_result(), at.full_result()});
+      seen.surround->cameras.push_back({frame.name_of(camera), at.matched, at.full_result()});
     }
   }
   const Looked& best = looks.front();
   const FullLight& full = best.full;
-  MatchedResult& m = seen.matched;
-  const LidarCheck lidar = check_lidar(context.renderer, scene, simulated);
-  m.range_error = lidar.range_error, m.rays = lidar.rays, m.returns = lidar.returns;
-  m.hit_disagreements = lidar.disagreements;
+  seen.matched.add(check_lidar(context.renderer, scene, simulated));
   seen.samples = scene.samples;
   seen.full = seen.surround ? seen.surround->cameras[0].full : best.full_result();
   EvaluationSettings judge_by = context.settings.evaluation_settings;

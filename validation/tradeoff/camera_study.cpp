@@ -99,17 +99,6 @@ Agreement agreement(const std::vector<double>& own, const std::vector<double>& r
   return {dot / std::sqrt(a * b), std::sqrt(a / b)};
 }
 
-SimulationSettings hard_render(SimulationSettings settings, int samples, bool in_double) {
-  settings.raster.coverage = Coverage::hard;
-  settings.raster.color = ColorBlend::hard;
-  settings.raster.silhouette = SilhouetteBlend::hard;
-  settings.raster.sigma = 1e-12;  // bounds the window only
-  settings.supersampling = samples;
-  settings.reference = in_double;
-  settings.exact_coverage = false;
-  return settings;
-}
-
 CameraStudy::CameraStudy(const PreparedFrame& prepared, const Placement& placement, TexturedMesh placed,
                          const TradeoffSettings& settings)
     : prepared_(prepared), placement_(placement), placed_(std::move(placed)), settings_(settings) {

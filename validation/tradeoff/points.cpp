@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/intervals.h"
 #include "validation/thread_clock.h"
 
 namespace mirage {
@@ -18,7 +19,8 @@ void time_beside(TradeoffPoint& point, int repeats, const std::function<void()>&
     ratios.push_back(own_ms.back() / baseline_ms.back());
     if (own_ms.back() > long_ms && repeat > 0) break;
   }
-  point.ms = median_of(own_ms), point.baseline_ms = median_of(baseline_ms), point.ratio = median_of(ratios);
+  point.ms = median_interval(own_ms).value, point.baseline_ms = median_interval(baseline_ms).value;
+  point.ratio = median_interval(ratios).value;
 }
 
 TradeoffPoint mean_over(const std::vector<TradeoffPoint>& hosts) {
@@ -100,13 +102,6 @@ std::vector<Recommendation> recommend(const std::vector<TradeoffPoint>& points,
                    "error to be had in it",
                    kExactTime, kExactImage),
        exact}};
-}
-
-double median_of(std::vector<double> values) {
-  if (values.empty()) return 0;
-  std::sort(values.begin(), values.end());
-  const std::size_t half = values.size() / 2;
-  return values.size() % 2 ? values[half] : (values[half - 1] + values[half]) / 2;
 }
 
 }  // namespace mirage

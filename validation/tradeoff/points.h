@@ -65,7 +65,4 @@ inline constexpr double kDraftImage = 1.5, kDraftGradient = 0.05, kSameTime = 1.
 std::vector<Recommendation> recommend(const std::vector<TradeoffPoint>& points,
                                       const TradeoffPoint& standard);
 
-/// Median; the mean of the middle two for an even count. 0 of nothing.
-double median_of(std::vector<double> values);
-
 }  // namespace mirage

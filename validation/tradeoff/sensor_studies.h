@@ -17,17 +17,9 @@
 
 #include "simulation/camera_pass.h"
 #include "validation/tradeoff/points.h"
-#include "validation/tradeoff/settings.h"
+#include "validation/tradeoff/subjects.h"
 
 namespace mirage {
-
-/// One way to draw.
-struct CameraVariant {
-  std::string axis, label;
-  SimulationSettings simulation;
-  /// The picture is drawn at 1/shrink of its width and height, and what it changes is enlarged (bilinear).
-  int shrink = 1;
-};
 
 /// Agreement of two gradients.
 struct Agreement {
@@ -91,9 +83,6 @@ class CameraStudy {
   int pixels_ = 0;
   PreparedFrame half_, quarter_;
 };
-
-/// Hard edges; `samples` along a pixel's side; by the plain loop in double or the fast rasteriser.
-SimulationSettings hard_render(SimulationSettings settings, int samples, bool in_double);
 
 // The LiDAR's side: the rays of one sweep that can meet one host's object, traced in several ways.
 //

@@ -12,7 +12,7 @@
 #include "geometry/mesh.h"
 #include "validation/reference/reference_renderer.h"
 #include "validation/tradeoff/points.h"
-#include "validation/tradeoff/settings.h"
+#include "validation/tradeoff/subjects.h"
 
 namespace mirage {
 

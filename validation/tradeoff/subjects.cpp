@@ -74,6 +74,17 @@ std::string grid_label(const SimulationSettings& s) {
 
 }  // namespace
 
+SimulationSettings hard_render(SimulationSettings settings, int samples, bool in_double) {
+  settings.raster.coverage = Coverage::hard;
+  settings.raster.color = ColorBlend::hard;
+  settings.raster.silhouette = SilhouetteBlend::hard;
+  settings.raster.sigma = 1e-12;  // bounds the window only
+  settings.supersampling = samples;
+  settings.reference = in_double;
+  settings.exact_coverage = false;
+  return settings;
+}
+
 std::vector<CameraVariant> axis_variants(const SimulationSettings& baseline) {
   std::vector<CameraVariant> all;
   const auto add = [&](const char* axis, std::string label, const auto& change) {

@@ -10,11 +10,17 @@
 
 #include "validation/reference/reference_renderer.h"
 #include "validation/tradeoff/points.h"
-#include "validation/tradeoff/sensor_points.h"
-#include "validation/tradeoff/settings.h"
+#include "validation/tradeoff/sensor_studies.h"
 #include "validation/tradeoff/studies.h"
 
 namespace mirage {
+
+/// What the camera's references are worth; means over hosts.
+struct CameraReference {
+  double self_cosine = 0;   ///< CameraStudy::self_cosine
+  Agreement sharp;          ///< CameraStudy::sharp_agreement
+  std::vector<int> pixels;  ///< of each host's object
+};
 
 struct TradeoffResult {
   TradeoffSettings settings;          ///< `source`: what was measured on

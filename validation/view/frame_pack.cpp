@@ -1,5 +1,6 @@
 #include "validation/view/frame_pack.h"
 
+#include <OpenImageIO/strutil.h>
 #include <fmt/format.h>
 #include <zlib.h>
 
@@ -7,9 +8,11 @@
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
+#include <string_view>
 
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/intervals.h"
 #include "base/names.h"
 #include "detection/average_precision.h"
 #include "detection/defenses.h"
@@ -17,23 +20,11 @@
 #include "scene/data/truth_files.h"
 
 namespace mirage {
+namespace {
 
-std::string base64(std::string_view bytes) {
-  static constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string text;
-  text.reserve((bytes.size() + 2) / 3 * 4);
-  const auto byte = [&](std::size_t i) -> std::uint32_t {
-    return i < bytes.size() ? static_cast<unsigned char>(bytes[i]) : 0;
-  };
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const std::uint32_t three = byte(i) << 16 | byte(i + 1) << 8 | byte(i + 2);
-    for (int k = 0; k < 4; ++k)
-      text.push_back(i + static_cast<std::size_t>(k) > bytes.size() ? '='
-                                                                    : kDigits[three >> (18 - 6 * k) & 63]);
-  }
-  return text;
-}
+constexpr double kReach = 327;  // m
 
+/// RFC 1952; a browser's DecompressionStream("gzip") undoes it.
 std::string gzip(std::string_view bytes) {
   z_stream stream{};
   constexpr int kGzip = 16 + MAX_WBITS;
@@ -51,6 +42,13 @@ std::string gzip(std::string_view bytes) {
   return out;
 }
 
+/// Points as columns that gzip makes small, n points each:
+///   x, y, z: whole centimetres, the difference to the point before in zigzag form (0, −1, 1, −2, … as 0, 1,
+///   2, 3, …),
+///            low bytes of all, then high bytes of all; 6n bytes
+///   reflectance: 255ths; n bytes
+///   instance: as given; n bytes
+/// All points lie within ±kReach; `instance` has as many values.
 std::string packed_points(const Sweep& points, const std::vector<unsigned char>& instance) {
   const std::size_t n = points.size();
   std::string bytes(8 * n, '\0');
@@ -75,8 +73,6 @@ std::string packed_points(const Sweep& points, const std::vector<unsigned char>&
   }
   return bytes;
 }
-
-namespace {
 
 using nlohmann::json;
 
@@ -217,14 +213,6 @@ std::string container(const ViewFrame& view, const std::vector<std::string>& pho
   return words({static_cast<std::uint32_t>(text.size())}) + text + blobs.bytes;
 }
 
-double quantile(std::vector<float>& values, double share) {
-  if (values.empty()) return 0;
-  const auto at =
-      values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
-
 }  // namespace
 
 void find_instances(const std::filesystem::path& data, ViewFrame& view) {
@@ -271,7 +259,7 @@ PackedFrame pack(const ViewFrame& view, std::size_t limit, PackSettings start) {
     packed.settings.quality -= 15;
   while (true) {
     const std::vector<bool> kept = kept_points(view, packed.settings.step);
-    packed.text = base64(gzip(container(view, photos, kept)));
+    packed.text = OIIO::Strutil::base64_encode(gzip(container(view, photos, kept)));
     packed.kept = static_cast<std::size_t>(std::count(kept.begin(), kept.end(), true));
     if (packed.text.size() <= limit) break;
     if (packed.settings.step >= kCoarsest)
@@ -281,11 +269,12 @@ PackedFrame pack(const ViewFrame& view, std::size_t limit, PackSettings start) {
                        "give a larger --size or fewer --frames");
     packed.settings.step = std::min(kCoarsest, packed.settings.step + std::max(1, packed.settings.step / 2));
   }
-  std::vector<float> heights, reflectances;
+  std::vector<double> heights, reflectances;
   for (const LidarPoint& p : view.frame.sweep) {
     heights.push_back(p.z);
     reflectances.push_back(p.reflectance);
   }
+  if (heights.empty()) return packed;
   packed.lowest = quantile(heights, 0.01);
   packed.highest = quantile(heights, 0.99);
   packed.brightest = quantile(reflectances, 0.99);
