@@ -1,36 +1,23 @@
 // `mirage score` and `mirage compare --adaptive` as a user meets them: from nothing, twice, and a board.
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include <filesystem>
 #include <regex>
 
-#include "base/files.h"
-#include "support/files.h"
-#include "support/shell.h"
+#include "program.h"
 
 namespace mirage {
 namespace {
 
-namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-class Decisions : public testing::Test {
+class Decisions : public test::Program {
  protected:
   void SetUp() override {
-    if (!fs::exists(fs::path(MIRAGE_BUILD) / "plugins/fusion.so"))
-      GTEST_SKIP() << "the fusion plugin was not built (MIRAGE_DETECTORS)";
+    MIRAGE_NEED_FUSION();
+    environment_ = "MIRAGE_CACHE=" + at("cache");
   }
-  int mirage(const std::string& arguments) {
-    return test::shell(folder_, "MIRAGE_CACHE=" + at("cache") + " " MIRAGE_BUILD "/mirage " + arguments);
-  }
-  std::string at(const std::string& name) const { return (folder_ / name).string(); }
-  std::string said() const { return read_file(folder_ / "said"); }
   /// Without the day and time.
   std::string page(const std::string& name) const {
-    return std::regex_replace(read_file(folder_ / name), std::regex("\\d{4}-\\d\\d-\\d\\dT[\\d:]+Z"), "");
+    return std::regex_replace(text(name), std::regex("\\d{4}-\\d\\d-\\d\\dT[\\d:]+Z"), "");
   }
-  test::TemporaryFolder folder_;
 };
 
 TEST_F(Decisions, AScoreFromNothingIsTheSameTwiceAndGoesOnABoard) {
@@ -39,7 +26,7 @@ TEST_F(Decisions, AScoreFromNothingIsTheSameTwiceAndGoesOnABoard) {
   ASSERT_EQ(mirage(score), 0) << said();
   EXPECT_THAT(said(), testing::AllOf(HasSubstr("Grade D"), HasSubstr("loads that people carry"),
                                      HasSubstr("20–40 m"), HasSubstr("no picture")));
-  const nlohmann::json first = read_json(folder_ / "score/result.json"), &told = first.at("score");
+  const nlohmann::json first = json("score/result.json"), &told = first.at("score");
   EXPECT_EQ(told.at("grade"), "D");
   EXPECT_EQ(told.at("frames"), 3);
   EXPECT_EQ(told.at("learned").at(0).at("steps"), 2);
@@ -59,7 +46,7 @@ TEST_F(Decisions, AScoreFromNothingIsTheSameTwiceAndGoesOnABoard) {
   EXPECT_THAT(sheet, HasSubstr("Grade D"));
 
   ASSERT_EQ(mirage(score), 0) << said();
-  const nlohmann::json again = read_json(folder_ / "score/result.json");
+  const nlohmann::json again = json("score/result.json");
   EXPECT_EQ(again.at("score"), told);
   EXPECT_EQ(again.at("provenance").at("identity"), first.at("provenance").at("identity"));
   EXPECT_EQ(page("score/score.html"), sheet);
@@ -67,7 +54,7 @@ TEST_F(Decisions, AScoreFromNothingIsTheSameTwiceAndGoesOnABoard) {
   ASSERT_EQ(mirage("score --board " + at("score") + " " + at("score/result.json") + " --out " + at("board")),
             0)
       << said();
-  EXPECT_EQ(read_json(folder_ / "board/result.json").at("board").size(), 2u);
+  EXPECT_EQ(json("board/result.json").at("board").size(), 2u);
   EXPECT_THAT(page("board/board.html"), HasSubstr("2 scores"));
   EXPECT_EQ(mirage("score --board " + at("score") + " --out " + at("score")), 2);
   EXPECT_THAT(said(), HasSubstr("--out"));
@@ -88,8 +75,8 @@ TEST_F(Decisions, AScoreFromNothingIsTheSameTwiceAndGoesOnABoard) {
       0)
       << said();
   EXPECT_THAT(said(), HasSubstr("No grade"));
-  EXPECT_TRUE(read_json(folder_ / "known/result.json").at("score").at("grade").is_null());
-  EXPECT_FALSE(fs::exists(folder_ / "known/learn"));
+  EXPECT_TRUE(json("known/result.json").at("score").at("grade").is_null());
+  EXPECT_FALSE(exists("known/learn"));
   EXPECT_EQ(mirage("score --detector lidar --frames 2 --out " + at("score")), 2);
   EXPECT_THAT(said(), testing::AllOf(HasSubstr("--frames: 2"), HasSubstr("holds 3")));
 }
@@ -105,11 +92,11 @@ TEST_F(Decisions, EachDetectorIsComparedUnderItsOwnObject) {
                               " --data " + at("data") + " --out " + at("compare");
   ASSERT_EQ(mirage(compare + " --adaptive"), 0) << said();
   EXPECT_THAT(said(), HasSubstr("own"));
-  const nlohmann::json result = read_json(folder_ / "compare/result.json").at("compare");
+  const nlohmann::json result = json("compare/result.json").at("compare");
   EXPECT_EQ(result.at("objects").size(), 2u);
   EXPECT_GT(result.at("own").at("vehicles"), 0);
   // On frames that neither run has learned on.
-  EXPECT_EQ(result.at("hosts"), read_json(folder_ / "lidar/run.json").at("test").size());
+  EXPECT_EQ(result.at("hosts"), json("lidar/run.json").at("test").size());
   EXPECT_THAT(page("compare/compare.html"), HasSubstr("each under its own object"));
   EXPECT_EQ(mirage("compare --detectors lidar fusion --adaptive --runs " + at("lidar") + " --data " +
                    at("data") + " --out " + at("compare")),

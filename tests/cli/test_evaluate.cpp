@@ -1,31 +1,18 @@
 // `mirage evaluate` as a user meets it: another run's hosts, random meshes, pictures, options that
 // contradict.
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <filesystem>
-
-#include "base/files.h"
-#include "support/files.h"
-#include "support/shell.h"
+#include "program.h"
 
 namespace mirage {
 namespace {
 
 namespace fs = std::filesystem;
-using test::shell;
 using testing::HasSubstr;
 
-class Evaluate : public testing::Test {
+class Evaluate : public test::Program {
  protected:
-  int mirage(const std::string& arguments) { return shell(folder_, MIRAGE_BUILD "/mirage " + arguments); }
   int evaluate(const std::string& options) {
     return mirage("evaluate --run " + at("run") + " --out " + at("e") + " " + options);
   }
-  std::string at(const char* name) const { return (folder_ / name).string(); }
-  std::string said() const { return read_file(folder_ / "said"); }
-
   /// Two runs on two frames; with three iterations nothing much is learned.
   void make_runs() {
     ASSERT_EQ(mirage("generate --frames 2 --seed 5 --quiet --out " + at("data")), 0) << said();
@@ -39,7 +26,6 @@ class Evaluate : public testing::Test {
   void check_transfer();
   void check_gate();
   void check_contradictions();
-  test::TemporaryFolder folder_;
 };
 
 void Evaluate::check_transfer() {
@@ -48,7 +34,7 @@ void Evaluate::check_transfer() {
                                      HasSubstr("2 × random mesh "), HasSubstr("2 × random mesh of its size"),
                                      HasSubstr("learned less, points:")));
   EXPECT_THAT(said(), HasSubstr("range "));
-  const auto result = read_json(folder_ / "e/result.json");
+  const auto result = json("e/result.json");
   EXPECT_EQ(result.at("hosts_of"), at("other"));
   EXPECT_EQ(result.at("detector"), "lidar");
   EXPECT_EQ(result.at("reliance").at("reads_picture"), false);
@@ -57,7 +43,7 @@ void Evaluate::check_transfer() {
   EXPECT_EQ(result.at("arms").size(), 3u);
   EXPECT_TRUE(result.at("hidden").at("vanished").contains("vehicles"));
   EXPECT_TRUE(result.at("net").contains("vanished"));
-  const auto known = read_json(folder_ / "other/run.json").at("test");
+  const auto known = json("other/run.json").at("test");
   ASSERT_EQ(result.at("hosts"), known.size());
   for (std::size_t i = 0; i < known.size(); ++i) {
     EXPECT_EQ(result.at("outcomes").at(i).at("frame"), known.at(i).at("frame"));
@@ -73,7 +59,7 @@ void Evaluate::check_transfer() {
   EXPECT_TRUE(result.at("false_positives").contains("distance_from_host"));
   // An answer of the user's wins over the other run's.
   ASSERT_EQ(evaluate("--quiet --random-meshes 0 --detector fusion --hosts-of " + at("other")), 0) << said();
-  const auto again = read_json(folder_ / "e/result.json");
+  const auto again = json("e/result.json");
   EXPECT_EQ(again.at("detector"), "fusion");
   EXPECT_FALSE(again.contains("random"));
   EXPECT_EQ(again.at("reliance").at("frames"), 2);
@@ -86,22 +72,22 @@ void Evaluate::check_gate() {
       "audit --gate --data " + at("data") + " --out " + at("d") + " --claim " + at("claims.json");
   ASSERT_EQ(mirage(gate), 0) << said();
   EXPECT_THAT(said(), HasSubstr("with another frame's"));
-  const auto result = read_json(folder_ / "d/result.json"), &reliance = result.at("reliance");
+  const auto result = json("d/result.json"), &reliance = result.at("reliance");
   EXPECT_EQ(reliance.at("frames"), 2);
   EXPECT_GT(reliance.at("vehicles"), 0);
   EXPECT_TRUE(reliance.contains("ap70_none"));
   EXPECT_LE(reliance.at("drop_low"), reliance.at("drop_high"));
   EXPECT_EQ(result.at("audit").size(), 3u);
   EXPECT_EQ(result.at("audit").at(0).at("drop"), reliance.at("drop"));
-  EXPECT_FALSE(fs::exists(folder_ / "d/audit.html"));
-  const auto claim = read_json(folder_ / "claims.json").at("fusion-kitti64");
+  EXPECT_FALSE(exists("d/audit.html"));
+  const auto claim = json("claims.json").at("fusion-kitti64");
   EXPECT_EQ(claim.at("drop"), reliance.at("drop"));
   EXPECT_EQ(claim.at("weights_hash"),
             file_hash(fs::path(MIRAGE_BUILD) / "plugins/weights/fusion-kitti64.weights"));
   ASSERT_EQ(mirage("audit --detector lidar --data " + at("data") + " --out " + at("d")), 0) << said();
   EXPECT_THAT(said(), HasSubstr("has no picture"));
   EXPECT_THAT(said(), HasSubstr("points  2 beams"));
-  EXPECT_TRUE(fs::exists(folder_ / "d/audit.html"));
+  EXPECT_TRUE(exists("d/audit.html"));
 }
 
 void Evaluate::check_contradictions() {
@@ -116,18 +102,15 @@ void Evaluate::check_contradictions() {
            {"--score 30", "--score"},
            {"--pictures -1", "--pictures"}}) {
     EXPECT_EQ(evaluate(options), 2) << options;
-    EXPECT_THAT(said(), testing::StartsWith("mirage: "));
+    expect_one_line(said(), options);
     EXPECT_THAT(said(), HasSubstr(word));
-    const std::string text = said();
-    EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1) << text;
   }
 }
 
 TEST_F(Evaluate, TransfersPoolsRandomMeshesDrawsAndRefusesContradictions) {
-  if (!fs::exists(fs::path(MIRAGE_BUILD) / "plugins/fusion.so"))
-    GTEST_SKIP() << "the fusion plugin was not built (MIRAGE_DETECTORS)";
+  MIRAGE_NEED_FUSION();
   ASSERT_NO_FATAL_FAILURE(make_runs());
-  const auto attack = read_json(folder_ / "run/result.json");
+  const auto attack = json("run/result.json");
   EXPECT_EQ(attack.at("found_clean").at("vehicles"), attack.at("vehicles_train"));
   EXPECT_GT(attack.at("found_clean").at("found"), 0);
   check_transfer();

@@ -1,18 +1,10 @@
 // Runs, data sets and output folders that somebody else left, as the commands meet them.
 #include <fcntl.h>
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <sys/file.h>
-#include <unistd.h>
 
-#include <algorithm>
 #include <array>
-#include <csignal>
-#include <filesystem>
 
-#include "base/files.h"
-#include "support/files.h"
-#include "support/shell.h"
+#include "program.h"
 
 namespace mirage {
 namespace {
@@ -24,21 +16,11 @@ using testing::Not;
 
 const std::string kPlugins = MIRAGE_BUILD "/test_plugins/";
 
-class ForeignRuns : public testing::Test {
+class ForeignRuns : public test::Program {
  protected:
-  int mirage(const std::string& arguments) {
-    return test::shell(folder_, "MIRAGE_TEST_MARK=" + at("mark") + " " MIRAGE_BUILD "/mirage " + arguments);
-  }
-  std::string at(const char* name) const { return (folder_ / name).string(); }
-  std::string said() const { return read_file(folder_ / "said"); }
-  /// One line, in words of text alone.
-  void expect_line(const std::string& about) const {
-    const std::string text = said();
-    EXPECT_THAT(text, testing::StartsWith("mirage: ")) << about;
-    EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1) << about << ": " << text;
-    EXPECT_NO_THROW(nlohmann::json(text).dump()) << about;
-  }
-  bool marked() const { return fs::exists(folder_ / "mark"); }
+  ForeignRuns() { environment_ = "MIRAGE_TEST_MARK=" + at("mark"); }
+  void expect_line(const std::string& about) const { expect_one_line(said(), about); }
+  bool marked() const { return exists("mark"); }
 
   /// A run against a plugin that always finds one box.
   void make_run() {
@@ -55,11 +37,10 @@ class ForeignRuns : public testing::Test {
         << said();
   }
   void change(const char* key, const nlohmann::json& value) {
-    auto run = read_json(folder_ / "run/run.json");
+    auto run = json("run/run.json");
     run[key] = value;
     write_json(folder_ / "run/run.json", run);
   }
-  test::TemporaryFolder folder_;
 };
 
 TEST_F(ForeignRuns, RunNoCodeThatTheyName) {
@@ -169,7 +150,7 @@ TEST_F(ForeignRuns, WithARoofFinderOfAnyLengthAreRefusedInALine) {
 TEST_F(ForeignRuns, WriteNowhereElse) {
   make_run();
   for (const char* split : {"train", "test"}) {
-    auto changed = read_json(folder_ / "run/run.json");
+    auto changed = json("run/run.json");
     changed[split][0]["frame"] = "../escaped";
     write_json(folder_ / "run/run.json", changed);
   }
@@ -191,13 +172,13 @@ TEST_F(ForeignRuns, AnOutputFolderInUseNamesItsHolder) {
   EXPECT_EQ(mirage(command), 1);
   expect_line("generate");
   EXPECT_THAT(said(), AllOf(HasSubstr(at("o")), HasSubstr("process 4242 on elsewhere"), HasSubstr("--out")));
-  EXPECT_FALSE(fs::exists(folder_ / "o/dataset.json"));
+  EXPECT_FALSE(exists("o/dataset.json"));
   close(held);  // as the kernel does it for a killed process
   write_file(folder_ / "o/cut.png.mirage-999999999.tmp", "half");
   EXPECT_EQ(mirage(command), 0) << said();
-  EXPECT_TRUE(fs::exists(folder_ / "o/result.json"));
-  EXPECT_FALSE(fs::exists(folder_ / "o/.mirage-lock"));
-  EXPECT_FALSE(fs::exists(folder_ / "o/cut.png.mirage-999999999.tmp"));
+  EXPECT_TRUE(exists("o/result.json"));
+  EXPECT_FALSE(exists("o/.mirage-lock"));
+  EXPECT_FALSE(exists("o/cut.png.mirage-999999999.tmp"));
   // A page is written into a folder that holds other things: what lies deeper there is not the page's.
   write_file(folder_ / ".mirage-lock", "process 4242 on elsewhere since yesterday\n");
   const std::string view = "view --quiet --data " + at("o") + " --out " + at("page.html");
@@ -206,16 +187,16 @@ TEST_F(ForeignRuns, AnOutputFolderInUseNamesItsHolder) {
   EXPECT_EQ(mirage(view), 1);
   expect_line("view");
   EXPECT_THAT(said(), AllOf(HasSubstr("process 4242 on elsewhere"), HasSubstr("--out")));
-  EXPECT_FALSE(fs::exists(folder_ / "page.html"));
+  EXPECT_FALSE(exists("page.html"));
   close(beside);
   const std::string dead = "page.html.mirage-999999999.tmp", deeper = "o/" + dead;
   for (const std::string& name : {dead, deeper}) write_file(folder_ / name, "half");
   EXPECT_EQ(mirage(view), 0) << said();
-  EXPECT_TRUE(fs::exists(folder_ / "page.html"));
-  EXPECT_TRUE(fs::exists(folder_ / "page.result.json"));
-  EXPECT_FALSE(fs::exists(folder_ / ".mirage-lock"));
-  EXPECT_FALSE(fs::exists(folder_ / dead));
-  EXPECT_TRUE(fs::exists(folder_ / deeper));
+  EXPECT_TRUE(exists("page.html"));
+  EXPECT_TRUE(exists("page.result.json"));
+  EXPECT_FALSE(exists(".mirage-lock"));
+  EXPECT_FALSE(exists(dead));
+  EXPECT_TRUE(exists(deeper));
 }
 
 TEST_F(ForeignRuns, AnEditedRigDoesNotJoinAnOldSet) {
@@ -233,7 +214,7 @@ TEST_F(ForeignRuns, AnEditedRigDoesNotJoinAnOldSet) {
   EXPECT_EQ(generate("2"), 2);
   expect_line("generate");
   EXPECT_THAT(said(), AllOf(HasSubstr("rig.toml"), HasSubstr("--out")));
-  EXPECT_FALSE(fs::exists(folder_ / "d/training/velodyne/000001.bin"));
+  EXPECT_FALSE(exists("d/training/velodyne/000001.bin"));
   write_file(folder_ / "mine.toml", "# a comment is no other rig\n" + rig);
   EXPECT_EQ(generate("2"), 0) << said();
   // A set without its rig has lost it; one that was stopped before dataset.json goes on.
@@ -242,19 +223,18 @@ TEST_F(ForeignRuns, AnEditedRigDoesNotJoinAnOldSet) {
   EXPECT_EQ(generate("3"), 2);
   expect_line("generate");
   EXPECT_THAT(said(), AllOf(HasSubstr("rig.toml"), HasSubstr("is missing"), HasSubstr("--out")));
-  EXPECT_FALSE(fs::exists(folder_ / "d/rig.toml"));
+  EXPECT_FALSE(exists("d/rig.toml"));
   fs::rename(folder_ / "kept.toml", folder_ / "d/rig.toml");
   fs::remove(folder_ / "d/dataset.json");
   EXPECT_EQ(generate("3"), 2);
   write_file(folder_ / "mine.toml", rig);
   EXPECT_EQ(generate("3"), 0) << said();
-  EXPECT_TRUE(fs::exists(folder_ / "d/dataset.json"));
+  EXPECT_TRUE(exists("d/dataset.json"));
 }
 
 // By its signal the limit would end the process without a word.
 TEST_F(ForeignRuns, ALimitOnTheSizeOfFilesIsOneLine) {
-  const std::string generate = MIRAGE_BUILD "/mirage generate --frames 1 --quiet --out " + at("o");
-  EXPECT_EQ(test::shell(folder_, "ulimit -f 8; " + generate), 1);
+  EXPECT_EQ(shell("ulimit -f 8; " + command("generate --frames 1 --quiet --out " + at("o"))), 1);
   expect_line("generate");
   EXPECT_THAT(said(), HasSubstr("ulimit -f"));
 }
@@ -301,43 +281,6 @@ TEST_F(ForeignRuns, ADamagedPictureIsOneLine) {
     expect_line("detect");
     EXPECT_THAT(said(), HasSubstr("000000.png"));
   }
-}
-
-TEST_F(ForeignRuns, NumbersAndPathsThatNothingTakesAreRefusedAtOnce) {
-  const std::string name(256, 'n');
-  std::string path = at("p");
-  while (path.size() < 4200) path += "/" + std::string(100, 'p');
-  for (const auto& [arguments, word] : std::vector<std::pair<std::string, std::string>>{
-           {"generate --seed -1", "--seed"},
-           {"generate --seed 1e3", "--seed"},
-           {"detect --data d --frames -1", "--frames"},
-           {"generate --threads 100000", "--threads"},
-           {"generate --threads -1", "--threads"},
-           {"generate --out " + path, "--out"},
-           {"export --run " + name, "--run"},
-           {"attack --data " + path, "--data"},
-           {"attack --data d --sigma 5", "--sigma"},
-           {"attack --data d --gamma 1e9", "--gamma"},
-           {"attack --data d --checkpoint-every 0", "--checkpoint-every"},
-           {"attack --data d --checkpoint-seconds -1", "--checkpoint-seconds"},
-           {"simulate --data d --frame 1 --mesh m --sigma 1e9", "--sigma"},
-           {"render --scene s.glb --sigma 1e300", "--sigma"},
-           {"render --scene s.glb --sigma 1e-300", "--sigma"},
-           {"render --scene s.glb --sigma nan", "--sigma"},
-           {"render --scene s.glb --gamma 1e300", "--gamma"},
-           {"render --scene s.glb --color nan nan nan", "--color"},
-           {"render --scene s.glb --color 0,0,2", "--color"},
-           {"fit --data d --label-noise 1e300", "--label-noise"},
-           {"fit --data d --label-noise nan", "--label-noise"},
-           {"generate --seed 18446744073709551616", "--seed"},
-           {"generate --seed 99999999999999999999999", "--seed"}}) {
-    EXPECT_EQ(mirage(arguments), 2) << arguments;
-    expect_line(arguments);
-    EXPECT_THAT(said(), HasSubstr(word)) << arguments;
-  }
-  write_file(folder_ / "c.toml", "seed = -1\n");
-  EXPECT_EQ(mirage("generate --config " + at("c.toml")), 2);
-  expect_line("config");
 }
 
 }  // namespace

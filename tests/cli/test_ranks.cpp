@@ -1,80 +1,66 @@
 // `mpirun -n N mirage attack`: the same bits for any number of processes, and what is left when one dies;
 // `mirage generate` and `evaluate`, which share frames and vehicles, and `mirage reproduce`, whose steps they
 // take side by side.
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
 #include <chrono>
-#include <cstdlib>
-#include <filesystem>
 #include <thread>
 
-#include "base/files.h"
-#include "support/files.h"
-#include "support/shell.h"
+#include "program.h"
 
 namespace mirage {
 namespace {
 
 namespace fs = std::filesystem;
-using test::shell;
 using testing::HasSubstr;
 
-std::string on_ranks(int ranks, const std::string& arguments) {
-  // Open MPI refuses root and more processes than cores unless told otherwise, and leaves memory of its own
-  // behind, which is no leak of ours.
-  const char* sanitizer = std::getenv("ASAN_OPTIONS");
-  return "OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 ASAN_OPTIONS=" +
-         std::string(sanitizer ? sanitizer : "") + ":detect_leaks=0 mpirun --oversubscribe -n " +
-         std::to_string(ranks) + " " MIRAGE_BUILD "/mirage " + arguments;
-}
-
-class Ranks : public testing::Test {
+class Ranks : public test::Program {
  protected:
   void SetUp() override {
-    if (!fs::exists(fs::path(MIRAGE_BUILD) / "plugins/fusion.so"))
-      GTEST_SKIP() << "the fusion plugin was not built (MIRAGE_DETECTORS)";
-    if (shell(folder_, "mpirun --version") != 0) GTEST_SKIP() << "mpirun is not installed (openmpi-bin)";
-    ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage generate --frames 3 --seed 5 --quiet --out " +
-                                 (folder_ / "data").string()),
-              0);
+    MIRAGE_NEED_FUSION();
+    if (shell("mpirun --version") != 0) GTEST_SKIP() << "mpirun is not installed (openmpi-bin)";
+    ASSERT_EQ(mirage("generate --frames 3 --seed 5 --quiet --out " + at("data")), 0) << said();
   }
+  /// Open MPI refuses root and more processes than cores unless told otherwise, and leaves memory of its own
+  /// behind, which is no leak of ours.
+  std::string on_ranks(int ranks, const std::string& arguments) const {
+    const char* sanitizer = std::getenv("ASAN_OPTIONS");
+    return "OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 ASAN_OPTIONS=" +
+           std::string(sanitizer ? sanitizer : "") + ":detect_leaks=0 mpirun --oversubscribe -n " +
+           std::to_string(ranks) + " " + command(arguments);
+  }
+  int mirage_on(int ranks, const std::string& arguments) const { return shell(on_ranks(ranks, arguments)); }
   std::string attack(const std::string& out, int iterations) const {
-    return "attack --batch 4 --expect all --threads 1 --data " + (folder_ / "data").string() +
-           " --iterations " + std::to_string(iterations) + " --out " + (folder_ / out).string();
+    return "attack --batch 4 --expect all --threads 1 --data " + at("data") + " --iterations " +
+           std::to_string(iterations) + " --out " + at(out);
   }
   /// Attacks with the same options on one process and on two; their meshes and what result.json says under
   /// `report` are the same, and this is it.
   nlohmann::json learn_on_one_and_two(int iterations, const std::string& options,
                                       const std::string& report) const {
-    EXPECT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + attack("one", iterations) + options), 0)
-        << read_file(folder_ / "said");
-    EXPECT_EQ(shell(folder_, on_ranks(2, attack("two", iterations) + options)), 0)
-        << read_file(folder_ / "said");
-    EXPECT_EQ(read_file(folder_ / "two/adversary.glb"), read_file(folder_ / "one/adversary.glb"));
-    const nlohmann::json on_one = read_json(folder_ / "one/result.json").at(report);
-    EXPECT_EQ(read_json(folder_ / "two/result.json").at(report), on_one);
+    EXPECT_EQ(mirage(attack("one", iterations) + options), 0) << said();
+    EXPECT_EQ(mirage_on(2, attack("two", iterations) + options), 0) << said();
+    EXPECT_EQ(text("two/adversary.glb"), text("one/adversary.glb"));
+    const nlohmann::json on_one = json("one/result.json").at(report);
+    EXPECT_EQ(json("two/result.json").at(report), on_one);
     return on_one;
   }
   /// Two attacks and their evaluations.
   std::string reproduce(const std::string& out) const {
-    return "reproduce table1 --quick --iterations 1 --threads 1 --kitti64 " + (folder_ / "data").string() +
-           " --only kitti64-lidar-lidar,kitti64-fusion-lidar --out " + (folder_ / out).string();
+    return "reproduce table1 --quick --iterations 1 --threads 1 --kitti64 " + at("data") +
+           " --only kitti64-lidar-lidar,kitti64-fusion-lidar --out " + at(out);
   }
-  test::TemporaryFolder folder_;
 };
 
 TEST_F(Ranks, OneTwoAndFourProcessesLearnTheSameBits) {
-  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + attack("one", 3)), 0) << read_file(folder_ / "said");
+  ASSERT_EQ(mirage(attack("one", 3)), 0) << said();
   for (const int ranks : {2, 4}) {
     const std::string out = "on" + std::to_string(ranks);
-    ASSERT_EQ(shell(folder_, on_ranks(ranks, attack(out, 3))), 0) << read_file(folder_ / "said");
-    EXPECT_EQ(read_file(folder_ / out / "adversary.glb"), read_file(folder_ / "one" / "adversary.glb"));
-    EXPECT_EQ(read_file(folder_ / out / "loss.csv"), read_file(folder_ / "one" / "loss.csv"));
+    ASSERT_EQ(mirage_on(ranks, attack(out, 3)), 0) << said();
+    EXPECT_EQ(text(out + "/adversary.glb"), text("one/adversary.glb"));
+    EXPECT_EQ(text(out + "/loss.csv"), text("one/loss.csv"));
     // The first rank alone speaks and writes.
-    const std::string said = read_file(folder_ / "said"), row = "vehicles to train on  ";
-    EXPECT_NE(said.find(row), std::string::npos) << said;
-    EXPECT_EQ(said.find(row, said.find(row) + 1), std::string::npos) << said;
+    const std::string told = said(), row = "vehicles to train on  ";
+    EXPECT_NE(told.find(row), std::string::npos) << told;
+    EXPECT_EQ(told.find(row, told.find(row) + 1), std::string::npos) << told;
   }
 }
 
@@ -93,12 +79,12 @@ TEST_F(Ranks, TheBlackBoxIsTheSameOnAnyNumberOfProcesses) {
 }
 
 TEST_F(Ranks, ADeadRankEndsTheRunAndTheCheckpointGoesOn) {
-  const auto checkpoint = folder_ / "run" / "checkpoint.json";
+  const auto checkpoint = folder_ / "run/checkpoint.json";
   std::thread killer([&] {
     for (int i = 0; i < 2400 && !fs::exists(checkpoint); ++i)
       std::this_thread::sleep_for(std::chrono::milliseconds(50));
     // The youngest is one of the ranks; the brackets keep the pattern from matching this shell itself.
-    shell(folder_, "pkill -9 -n -f '[m]irage attack.*" + (folder_ / "run").string() + "'");
+    shell("pkill -9 -n -f '[m]irage attack.*" + at("run") + "'");
   });
   const int code = std::system((on_ranks(2, attack("run", 5000)) + " > /dev/null 2>&1").c_str());
   killer.join();
@@ -107,17 +93,16 @@ TEST_F(Ranks, ADeadRankEndsTheRunAndTheCheckpointGoesOn) {
   const int reached = read_json(checkpoint).at("iteration");
   EXPECT_GE(reached, 10);
   EXPECT_LT(reached, 5000);
-  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + attack("run", reached + 1)), 0)
-      << read_file(folder_ / "said");
-  EXPECT_EQ(read_json(folder_ / "run" / "result.json").at("iterations"), reached + 1);
+  ASSERT_EQ(mirage(attack("run", reached + 1)), 0) << said();
+  EXPECT_EQ(json("run/result.json").at("iterations"), reached + 1);
 }
 
 TEST_F(Ranks, StepsOfAReproductionAreTakenSideBySide) {
-  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + reproduce("one")), 0) << read_file(folder_ / "said");
+  ASSERT_EQ(mirage(reproduce("one")), 0) << said();
   // What cannot be run fails on every process, and nobody waits for it.
   write_file(folder_ / "two/runs/kitti64-fusion-lidar", "no folder");
-  ASSERT_EQ(shell(folder_, on_ranks(2, reproduce("two"))), 0) << read_file(folder_ / "said");
-  const auto steps = read_json(folder_ / "two/result.json").at("steps");
+  ASSERT_EQ(mirage_on(2, reproduce("two")), 0) << said();
+  const auto steps = json("two/result.json").at("steps");
   EXPECT_EQ(steps.at("runs/kitti64-fusion-lidar").at("status"), "failed");
   EXPECT_THAT(steps.at("evaluations/kitti64-fusion-lidar").at("error"),
               HasSubstr("needs runs/kitti64-fusion-lidar"));
@@ -127,28 +112,26 @@ TEST_F(Ranks, StepsOfAReproductionAreTakenSideBySide) {
   const auto made = fs::last_write_time(folder_ / "two" / mesh);
   // Run again: what is done is kept, the rest is made as one process makes it.
   fs::remove(folder_ / "two/runs/kitti64-fusion-lidar");
-  ASSERT_EQ(shell(folder_, on_ranks(2, reproduce("two"))), 0) << read_file(folder_ / "said");
+  ASSERT_EQ(mirage_on(2, reproduce("two")), 0) << said();
   EXPECT_EQ(fs::last_write_time(folder_ / "two" / mesh), made);
   for (const char* run : {"kitti64-lidar-lidar", "kitti64-fusion-lidar"})
     EXPECT_EQ(read(fs::path("runs") / run / "adversary.glb"),
               read_file(folder_ / "one/runs" / run / "adversary.glb"));
-  EXPECT_EQ(read_json(folder_ / "two/result.json").at("arms"),
-            read_json(folder_ / "one/result.json").at("arms"));
+  EXPECT_EQ(json("two/result.json").at("arms"), json("one/result.json").at("arms"));
 }
 
 TEST_F(Ranks, AnEvaluationIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
-  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + attack("run", 2) + " --detector lidar"), 0);
+  ASSERT_EQ(mirage(attack("run", 2) + " --detector lidar"), 0);
   const auto judge = [&](const std::string& out) {
-    return "evaluate --threads 1 --hosts all --random-meshes 1 --run " + (folder_ / "run").string() +
-           " --out " + (folder_ / out).string();
+    return "evaluate --threads 1 --hosts all --random-meshes 1 --run " + at("run") + " --out " + at(out);
   };
   const auto result = [&](const std::string& out) {
-    nlohmann::json read = read_json(folder_ / out / "result.json");
+    nlohmann::json read = json(out + "/result.json");
     read.erase("provenance");
     return read;
   };
   const auto with_cache = [&](const std::string& name, const std::string& line) {
-    return shell(folder_, "export MIRAGE_CACHE=" + (folder_ / name).string() + "; " + line);
+    return shell("export MIRAGE_CACHE=" + at(name) + "; " + line);
   };
   const auto kept = [&](const std::string& name) {
     std::size_t files = 0;
@@ -156,42 +139,36 @@ TEST_F(Ranks, AnEvaluationIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
       files += entry.is_regular_file();
     return files;
   };
-  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + judge("alone")), 0) << read_file(folder_ / "said");
+  ASSERT_EQ(mirage(judge("alone")), 0) << said();
   const nlohmann::json alone = result("alone");
-  ASSERT_EQ(with_cache("cache", on_ranks(3, judge("three"))), 0) << read_file(folder_ / "said");
+  ASSERT_EQ(with_cache("cache", on_ranks(3, judge("three"))), 0) << said();
   EXPECT_EQ(result("three"), alone);
   const auto looked = alone.at("hosts").get<std::size_t>() * alone.at("arms").size();
   EXPECT_EQ(kept("cache"), looked);  // each mesh on each host, once
   // What is there is read again, and what is missing is made.
   fs::remove_all(*fs::directory_iterator(folder_ / "cache/attacked"));
   EXPECT_LT(kept("cache"), looked);
-  ASSERT_EQ(with_cache("cache", MIRAGE_BUILD "/mirage " + judge("again")), 0) << read_file(folder_ / "said");
+  ASSERT_EQ(with_cache("cache", command(judge("again"))), 0) << said();
   EXPECT_EQ(result("again"), alone);
   EXPECT_EQ(kept("cache"), looked);
   // They share their work through the cache alone.
-  EXPECT_EQ(shell(folder_, on_ranks(2, judge("none"))), 2);
-  EXPECT_THAT(read_file(folder_ / "said"), HasSubstr("set MIRAGE_CACHE"));
+  EXPECT_EQ(mirage_on(2, judge("none")), 2);
+  EXPECT_THAT(said(), HasSubstr("set MIRAGE_CACHE"));
 }
 
-TEST_F(Ranks, FramesAreGeneratedSideBySide) {
-  ASSERT_EQ(shell(folder_, on_ranks(2, "generate --threads 1 --frames 3 --seed 5 --out " +
-                                           (folder_ / "two").string())),
-            0)
-      << read_file(folder_ / "said");
+TEST_F(Ranks, FramesAreGeneratedSideBySideAndOtherCommandsRunInOneProcess) {
+  ASSERT_EQ(mirage_on(2, "generate --threads 1 --frames 3 --seed 5 --out " + at("two")), 0) << said();
   for (const auto& entry : fs::recursive_directory_iterator(folder_ / "data/training"))
     if (entry.is_regular_file()) {
       const fs::path twin = folder_ / "two" / fs::relative(entry.path(), folder_ / "data");
       EXPECT_EQ(read_file(twin), read_file(entry.path())) << twin;
     }
-  const nlohmann::json alone = read_json(folder_ / "data/result.json"),
-                       both = read_json(folder_ / "two/result.json");
+  const nlohmann::json alone = json("data/result.json"), both = json("two/result.json");
   for (const char* count : {"frames", "cars", "others", "points"})
     EXPECT_EQ(both.at(count), alone.at(count)) << count;
-}
-
-TEST_F(Ranks, OtherCommandsRunInOneProcess) {
-  EXPECT_EQ(shell(folder_, on_ranks(2, "detect --data " + (folder_ / "data").string())), 2);
-  EXPECT_THAT(read_file(folder_ / "said"), HasSubstr("start it without mpirun"));
+  // Commands that share nothing run in one process.
+  EXPECT_EQ(mirage_on(2, "detect --data " + at("data")), 2);
+  EXPECT_THAT(said(), HasSubstr("start it without mpirun"));
 }
 
 }  // namespace
