@@ -392,8 +392,8 @@ TEST_F(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   EXPECT_THAT(outcome.err, Not(HasSubstr("resuming")));
 
   // A run on fitted roofs does not go on with boxes, nor under another sun.
-  EXPECT_THAT(refused(attack(reached + 2) + " --rooftop box"), HasSubstr("rooftop"));
-  EXPECT_THAT(refused(attack(reached + 2) + " --sun 90,30"), HasSubstr("sun"));
+  EXPECT_THAT(refused(attack(reached + 2) + " --quiet --rooftop box"), HasSubstr("rooftop"));
+  EXPECT_THAT(refused(attack(reached + 2) + " --quiet --sun 90,30"), HasSubstr("sun"));
 
   outcome = run("evaluate --hosts all --quiet --out " + at("e") + attacked);
   ASSERT_EQ(outcome.code, 0) << outcome.err;
