@@ -2,7 +2,8 @@
 
     evidence.py SOURCE                                      writes every block and plot
     evidence.py SOURCE --check                              compares them; exit code 1 where one is another one
-    evidence.py SOURCE --keep NAME FILE KEY... [-- COMMAND] stores a result as validation/results/NAME.json
+    evidence.py SOURCE --keep NAME FILE KEY... [-- COMMAND] stores a result as validation/results/NAME.json; of a list of objects
+                                                            KEY[FIELD,…] stores these fields
     evidence.py SOURCE --keep-lines NAME PATTERN -- COMMAND runs a command in SOURCE and stores the printed lines with PATTERN
 
 A block of a page stands between <!-- evidence: NAME --> and <!-- /evidence -->, and its table is TABLES[NAME] of the stored files.
@@ -43,11 +44,12 @@ def at(tree, place):
 
 
 def percent(x):
-    return f"{100 * x:.1f}"
+    return f"{100 * x:.1f}".replace("-0.0", "0.0").replace("-", "−")
 
 
 def between(interval):
-    return f"{percent(interval['low'])}–{percent(interval['high'])}"
+    to = " to " if interval["low"] < 0 else "–"
+    return f"{percent(interval['low'])}{to}{percent(interval['high'])}"
 
 
 def table(head, rows):
@@ -110,60 +112,121 @@ def zoo(source):
 TABLES = {"detectors": detectors, "gradients": gradients}
 
 
-def matrix(made):
-    """Objects down, detectors across: the share that vanishes, its interval below; the darker the more."""
-    rows = [each for each in made["objects"] if each.get("judged_by")]
-    columns = [name for name in DETECTORS if any(name in each["judged_by"] for each in rows)]
-    left, top, wide, high = 150, 52, 92, 36
+def cells(title, said, left, columns, rows):
+    """Rows down, columns across: a figure, its interval below, the darker the more. A row is (name, [cell]); a cell is None or (share
+    of the darkest shade, text, interval, whether it is framed). `said`: the line above, for who reads; `title`: for who listens."""
+    top, wide, high = 52, 92, 36
     out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {left + wide * len(columns) + 10} {top + high * len(rows) + 10}" '
-           f'font-family="sans-serif" font-size="13" role="img"><title>Cars that vanish by each detector under each object</title>'
-           f'<rect width="100%" height="100%" fill="#fff"/><text x="10" y="18" font-weight="bold">Cars that vanish (%, 95 % below): '
-           f'objects down, detectors across</text>']
+           f'font-family="sans-serif" font-size="13" role="img"><title>{escape(title)}</title>'
+           f'<rect width="100%" height="100%" fill="#fff"/><text x="10" y="18" font-weight="bold">{escape(said)}</text>']
     for k, name in enumerate(columns):
         out.append(f'<text x="{left + wide * (k + 0.5):.0f}" y="{top - 8}" text-anchor="middle">{escape(name)}</text>')
-    for i, each in enumerate(rows):
+    for i, (name, values) in enumerate(rows):
         y = top + high * i
-        out.append(f'<text x="{left - 8}" y="{y + 22}" text-anchor="end">{escape(each["name"])}</text>')
-        for k, name in enumerate(columns):
-            share = each["judged_by"].get(name)
-            if share is None:
+        out.append(f'<text x="{left - 8}" y="{y + 22}" text-anchor="end">{escape(name)}</text>')
+        for k, value in enumerate(values):
+            if value is None:
                 continue
-            shade = min(1, share["value"] / 0.5)
+            share, text, interval, framed = value
+            shade = min(1, max(0, share))
             fill = "#" + "".join(f"{round(255 + shade * (end - 255)):02x}" for end in (0xB7, 0x1C, 0x1C))
             ink = "#fff" if shade > 0.55 else "#222"
             x = left + wide * k
-            edge = ' stroke="#222" stroke-width="2"' if each["vanished"]["detector"] == name and each["kind"] == "learned" else ""
+            edge = ' stroke="#222" stroke-width="2"' if framed else ""
             out.append(f'<rect x="{x + 2}" y="{y + 2}" width="{wide - 4}" height="{high - 4}" fill="{fill}"{edge}/>'
-                       f'<text x="{x + wide / 2:.0f}" y="{y + 17}" text-anchor="middle" fill="{ink}">{percent(share["value"])}</text>'
-                       f'<text x="{x + wide / 2:.0f}" y="{y + 30}" text-anchor="middle" font-size="10" fill="{ink}">{between(share)}</text>')
+                       f'<text x="{x + wide / 2:.0f}" y="{y + 17}" text-anchor="middle" fill="{ink}">{escape(text)}</text>'
+                       f'<text x="{x + wide / 2:.0f}" y="{y + 30}" text-anchor="middle" font-size="10" fill="{ink}">{escape(interval)}</text>')
     return "\n".join(out) + "\n</svg>\n"
 
 
-def plot(title, rows):
-    """Shares with intervals, a row each: (name, value, low, high) in [0, 1]. Text is the reader's colour."""
-    height, left, width = 26, 110, 420
-    x = lambda share: left + share * width
+def objects(made):
+    """Shares that vanish: objects down, detectors across; framed where an object was learned against the detector."""
+    judged = [each for each in made["objects"] if each.get("judged_by")]
+    columns = [name for name in DETECTORS if any(name in each["judged_by"] for each in judged)]
+
+    def cell(each, name):
+        share = each["judged_by"].get(name)
+        if share is None:
+            return None
+        framed = each["vanished"]["detector"] == name and each["kind"] == "learned"
+        return share["value"] / 0.5, percent(share["value"]), between(share), framed
+
+    return cells("Cars that vanish by each detector under each object", "Cars that vanish (%, 95 % below): objects down, detectors across",
+                 150, columns, [(each["name"], [cell(each, name) for name in columns]) for each in judged])
+
+
+def audits(source, names):
+    """What each wrong input costs each detector, points of AP 0.7: changes down, detectors across."""
+    results = {name: stored(source, file) for name, file in names.items()}
+    changes = {}
+    for name, result in results.items():
+        for row in result["audit"]:
+            changes.setdefault((row["input"], row["change"]), {})[name] = row
+
+    def cell(row):
+        if row is None:
+            return None
+        if "refused" in row:
+            return 0, "refuses", "", False
+        return row["drop"], percent(row["drop"]), between(row), False
+
+    sides = ("picture", "points", "calibration")
+    rows = sorted(changes.items(), key=lambda item: sides.index(item[0][0]))
+    return cells("What each wrong input costs each detector", "AP 0.7 that each wrong input costs (points, 95 % below)", 230,
+                 list(results), [(f"{side}: {change}", [cell(of.get(name)) for name in results]) for (side, change), of in rows])
+
+
+def grades(result):
+    """Objects of each level down, distances across: at most how many cars vanish; framed where the level holds."""
+    score = result["score"]
+    bands = [f"{near:g}–{far:g} m" for near, far in zip(score["bands"], score["bands"][1:])]
+
+    def cell(each):
+        if not each["vehicles"]:
+            return 0, "no cars", "", False
+        return each["at_most"] / 0.5, "≤ " + percent(each["at_most"]), each["held"], each["held"] == "holds"
+
+    return cells("What grade has this detector?", f"Cars that vanish at most (%, 95 %): {score['detector']}, grade {score['grade']}; "
+                 "framed: at most 5 %", 230, bands, [(row["name"], [cell(each) for each in row["cells"]]) for row in score["rows"]])
+
+
+def plot(title, rows, low=0, high=1, tick=0.25):
+    """Shares or their differences with intervals, a row each: (name, value, low, high). Text is the reader's colour."""
+    height, left, width = 26, 170, 420
+    x = lambda share: left + (share - low) / (high - low) * width
     out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {left + width + 70} {height * (len(rows) + 2)}" font-family="sans-serif" '
            f'font-size="13" role="img"><title>{escape(title)}</title><rect width="100%" height="100%" fill="#fff"/>']
-    for tick in range(0, 101, 25):
-        out.append(f'<path d="M{x(tick / 100):.1f} {height}V{height * (len(rows) + 1)}" stroke="#ccc"/>'
-                   f'<text x="{x(tick / 100):.1f}" y="{height * (len(rows) + 1) + 16}" text-anchor="middle">{tick} %</text>')
-    out.append(f'<text x="{left}" y="16" font-weight="bold">{escape(title)}</text>')
-    for i, (name, value, low, high) in enumerate(rows):
+    for k in range(round((high - low) / tick) + 1):
+        at_tick = low + k * tick
+        out.append(f'<path d="M{x(at_tick):.1f} {height}V{height * (len(rows) + 1)}" stroke="{"#888" if low < 0 and abs(at_tick) < 1e-9 else "#ccc"}"/>'
+                   f'<text x="{x(at_tick):.1f}" y="{height * (len(rows) + 1) + 16}" text-anchor="middle">{100 * at_tick:.0f} %</text>')
+    out.append(f'<text x="10" y="16" font-weight="bold">{escape(title)}</text>')
+    for i, (name, value, least, most) in enumerate(rows):
         y = height * (i + 1.5)
         out.append(f'<text x="{left - 8}" y="{y + 4:.1f}" text-anchor="end">{escape(name)}</text>'
-                   f'<path d="M{x(low):.1f} {y:.1f}H{x(high):.1f}" stroke="#3949ab" stroke-width="2"/>'
+                   f'<path d="M{x(max(low, least)):.1f} {y:.1f}H{x(min(high, most)):.1f}" stroke="#3949ab" stroke-width="2"/>'
                    f'<circle cx="{x(value):.1f}" cy="{y:.1f}" r="4.5" fill="#3949ab"/>'
-                   f'<text x="{x(high) + 8:.1f}" y="{y + 4:.1f}">{percent(value)}</text>')
+                   f'<text x="{x(min(high, most)) + 8:.1f}" y="{y + 4:.1f}">{percent(value)}</text>')
     return "\n".join(out) + "\n</svg>\n"
+
+
+def regressions(result):
+    """What the second detector loses more than the first, by part."""
+    compared = result["compare"]
+    first, second = compared["detectors"]
+    rows = [(f"{part['name']} ({part['vehicles']})", *(part["difference"][key] for key in ("value", "low", "high")))
+            for part in compared["parts"]]
+    return plot(f"Cars that vanish: {second} less {first} (points, 95 %)", rows, -0.5, 0.5)
 
 
 def plots(source):
     """{path: text}"""
     rows = [(name, result["ap70"], result["ap70_interval"]["low"], result["ap70_interval"]["high"])
             for name, result in detections(source, "kitti").items()]
-    return {os.path.join(RESULTS, "detectors.svg"): plot("AP 0.7 on 44 KITTI frames, 95 %", rows),
-            os.path.join(RESULTS, "objects.svg"): matrix(zoo(source))}
+    made = {"detectors": plot("AP 0.7 on 44 KITTI frames, 95 %", rows),
+            "objects": objects(zoo(source)),
+            "audits": audits(source, {name: f"audit-generated-{name}" for name in DETECTORS})}
+    return {os.path.join(RESULTS, name + ".svg"): text for name, text in made.items()}
 
 
 def written(source):
@@ -191,6 +254,9 @@ def keep(source, name, file, keys, command):
     if command and "figures" not in result:
         result = {"figures": result}
     for key in keys:
+        if rows := re.fullmatch(r"(\w+)\[([\w,]+)\]", key):
+            out[rows[1]] = [{field: each[field] for field in rows[2].split(",") if field in each} for each in result[rows[1]]]
+            continue
         head, _, rest = key.partition(".")
         if rest:
             out.setdefault(head, {})[rest] = at(result, key)
