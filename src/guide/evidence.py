@@ -177,17 +177,17 @@ def audits(source, names):
 
 
 def grades(result):
-    """Objects of each level down, distances across: at most how many cars vanish; framed where the level holds."""
+    """Objects of each level down, distances across: at most how many cars vanish, and whether the level holds."""
     score = result["score"]
     bands = [f"{near:g}–{far:g} m" for near, far in zip(score["bands"], score["bands"][1:])]
 
     def cell(each):
         if not each["vehicles"]:
             return 0, "no cars", "", False
-        return each["at_most"] / 0.5, "≤ " + percent(each["at_most"]), each["held"], each["held"] == "holds"
+        return each["at_most"] / 0.5, "≤ " + percent(each["at_most"]), each["held"], False
 
-    return cells("What grade has this detector?", f"Cars that vanish at most (%, 95 %): {score['detector']}, grade {score['grade']}; "
-                 "framed: at most 5 %", 230, bands, [(row["name"], [cell(each) for each in row["cells"]]) for row in score["rows"]])
+    return cells("What grade has this detector?", f"Cars that vanish at most (%, 95 %): {score['detector']}, grade {score['grade']}", 260,
+                 bands, [(row["name"], [cell(each) for each in row["cells"]]) for row in score["rows"]])
 
 
 def plot(title, rows, low=0, high=1, tick=0.25):
@@ -199,7 +199,7 @@ def plot(title, rows, low=0, high=1, tick=0.25):
     for k in range(round((high - low) / tick) + 1):
         at_tick = low + k * tick
         out.append(f'<path d="M{x(at_tick):.1f} {height}V{height * (len(rows) + 1)}" stroke="{"#888" if low < 0 and abs(at_tick) < 1e-9 else "#ccc"}"/>'
-                   f'<text x="{x(at_tick):.1f}" y="{height * (len(rows) + 1) + 16}" text-anchor="middle">{100 * at_tick:.0f} %</text>')
+                   f'<text x="{x(at_tick):.1f}" y="{height * (len(rows) + 1) + 16}" text-anchor="middle">{f"{100 * at_tick:.0f}".replace("-", "−") + ("" if low < 0 else " %")}</text>')
     out.append(f'<text x="10" y="16" font-weight="bold">{escape(title)}</text>')
     for i, (name, value, least, most) in enumerate(rows):
         y = height * (i + 1.5)
@@ -214,9 +214,9 @@ def regressions(result):
     """What the second detector loses more than the first, by part."""
     compared = result["compare"]
     first, second = compared["detectors"]
-    rows = [(f"{part['name']} ({part['vehicles']})", *(part["difference"][key] for key in ("value", "low", "high")))
-            for part in compared["parts"]]
-    return plot(f"Cars that vanish: {second} less {first} (points, 95 %)", rows, -0.5, 0.5)
+    rows = [(f"{os.path.basename(part['name']) or 'all'} ({part['vehicles']})", *(part["difference"][key] for key in ("value", "low", "high")))
+            for part in compared["parts"] if part["by"] in ("all", "object", "range", "occlusion") and part["vehicles"] >= 10]
+    return plot(f"Cars that vanish: {second} less {first} (points, 95 %)", rows, -0.2, 0.2, 0.1)
 
 
 def plots(source):
@@ -225,7 +225,9 @@ def plots(source):
             for name, result in detections(source, "kitti").items()]
     made = {"detectors": plot("AP 0.7 on 44 KITTI frames, 95 %", rows),
             "objects": objects(zoo(source)),
-            "audits": audits(source, {name: f"audit-generated-{name}" for name in DETECTORS})}
+            "audits": audits(source, {name: f"audit-generated-{name}" for name in DETECTORS}),
+            "grades": grades(stored(source, "score-fusion")),
+            "regressions": regressions(stored(source, "compare-fusion-refined"))}
     return {os.path.join(RESULTS, name + ".svg"): text for name, text in made.items()}
 
 
