@@ -1,4 +1,3 @@
-
 #include "base/clusters.h"
 #include "cli/command.h"
 #include "cli/named_settings.h"
