@@ -31,7 +31,8 @@
  *              pixel_from_velo (3 × 4: (u w, v w, w) = M (x, y, z, 1)), intrinsics (fx, fy, cx, cy),
  *              sensor_from_ego (3 × 4), time}}; the first is called camera
  *   lidars     {NAME: {points: N × 4 float32: x, y, z (m), reflectance, time}}; the first is called lidar
- *   sensors    {NAME: {data: float32, as its plugin gives it, sensor_from_ego, time}}: of other kinds
+ *   sensors    {NAME: {data: float32, as its plugin gives it, sensor_from_ego, time}}: of other kinds. A
+ *              tracker reads "detections": M × 8, x, y, z of the centre, length, width, height, yaw, score
  *   clean      with local: the frame without the object. cameras and lidars as above, each camera with
  *              changed (left, top, right, bottom; pixels, exclusive), outside which its pictures are equal;
  *              key: a text that stays while the clean frame does, under which to keep what is made of it.
@@ -39,6 +40,7 @@
  *   ← boxes    M × 5: x, y, length, width, yaw; M × 7: x, y, z of the centre, length, width, height, yaw;
  *              M × 9: and vx, vy; for "picture" M × 4: left, top, right, bottom
  *   ← logits   M, of all boxes before suppression; classes: M, int32
+ *   ← identities  M, int32, of a tracker: the same for the same object, 0 or more
  * job gradient
  *   size, answer_at
  *   d_logits   M, of the last detect

@@ -6,11 +6,12 @@ detector(image, points, pixel_from_velo) -> (boxes, logits), detector(points), d
 detector(frame) for all sensors by name, on torch tensors if the program has imported torch, else on numpy arrays: what
 mirage.attack(detector=…) takes. This file imports nothing of Mirage, and Mirage puts it on the path. Its attributes, all optional:
 
-reads: ("image", "points"), or one of them: the other comes without rows. pictures: "linear" (float32, scene-linear in [0, 1]) or "srgb8"
+reads: ("image", "points"), or one of them: the other comes without rows, or names of other sensors. pictures: "linear" (float32, scene-linear in [0, 1]) or "srgb8"
 (0 … 255 as a file has them, float32 for torch). region: x_min, x_max, y_min, y_max in m. classes: ["Car", …], in the order of its labels.
 heights: True: its boxes of 7 or 9 numbers are compared in space, too. local: True: frame.clean saves it work. version: a text that
 changes with the network: answers are kept on disk under it, so that an evaluation goes on. new_sequence(): it remembers frames, and
-another sequence begins. backward(d_logits) -> (d_image, d_points), or {sensor: gradient}, without torch.
+another sequence begins. A tracker answers (boxes, logits, classes or None, identities); with reads = ("detections",) it is one for
+mirage drive --tracker, and frame.data["detections"] has rows of x, y, z of the centre, length, width, height, yaw, score. backward(d_logits) -> (d_image, d_points), or {sensor: gradient}, without torch.
 """
 
 import inspect
@@ -111,7 +112,7 @@ class Network:
                         "take (image, points, pixel_from_velo), points or image alone, or frame")
 
     def forward(self, frame, keep_graph):
-        """(boxes, logits, classes or None) as arrays of a Frame of arrays; keep_graph prepares backward."""
+        """(boxes, logits, classes or None, identities or None) as arrays of a Frame of arrays; keep_graph prepares backward."""
         self._inputs, self._logits = {}, None
         if keep_graph and not self.differentiable:
             raise self._bad("gradient", "is lacking", "write the network in torch, or give it backward(d_logits)")
@@ -133,18 +134,18 @@ class Network:
         if self.torch is None:
             return self._checked(self.function(*arguments))
         with self.torch.set_grad_enabled(keep_graph):
-            boxes, logits, classes = self._checked(self.function(*arguments))
+            boxes, logits, *numbers = self._checked(self.function(*arguments))
         if keep_graph:
             if logits.numel() and not logits.requires_grad:
                 raise self._bad("logits", "don't depend on image or points in a differentiable way",
                                 "remove detach(), no_grad(), hard thresholds and .item() between them, or use --attack black-box")
             self._logits = logits
         return (*(part.detach().cpu().float().numpy() for part in (boxes, logits)),
-                None if classes is None else classes.detach().cpu().int().numpy())
+                *(None if part is None else part.detach().cpu().int().numpy() for part in numbers))
 
     def _checked(self, found):
         kind = self.torch.Tensor if self.torch else np.ndarray
-        boxes, logits, classes = read_answer(found, self)
+        boxes, logits, classes, identities = read_answer(found, self)
         if not all(isinstance(part, kind) for part in (boxes, logits)):
             raise self._bad("result", f"is {type(found).__name__}", f"return two {kind.__name__}s: (boxes, logits)")
         for name, part in (("boxes", boxes), ("logits", logits)):
@@ -152,7 +153,7 @@ class Network:
                 raise self._bad(name, f"hold {part.dtype} values", "return floating-point numbers")
         if boxes.ndim != 2 or boxes.shape[1] not in ((4,) if self.finds_picture else (5, 7, 9)):
             raise self._bad("boxes", f"have shape {list(boxes.shape)}", GUIDE)
-        for name, part in (("logits", logits), ("classes", classes)):
+        for name, part in (("logits", logits), ("classes", classes), ("identities", identities)):
             if part is not None and (part.ndim != 1 or part.shape[0] != boxes.shape[0]):
                 raise self._bad(name, f"have shape {list(part.shape)} for {boxes.shape[0]} boxes", "return one a box")
         if classes is not None and not self.classes and len(set(classes.tolist())) > 1:
@@ -160,7 +161,7 @@ class Network:
         for name, part in (("boxes", boxes), ("logits", logits)):
             if not (self.torch.isfinite(part.detach()) if self.torch else np.isfinite(part)).all():
                 raise self._bad(name, "are not finite", "look for logarithms, roots and divisions of 0 in the network")
-        return boxes, logits, classes if self.classes else None
+        return boxes, logits, classes if self.classes else None, identities
 
     def backward(self, d_logits):
         """{sensor: gradient} as float32 arrays of the last forward; what has none is not in it."""
@@ -185,14 +186,14 @@ RESULTS = (("pred_boxes", "pred_scores", "pred_labels", 1), ("bboxes_3d", "score
 
 
 def read_answer(found, network):
-    """(boxes, logits, classes or None) of what a network gave: two or three of these; a dictionary of OpenPCDet (pred_boxes,
+    """(boxes, logits, classes or None, identities or None) of what a network gave: two to four of these; a dictionary of OpenPCDet (pred_boxes,
     pred_scores, pred_labels, from 1) or of mmdetection3d (bboxes_3d or boxes_3d, scores_3d, labels_3d), or a list with one of
     them. Scores become logits."""
     if isinstance(found, (tuple, list)) and len(found) == 1:
         found = found[0]
     found = getattr(found, "pred_instances_3d", found)
-    if isinstance(found, (tuple, list)) and len(found) in (2, 3):
-        return (*found, None)[:3]
+    if isinstance(found, (tuple, list)) and len(found) in (2, 3, 4):
+        return (*found, None, None)[:4]
     for names in RESULTS if hasattr(found, "keys") else ():
         if names[0] not in found.keys():
             continue
@@ -201,7 +202,7 @@ def read_answer(found, network):
             boxes = network.torch.cat([boxes.gravity_center, boxes.tensor[:, 3:]], 1)
         scores = scores.clip(1e-7, 1 - 1e-7)
         logits = (network.torch or np).log(scores / (1 - scores))
-        return boxes[:, : 9 if boxes.shape[1] >= 9 else 7], logits, labels - names[3]
+        return boxes[:, : 9 if boxes.shape[1] >= 9 else 7], logits, labels - names[3], None
     what = f"has the keys {sorted(found.keys())}" if hasattr(found, "keys") else f"is {type(found).__name__}"
     raise network._bad("result", what, GUIDE)
 
@@ -246,10 +247,9 @@ def serve(function, **attributes):
             elif job["job"] == "detect":
                 memory.begin(job)
                 asked = job
-                boxes, logits, classes = network.forward(Frame(job, memory.read), job["gradient"])
+                boxes, logits, *numbers = network.forward(Frame(job, memory.read), job["gradient"])
                 answer.update(boxes=memory.write(boxes), logits=memory.write(logits))
-                if classes is not None:
-                    answer["classes"] = memory.write(classes, "int32")
+                answer.update({name: memory.write(part, "int32") for name, part in zip(("classes", "identities"), numbers) if part is not None})
             else:
                 memory.begin(job)
                 for name, part in network.backward(memory.read(job["d_logits"]).copy()).items():

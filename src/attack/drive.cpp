@@ -18,12 +18,15 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
+#include "base/lazy.h"
 #include "base/names.h"
 #include "base/progress.h"
+#include "base/ranks.h"
 #include "detection/average_precision.h"
 #include "scene/data/kitti_results.h"
 #include "scene/data/read_frames.h"
 #include "simulation/insertion.h"
+#include "simulation/object_window.h"
 
 namespace mirage {
 namespace {
@@ -86,16 +89,20 @@ Box3 upright_box(const Box3& box, double road) {
   return box.height > 0 ? box : Box3{box.bev, road, kUnknownHeight};
 }
 
-/// The tracks of a whole sequence: for each frame those that live, in `velo`.
-std::vector<std::vector<TrackState>> follow(const std::vector<SceneFrame>& scene,
-                                            const std::vector<const std::vector<Detection>*>& detections,
-                                            double road, const TrackerSettings& settings) {
+/// What a detector finds in each frame of a scene.
+using Sights = std::vector<std::vector<Detection>>;
+/// The tracks that live in each frame of a scene, in `velo`.
+using Tracks = std::vector<std::vector<TrackState>>;
+
+/// By the tracker of these settings.
+Tracks follow(const std::vector<SceneFrame>& scene, const Sights& sights, double road,
+              const TrackerSettings& settings) {
   Tracker tracker(settings);
-  std::vector<std::vector<TrackState>> tracks(scene.size());
+  Tracks tracks(scene.size());
   for (std::size_t i = 0; i < scene.size(); ++i) {
     const Transform world_from_ego = laid_flat(scene[i].moment.world_from_ego);
     std::vector<TrackedDetection> seen;
-    for (const Detection& detection : *detections[i])
+    for (const Detection& detection : sights[i])
       seen.push_back({moved_flat(upright_box(detection.box, road), world_from_ego), detection.score()});
     for (TrackState& state : tracker.step(scene[i].moment.time, seen)) {
       state.box = moved_flat(state.box, world_from_ego.inverse());
@@ -103,6 +110,68 @@ std::vector<std::vector<TrackState>> follow(const std::vector<SceneFrame>& scene
     }
   }
   return tracks;
+}
+
+/// Boxes with identities as tracks: each is confirmed, and coasts where no detection touches it.
+std::vector<TrackState> tracks_of(const std::vector<Detection>& boxes, const std::vector<Detection>& found,
+                                  double road, const std::string& who) {
+  std::vector<TrackState> tracks;
+  for (const Detection& box : boxes) {
+    if (box.identity < 0)
+      throw InputError(who, "identities", "a box has none",
+                       "answer with one a box, 0 or more, the same for the same object");
+    TrackState state;
+    state.id = box.identity;
+    state.box = upright_box(box.box, road);
+    state.confirmed = true;
+    state.score = box.score();
+    for (std::size_t k = 0; k < found.size() && state.detection < 0; ++k)
+      if (iou(found[k].box.bev, box.box.bev) > 0) state.detection = static_cast<int>(k);
+    tracks.push_back(state);
+  }
+  return tracks;
+}
+
+/// By the user's tracker, which reads kDetections.
+Tracks follow(const std::vector<SceneFrame>& scene, const Sights& sights, double road, Detector& tracker) {
+  Tracks tracks(scene.size());
+  for (std::size_t i = 0; i < scene.size(); ++i) {
+    std::vector<float> rows;
+    for (const Detection& detection : sights[i]) {
+      const Box3 box = upright_box(detection.box, road);
+      for (const double value : {box.bev.x, box.bev.y, box.bottom + box.height / 2, box.bev.length,
+                                 box.bev.width, box.height, box.bev.yaw, detection.score()})
+        rows.push_back(static_cast<float>(value));
+    }
+    Frame frame;
+    frame.id = scene[i].id;
+    frame.moment = scene[i].moment;
+    frame.calibration = scene[i].calibration;
+    SensorView view;
+    view.frame = &frame;
+    view.calibration = &frame.calibration;
+    view.continues = i > 0;
+    SensorData detections;
+    detections.kind = SensorData::Kind::other;
+    detections.name = kDetections;
+    detections.values = rows;
+    detections.shape = {static_cast<std::int64_t>(sights[i].size()), 8, 1};
+    detections.time = scene[i].moment.time;
+    view.others.push_back(detections);
+    tracks[i] = tracks_of(tracker.forward(view, 0, false), sights[i], road, tracker.name());
+  }
+  return tracks;
+}
+
+/// InputError where it is no tracker.
+void check_tracker(const Detector& tracker) {
+  const Capabilities can = tracker.capabilities();
+  if (can.reads_image || can.reads_points || can.reads != std::vector<std::string>{kDetections})
+    throw InputError("--tracker", tracker.name(), "does not read detections alone",
+                     "let it say reads = (\"detections\",)");
+  if (!can.remembers)
+    throw InputError("--tracker", tracker.name(), "remembers nothing",
+                     "give it new_sequence(), which is called where a sequence begins");
 }
 
 TrackerSettings with_death(TrackerSettings settings, int death) {
@@ -151,8 +220,7 @@ std::vector<Vec3d> ego_velocities(const std::vector<SceneFrame>& scene) {
 
 /// What one version shows of the vehicle.
 void add_sights(DriveVersion version, const std::vector<SceneFrame>& scene, const Followed& followed,
-                const std::vector<const std::vector<Detection>*>& detections,
-                const std::vector<std::vector<TrackState>>& tracks, int birth, VehicleDrive& vehicle) {
+                const Sights& sights, const Tracks& tracks, int birth, VehicleDrive& vehicle) {
   const HidingRule& rule = kHidingRules.front();
   const auto v = static_cast<std::size_t>(version);
   std::set<int> phantoms;
@@ -161,7 +229,7 @@ void add_sights(DriveVersion version, const std::vector<SceneFrame>& scene, cons
     const std::size_t at = followed.frames[i];
     const BevBox& box = scene[at].labels[static_cast<std::size_t>(followed.labels[i])].box.bev;
     DriveSight& sight = vehicle.frames[i].sights[v];
-    for (const Detection& detection : *detections[at])
+    for (const Detection& detection : sights[at])
       sight.found = sight.found || iou(detection.box.bev, box) > rule.iou;
     for (const TrackState& track : tracks[at]) {
       if (iou(track.box.bev, box) > rule.iou) {
@@ -184,27 +252,199 @@ void add_sights(DriveVersion version, const std::vector<SceneFrame>& scene, cons
 
 /// One sequence, prepared.
 struct DriveScene {
+  std::string name;
   std::vector<SceneFrame> frames;
-  std::vector<std::vector<TrackState>> clean_tracks;
-  std::array<std::vector<std::vector<TrackState>>, kDeaths.size()> clean_by_death;
+  Tracks clean_tracks;
+  std::array<Tracks, kDeaths.size()> clean_by_death;
   std::vector<Vec3d> velocities;  ///< of the car
   double road = 0;                ///< m, z of the road in `velo`
 };
 
-VehicleDrive judge_vehicle(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request,
-                           const std::string& sequence, const DriveScene& scene, const Followed& followed,
-                           const std::function<void()>& frame_done) {
-  const std::size_t count = followed.frames.size();
-  std::vector<RideFrame> found(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    const SceneFrame& frame = scene.frames[followed.frames[i]];
-    found[i] = {frame.moment, store.placement({frame.id, followed.labels[i]}).carrier.value()};
+/// The vehicle that carries the object in a frame; null where it is not followed.
+struct Rider {
+  const Carrier* carrier = nullptr;
+  HostId host;
+};
+/// By the place of a frame in its scene.
+using Riders = std::vector<Rider>;
+
+/// Looks at the frames of a scene, with an object on one vehicle or as recorded.
+class Watch {
+ public:
+  Watch(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request,
+        const std::vector<SceneFrame>& scene)
+      : detectors_(detectors),
+        store_(store),
+        request_(request),
+        scene_(scene),
+        can_(detectors.front()->capabilities()) {}
+
+  /// Whether a frame's answer depends on others.
+  bool needs_all() const { return can_.remembers || request_.settings.sweeps > 1; }
+
+  /// What the detector finds in each frame as recorded.
+  Sights recorded() const {
+    if (needs_all()) return all(Riders(scene_.size()), nullptr, [] {});
+    std::vector<HostId> frames;
+    for (const SceneFrame& frame : scene_) frames.push_back({frame.id, 0});
+    const CleanDetections clean = clean_detections(detectors_, store_, frames, request_.evaluation);
+    Sights sights;
+    for (const SceneFrame& frame : scene_) sights.push_back(clean.at(frame.id));
+    return sights;
   }
-  const Ride ridden = ride(found);
+
+  /// The same with the object on the vehicle.
+  Sights attacked(const Riders& riders, const TexturedMesh& object,
+                  const std::function<void()>& frame_done) const {
+    return all(riders, &object, frame_done);
+  }
+
+ private:
+  Sights all(const Riders& riders, const TexturedMesh* object,
+             const std::function<void()>& frame_done) const {
+    Sights sights(scene_.size());
+    std::vector<std::size_t> asked;
+    for (std::size_t i = 0; i < scene_.size(); ++i) {
+      if (needs_all() || riders[i].carrier)
+        asked.push_back(i);
+      else
+        sights[i] = scene_[i].clean;
+    }
+    std::vector<Lazy<Sweep>> sweeps;
+    if (request_.settings.sweeps > 1)
+      for (std::size_t i = 0; i < scene_.size(); ++i)
+        sweeps.emplace_back([this, &riders, object, i] { return sweep_of(i, riders[i].carrier, object); });
+    std::optional<RenderedPictures> pictures;
+    if (request_.renderer) pictures.emplace(*request_.renderer, request_.evaluation.expectation_seed);
+    const auto look = [&](Detector& detector, std::size_t i) {
+      throw_if_interrupted(kKept);
+      sights[i] = seen(detector, i, riders[i], object, sweeps, pictures ? &*pictures : nullptr);
+      if (riders[i].carrier) frame_done();
+    };
+    if (can_.remembers)
+      for (const std::size_t i : asked) look(*detectors_.front(), i);
+    else
+      for_each_with_detector(detectors_, asked.size(),
+                             [&](Detector& detector, std::size_t k) { look(detector, asked[k]); });
+    return sights;
+  }
+
+  Sweep sweep_of(std::size_t i, const Carrier* carrier, const TexturedMesh* object) const {
+    const auto prepared = store_.get(scene_[i].id);
+    if (!carrier) return prepared->frame.sweep;
+    return simulate(*prepared, placement_of(request_.place, *carrier), *object, request_.simulation).sweep;
+  }
+
+  /// Returns of the frame and of those before it, in its `velo`.
+  Sweep merged(std::size_t i, const std::vector<Lazy<Sweep>>& sweeps) const {
+    const std::size_t first = i + 1 - std::min(i + 1, static_cast<std::size_t>(request_.settings.sweeps));
+    Sweep together;
+    for (std::size_t k = first; k <= i; ++k) {
+      const Transform moved = scene_[i].moment.world_from_ego.inverse() * scene_[k].moment.world_from_ego;
+      for (const LidarPoint& point : sweeps[k].get()) {
+        const Vec3f at = (moved * point.position().cast<double>()).cast<float>();
+        together.push_back({at.x(), at.y(), at.z(), point.reflectance});
+      }
+    }
+    return together;
+  }
+
+  std::vector<Detection> seen(Detector& detector, std::size_t i, const Rider& rider,
+                              const TexturedMesh* object, const std::vector<Lazy<Sweep>>& sweeps,
+                              RenderedPictures* pictures) const {
+    const auto held = store_.get(scene_[i].id);
+    const PreparedFrame& prepared = *held;
+    Simulated simulated;
+    CleanView as_recorded;
+    SensorView view;
+    if (rider.carrier) {
+      const Placement placement = placement_of(request_.place, *rider.carrier);
+      simulated = simulate(prepared, placement, *object, request_.simulation);
+      PixelRect changed = simulated.rect;
+      if (pictures)
+        changed = united(changed, pictures->correct({prepared, rider.host, placement, request_.simulation},
+                                                    *object, {-1, *object}, simulated));
+      view = view_of(prepared, simulated, can_);
+      if (can_.why_whole.empty() && sweeps.empty()) {
+        as_recorded = clean_view(prepared, simulated);
+        as_recorded.changed = changed;
+        view.clean = &as_recorded;
+      }
+    } else {
+      view = view_of(prepared.frame);
+    }
+    view.continues = i > 0;
+    Sweep together;
+    if (!sweeps.empty()) view.points = together = merged(i, sweeps);
+    return detections(detector, view, request_.evaluation);
+  }
+
+  const DetectorPool& detectors_;
+  FrameStore& store_;
+  const DriveRequest& request_;
+  const std::vector<SceneFrame>& scene_;
+  Capabilities can_;
+};
+
+/// By whoever tracks: the detector itself, the user's tracker, or ours.
+Tracks tracks_by(const DriveRequest& request, const Capabilities& can, const std::vector<SceneFrame>& scene,
+                 const Sights& sights, double road) {
+  if (request.tracker) return follow(scene, sights, road, *request.tracker);
+  const bool named = can.remembers && std::any_of(sights.begin(), sights.end(), [](const auto& boxes) {
+                       return !boxes.empty() && boxes.front().identity >= 0;
+                     });
+  if (!named) return follow(scene, sights, road, request.settings.tracker);
+  Tracks tracks;
+  for (const auto& boxes : sights) tracks.push_back(tracks_of(boxes, boxes, road, "--detector"));
+  return tracks;
+}
+
+/// Detections that confirm a track on a vehicle: a tracker of the user's confirms by its own rule.
+int birth_of(const DriveRequest& request, const Capabilities& can) {
+  return request.tracker || can.remembers ? 1 : request.settings.tracker.birth;
+}
+
+nlohmann::json row_of(const Box3& box, double last) {
+  return {box.bev.x, box.bev.y, box.bottom, box.bev.length, box.bev.width, box.height, box.bev.yaw, last};
+}
+
+/// See DriveRequest::folder.
+nlohmann::json shown(const Followed& followed, const Sights& sights, const Tracks& tracks, double road) {
+  nlohmann::json json = {{"boxes", nlohmann::json::array()}, {"tracks", nlohmann::json::array()}};
+  for (const std::size_t at : followed.frames) {
+    auto boxes = nlohmann::json::array(), of_tracks = nlohmann::json::array();
+    for (const Detection& found : sights[at])
+      boxes.push_back(row_of(upright_box(found.box, road), found.score()));
+    for (const TrackState& track : tracks[at]) {
+      if (!track.confirmed) continue;
+      of_tracks.push_back(row_of(track.box, track.detection >= 0 ? 1 : 0));
+      of_tracks.back().insert(of_tracks.back().begin(), track.id);
+    }
+    json["boxes"].push_back(boxes);
+    json["tracks"].push_back(of_tracks);
+  }
+  return json;
+}
+
+/// A vehicle, and what its file holds besides.
+struct JudgedVehicle {
   VehicleDrive vehicle;
-  vehicle.sequence = sequence;
+  nlohmann::json shown;
+};
+
+JudgedVehicle judge_vehicle(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request,
+                            const DriveScene& scene, const Followed& followed,
+                            const std::function<void()>& frame_done) {
+  std::vector<std::pair<Moment, HostId>> frames;
+  for (std::size_t i = 0; i < followed.frames.size(); ++i) {
+    const SceneFrame& frame = scene.frames[followed.frames[i]];
+    frames.push_back({frame.moment, {frame.id, followed.labels[i]}});
+  }
+  const Ride ridden = ride(store, frames);
+  VehicleDrive vehicle;
+  vehicle.sequence = scene.name;
   vehicle.track = followed.track;
-  vehicle.type = found.front().carrier.label.type;
+  vehicle.type = ridden.carriers.front().label.type;
   vehicle.fitted = ridden.fitted;
   vehicle.residual_m = ridden.residual_m;
   vehicle.residual_deg = ridden.residual_rad / kDegree;
@@ -212,65 +452,55 @@ VehicleDrive judge_vehicle(const DetectorPool& detectors, FrameStore& store, con
   vehicle.jitter_m = ridden.jitter_m;
   vehicle.in_box_m = ridden.in_box_m;
   vehicle.in_box_deg = ridden.in_box_rad / kDegree;
-  for (std::size_t i = 0; i < count; ++i) {
-    const BevBox& box = found[i].carrier.label.box.bev;
+  Riders riders(scene.frames.size());
+  Sights as_recorded;
+  for (const SceneFrame& frame : scene.frames) as_recorded.push_back(frame.clean);
+  for (std::size_t i = 0; i < followed.frames.size(); ++i) {
+    const std::size_t at = followed.frames[i];
+    const Moment& moment = scene.frames[at].moment;
+    const BevBox& box = scene.frames[at].labels[static_cast<std::size_t>(followed.labels[i])].box.bev;
+    riders[at] = {&ridden.carriers[i], frames[i].second};
     DriveFrame frame;
-    frame.index = found[i].moment.index;
-    frame.time = found[i].moment.time;
+    frame.index = moment.index;
+    frame.time = moment.time;
     frame.range = std::hypot(box.x, box.y);
     frame.nearest = frame.range;
     for (const Vec2d& corner : corners(box)) frame.nearest = std::min(frame.nearest, corner.norm());
-    const Vec3d relative = found[i].moment.world_from_ego.linear().transpose() *
-                           (ridden.velocities[i] - scene.velocities[followed.frames[i]]);
+    const Vec3d relative =
+        moment.world_from_ego.linear().transpose() * (ridden.velocities[i] - scene.velocities[at]);
     if (frame.range > 0) frame.closing = -(relative.x() * box.x + relative.y() * box.y) / frame.range;
     vehicle.frames.push_back(frame);
   }
-  const std::array<const TexturedMesh*, 2> objects = {&request.object, &request.random};
-  std::array<std::vector<std::vector<Detection>>, 2> seen;
-  for (auto& of : seen) of.resize(count);
-  const bool local = detectors.front()->capabilities().why_whole.empty();
-  for_each_with_detector(detectors, count, [&](Detector& detector, std::size_t i) {
-    throw_if_interrupted(kKept);
-    const auto held = store.get(scene.frames[followed.frames[i]].id);
-    const PreparedFrame& prepared = *held;
-    const Placement placement = placement_of(request.place, ridden.carriers[i]);
-    for (std::size_t o = 0; o < objects.size(); ++o) {
-      const Simulated simulated = simulate(prepared, placement, *objects[o], request.simulation);
-      SensorView view = view_of(prepared, simulated, detector.capabilities());
-      CleanView as_recorded;
-      if (local) {
-        as_recorded = clean_view(prepared, simulated);
-        view.clean = &as_recorded;
-      }
-      seen[o][i] = detections(detector, view, request.evaluation);
-    }
-    frame_done();
-  });
-  std::vector<const std::vector<Detection>*> all;
-  for (const SceneFrame& frame : scene.frames) all.push_back(&frame.clean);
-  const auto judge = [&](DriveVersion version, const auto& tracks, const auto& tracks_by_death) {
-    add_sights(version, scene.frames, followed, all, tracks, request.settings.tracker.birth, vehicle);
+  const Capabilities can = detectors.front()->capabilities();
+  const TrackerSettings& settings = request.settings.tracker;
+  JudgedVehicle judged;
+  const auto judge = [&](DriveVersion version, const Sights& sights, const Tracks& tracks,
+                         const auto& tracks_by_death) {
+    add_sights(version, scene.frames, followed, sights, tracks, birth_of(request, can), vehicle);
+    judged.shown[kDriveVersions[static_cast<std::size_t>(version)]] =
+        shown(followed, sights, tracks, scene.road);
     for (std::size_t d = 0; d < kDeaths.size(); ++d) {
       VehicleDrive other = vehicle;
       for (DriveFrame& frame : other.frames) frame.sights = {};
-      add_sights(version, scene.frames, followed, all, tracks_by_death(d), request.settings.tracker.birth,
-                 other);
+      add_sights(version, scene.frames, followed, sights, tracks_by_death(d), settings.birth, other);
       const DriveOutcome outcome = outcome_of(other, version);
       const auto v = static_cast<std::size_t>(version);
       vehicle.deaths[d].track_gap_s[v] = outcome.track_gap_s;
       vehicle.deaths[d].phantom_frames[v] = outcome.phantom_frames;
     }
   };
-  judge(DriveVersion::clean, scene.clean_tracks, [&](std::size_t d) { return scene.clean_by_death[d]; });
-  for (std::size_t o = 0; o < objects.size(); ++o) {
-    for (std::size_t i = 0; i < count; ++i) all[followed.frames[i]] = &seen[o][i];
-    const auto& tracker = request.settings.tracker;
-    judge(o == 0 ? DriveVersion::attacked : DriveVersion::random,
-          follow(scene.frames, all, scene.road, tracker), [&](std::size_t d) {
-            return follow(scene.frames, all, scene.road, with_death(tracker, kDeaths[d]));
-          });
+  judge(DriveVersion::clean, as_recorded, scene.clean_tracks,
+        [&](std::size_t d) { return scene.clean_by_death[d]; });
+  const Watch watch(detectors, store, request, scene.frames);
+  for (const auto& [version, object] : {std::pair(DriveVersion::attacked, &request.object),
+                                        std::pair(DriveVersion::random, &request.random)}) {
+    const Sights sights = watch.attacked(riders, *object, frame_done);
+    judge(version, sights, tracks_by(request, can, scene.frames, sights, scene.road), [&](std::size_t d) {
+      return follow(scene.frames, sights, scene.road, with_death(settings, kDeaths[d]));
+    });
   }
-  return vehicle;
+  judged.vehicle = std::move(vehicle);
+  return judged;
 }
 
 /// The vehicle's stored result if it is of the same key and whole; none otherwise.
@@ -321,21 +551,20 @@ void add_track_frames(const DriveScene& scene, const std::array<double, 4>& regi
 DriveScene prepare_scene(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request,
                          const Sequence& sequence) {
   DriveScene scene;
-  std::vector<HostId> frames;
-  for (const SequenceFrame& frame : sequence.frames) frames.push_back({frame.id, 0});
-  const CleanDetections clean = clean_detections(detectors, store, frames, request.evaluation);
-  std::vector<const std::vector<Detection>*> all;
+  scene.name = sequence.name;
   for (const SequenceFrame& frame : sequence.frames) {
     Annotations known = read_annotations(request.data, frame.id);
     scene.frames.push_back(
-        {frame.id, frame.moment, std::move(known.labels), std::move(known.calibration), clean.at(frame.id)});
+        {frame.id, frame.moment, std::move(known.labels), std::move(known.calibration), {}});
   }
-  for (const SceneFrame& frame : scene.frames) all.push_back(&frame.clean);
+  const Sights sights = Watch(detectors, store, request, scene.frames).recorded();
+  for (std::size_t i = 0; i < sights.size(); ++i) scene.frames[i].clean = sights[i];
   scene.road = -store.get(sequence.frames.front().id)->lidar.height;
-  scene.clean_tracks = follow(scene.frames, all, scene.road, request.settings.tracker);
+  scene.clean_tracks =
+      tracks_by(request, detectors.front()->capabilities(), scene.frames, sights, scene.road);
   for (std::size_t d = 0; d < kDeaths.size(); ++d)
     scene.clean_by_death[d] =
-        follow(scene.frames, all, scene.road, with_death(request.settings.tracker, kDeaths[d]));
+        follow(scene.frames, sights, scene.road, with_death(request.settings.tracker, kDeaths[d]));
   scene.velocities = ego_velocities(scene.frames);
   return scene;
 }
@@ -368,6 +597,18 @@ nlohmann::json medians(const std::vector<VehicleDrive>& vehicles, const FigureOf
     json[fmt::format("attacked_less_{}", kDriveVersions[static_cast<std::size_t>(other)])] =
         median_difference(vehicles, DriveVersion::attacked, other, figure_of);
   return json;
+}
+
+/// s that the object adds to the longest gap of detection.
+double added_gap(const VehicleDrive& vehicle) {
+  return outcome_of(vehicle, DriveVersion::attacked).gap_s - outcome_of(vehicle, DriveVersion::clean).gap_s;
+}
+
+double gap_of(const DriveOutcome& of) {
+  return of.gap_s;
+}
+double track_gap_of(const DriveOutcome& of) {
+  return of.track_gap_s;
 }
 
 /// Of the vehicles that are first seen beyond kLateWithin: how many are confirmed no earlier than there.
@@ -406,6 +647,41 @@ nlohmann::json death_row(const std::vector<VehicleDrive>& vehicles, std::size_t 
 
 }  // namespace
 
+Ride ride(FrameStore& store, std::span<const std::pair<Moment, HostId>> frames) {
+  std::vector<RideFrame> found;
+  for (const auto& [moment, host] : frames) found.push_back({moment, store.placement(host).carrier.value()});
+  return ride(found);
+}
+
+DriveVehicles longest_hidden(const DriveResult& result, int count) {
+  std::vector<const VehicleDrive*> hidden;
+  for (const VehicleDrive& vehicle : result.vehicles)
+    if (added_gap(vehicle) > 0) hidden.push_back(&vehicle);
+  std::stable_sort(hidden.begin(), hidden.end(),
+                   [](const auto* a, const auto* b) { return added_gap(*a) > added_gap(*b); });
+  DriveVehicles chosen;
+  for (const VehicleDrive* vehicle : hidden)
+    if (static_cast<int>(chosen.size()) < count) chosen.emplace(vehicle->sequence, vehicle->track);
+  return chosen;
+}
+
+nlohmann::json by_renderer(const DriveResult& result, const DriveResult& plain) {
+  std::vector<VehicleDrive> same;
+  for (const VehicleDrive& vehicle : result.vehicles)
+    for (const VehicleDrive& other : plain.vehicles)
+      if (other.sequence == vehicle.sequence && other.track == vehicle.track) same.push_back(other);
+  nlohmann::json json = {{"gap_s", medians(result.vehicles, gap_of)},
+                         {"track_gap_s", medians(result.vehicles, track_gap_of)},
+                         {"raster_gap_s", medians(same, gap_of)}};
+  ClusteredShare kept;
+  for (std::size_t i = 0; i < same.size(); ++i) {
+    json["vehicles"].push_back(to_json(result.vehicles[i]));
+    kept.add(name_of(same[i]), added_gap(result.vehicles[i]) / added_gap(same[i]), 0, added_gap(same[i]));
+  }
+  json["kept"] = to_json(kept.mean_interval());
+  return json;
+}
+
 Transform laid_flat(const Transform& pose) {
   Transform laid = Transform::Identity();
   laid.linear() = Eigen::AngleAxisd(std::atan2(pose(1, 0), pose(0, 0)), Vec3d::UnitZ()).toRotationMatrix();
@@ -426,43 +702,50 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
     throw InputError("--detector", detectors.front()->name(),
                      "finds boxes in the picture alone, which have no place in the world",
                      "use a detector of boxes in space: lidar, fusion, …");
-  if (can.remembers)
-    throw InputError("--detector", detectors.front()->name(),
-                     "answers by the frames before, and a drive asks it frame by frame",
-                     "use it without its memory: the tracker remembers");
+  if (request.tracker) check_tracker(*request.tracker);
   const auto region = detectors.front()->region();
   DriveResult result;
   std::vector<TrackFrame> track_frames;
-  const std::string key = request.made_of.identity();
+  std::vector<DriveScene> scenes;
+  std::vector<std::pair<std::size_t, Followed>> vehicles;  // each with its scene's place
+  std::size_t frames = 0, done = 0;
   for (std::size_t s = 0; s < request.sequences.size(); ++s) {
-    const Sequence& sequence = request.sequences[s];
-    const DriveScene scene = prepare_scene(detectors, store, request, sequence);
+    scenes.push_back(prepare_scene(detectors, store, request, request.sequences[s]));
+    const DriveScene& scene = scenes.back();
     add_track_frames(scene, region, static_cast<int>(s), track_frames);
     result.frames += static_cast<int>(scene.frames.size());
-    const std::vector<Followed> followed = vehicles_of(scene.frames, region, request.settings.least_frames);
-    std::size_t frames = 0, done = 0;
-    for (const Followed& vehicle : followed) frames += vehicle.frames.size();
-    Progress progress("drive " + escape_name(sequence.name), frames, request.evaluation.quiet);
-    std::mutex mutex;
-    for (const Followed& vehicle : followed) {
-      throw_if_interrupted(kKept);
-      const std::string name = fmt::format("{}_{}.json", escape_name(sequence.name), vehicle.track);
-      const fs::path file = request.folder.empty() ? fs::path() : request.folder / name;
-      auto judged = stored_vehicle(file, key);
-      if (judged) {
-        progress.update(done += vehicle.frames.size());
-      } else {
-        judged = judge_vehicle(detectors, store, request, sequence.name, scene, vehicle, [&] {
-          const std::lock_guard lock(mutex);
-          progress.update(++done);
-        });
-        nlohmann::json stored = to_json(*judged);
-        stored["key"] = key;
-        if (!file.empty()) write_json(file, stored);
-      }
-      result.vehicles.push_back(std::move(*judged));
+    for (Followed& vehicle : vehicles_of(scene.frames, region, request.settings.least_frames)) {
+      if (request.only && !request.only->contains({scene.name, vehicle.track})) continue;
+      frames += vehicle.frames.size();
+      vehicles.emplace_back(s, std::move(vehicle));
     }
   }
+  const std::string key = request.made_of.identity();
+  Progress progress("drive", 2 * frames, request.evaluation.quiet);
+  std::mutex mutex;
+  const auto frame_done = [&] {
+    const std::lock_guard lock(mutex);
+    progress.update(++done);
+  };
+  std::vector<VehicleDrive> judged(vehicles.size());
+  for (const std::size_t k : order_among_ranks(vehicles.size())) {
+    throw_if_interrupted(kKept);
+    const auto& [s, followed] = vehicles[k];
+    const std::string name = fmt::format("{}_{}.json", escape_name(scenes[s].name), followed.track);
+    const fs::path file = request.folder.empty() ? fs::path() : request.folder / name;
+    if (auto stored = stored_vehicle(file, key)) {
+      progress.update(done += 2 * followed.frames.size());
+      judged[k] = std::move(*stored);
+      continue;
+    }
+    JudgedVehicle fresh = judge_vehicle(detectors, store, request, scenes[s], followed, frame_done);
+    nlohmann::json kept = to_json(fresh.vehicle);
+    kept["key"] = key;
+    kept["shown"] = std::move(fresh.shown);
+    if (!file.empty()) write_json(file, kept);
+    judged[k] = std::move(fresh.vehicle);
+  }
+  result.vehicles = std::move(judged);
   if (result.vehicles.empty())
     throw InputError(request.data.string(), "labels",
                      fmt::format("no car or van is followed through {} frames in the detector's region",
@@ -475,8 +758,8 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
 nlohmann::json to_json(const DriveResult& result) {
   nlohmann::json json = {{"frames", result.frames}, {"tracker", to_json(result.clean)}};
   for (const VehicleDrive& vehicle : result.vehicles) json["vehicles"].push_back(to_json(vehicle));
-  json["gap_s"] = medians(result.vehicles, [](const DriveOutcome& of) { return of.gap_s; });
-  json["track_gap_s"] = medians(result.vehicles, [](const DriveOutcome& of) { return of.track_gap_s; });
+  json["gap_s"] = medians(result.vehicles, gap_of);
+  json["track_gap_s"] = medians(result.vehicles, track_gap_of);
   const auto confirmed_m = [](const DriveOutcome& of) { return of.confirmed ? of.confirmed->metres : 0; };
   json["confirmed_m"] = medians(result.vehicles, confirmed_m);
   std::vector<VehicleDrive> nearing;

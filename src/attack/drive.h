@@ -12,11 +12,15 @@
 
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "attack/evaluation.h"
+#include "attack/object_renderer.h"
 #include "attack/vehicle_drive.h"
 #include "base/provenance.h"
 #include "scene/data/sequences.h"
@@ -29,6 +33,7 @@ namespace mirage {
 struct DriveSettings {
   TrackerSettings tracker;
   int least_frames = 20;  ///< of a vehicle's track
+  int sweeps = 1;         ///< that a detector sees at a time: the frame's own and those before it
 };
 
 template <class Visitor, FieldsOf<DriveSettings> S>
@@ -38,7 +43,19 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "frames in the detector's region that a vehicle needs to be judged",
          .range = {3, 100000}},
         s.least_frames);
+  visit({.name = "sweeps",
+         .help = "sweeps that the detector sees at a time: the frame's own, and those before it moved by the "
+                 "car's pose",
+         .range = {1, 20}},
+        s.sweeps);
 }
+
+/// What a tracker of the user's reads: a sensor of kind other, N × 8 float32: x, y, z of the centre, length,
+/// width, height, yaw (m, rad, ego frame), score.
+inline constexpr const char* kDetections = "detections";
+
+/// Vehicles of a drive, by sequence and identity.
+using DriveVehicles = std::set<std::pair<std::string, int>>;
 
 /// What all vehicles are judged with.
 struct DriveRequest {
@@ -49,8 +66,13 @@ struct DriveRequest {
   SimulationSettings simulation;
   EvaluationSettings evaluation;  ///< the score of a detection, and the identity of the detector
   DriveSettings settings;
+  Detector* tracker = nullptr;         ///< reads kDetections, in place of settings.tracker; null: that
+  ObjectRenderer* renderer = nullptr;  ///< draws both objects for the detector; null: the rasteriser
+  std::optional<DriveVehicles> only;   ///< these alone are judged; none: all
   /// Finished vehicles are kept here, as SEQUENCE_TRACK.json, and read again while `made_of` says the same;
-  /// empty: they are not.
+  /// empty: they are not. Such a file also holds what the vehicle's frames showed: by version, a list a frame
+  /// of boxes [x, y, bottom, length, width, height, yaw, score] and of confirmed tracks [identity, x, y,
+  /// bottom, length, width, height, yaw, whether it has a detection] (m, rad, `velo`).
   std::filesystem::path folder;
   Provenance made_of;
 };
@@ -62,8 +84,10 @@ struct DriveResult {
   int frames = 0;
 };
 
-/// InputError if the detector finds boxes in the picture alone, and if no vehicle has frames enough. After
-/// Ctrl-C, Interrupted: finished vehicles are kept. Results do not depend on the number of detectors.
+/// InputError if the detector finds boxes in the picture alone, if no vehicle has frames enough, and for a
+/// tracker that does not read kDetections alone, remembers nothing or gives a box no identity. After Ctrl-C,
+/// Interrupted: finished vehicles are kept. Ranks share the vehicles. Results do not depend on the number of
+/// detectors or ranks.
 DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request);
 
 /// {vehicles: as to_json(VehicleDrive), gap_s, track_gap_s, confirmed_m: medians over vehicles {clean,
@@ -77,6 +101,17 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
 /// [{seconds, clean, attacked, random: share of vehicles with a gap of so long or more}], tracker:
 /// TrackScores as recorded, frames}
 nlohmann::json to_json(const DriveResult& result);
+
+/// At most `count` vehicles, those of the longest gap that the object adds to the recorded one. Only where it
+/// adds any.
+DriveVehicles longest_hidden(const DriveResult& result, int count);
+/// The same vehicles by another renderer: {vehicles: [as above], gap_s, track_gap_s: medians as above,
+/// raster_gap_s: the same of `plain`, kept: {value, low, high}: what the object adds to the gaps, as a share
+/// of what it adds in `plain`}. They were chosen for their gaps in `plain`, so kept is rather too low.
+nlohmann::json by_renderer(const DriveResult& result, const DriveResult& plain);
+
+/// The ride of a vehicle over its track, given the label that it has in each frame.
+Ride ride(FrameStore& store, std::span<const std::pair<Moment, HostId>> frames);
 
 /// The box in the flat world, or back with the inverse: `pose` moves x, y and heading alone.
 Box3 moved_flat(const Box3& box, const Transform& pose);

@@ -86,6 +86,7 @@ Ride ride(const std::vector<RideFrame>& frames) {
   }
   const std::vector<SmoothPlace> places = smooth(measured);
   std::vector<Vec3d> found, smoothed;
+  std::vector<double> times;
   double squares = 0, turns = 0;
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const SmoothPlace& place = places[i];
@@ -111,6 +112,7 @@ Ride ride(const std::vector<RideFrame>& frames) {
       const double turn = wrap_angle(measured[i].yaw - place.yaw);
       turns += turn * turn;
     }
+    times.push_back(measured[i].time);
     found.push_back(measured[i].position);
     smoothed.push_back(place.position);
     track.carriers.push_back(std::move(carrier));
@@ -119,8 +121,8 @@ Ride ride(const std::vector<RideFrame>& frames) {
   std::tie(track.in_box_m, track.in_box_rad) = spread_in_boxes(frames, track.carriers);
   track.residual_m = std::sqrt(squares / std::max(1, track.fitted));
   track.residual_rad = std::sqrt(turns / std::max(1, track.fitted));
-  track.fit_jitter_m = jitter(found);
-  track.jitter_m = jitter(smoothed);
+  track.fit_jitter_m = jitter(found, times);
+  track.jitter_m = jitter(smoothed, times);
   return track;
 }
 

@@ -304,7 +304,7 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
     made_of.tell("command", written_text(line));
     made_of.tell("date", fmt::format("{:%FT%TZ}", fmt::gmtime(std::time(nullptr))));
     made_of.tell("seed", commons[i].seed);
-    if (rank() == 0) add_options(made_of, *subcommands[i]);
+    add_options(made_of, *subcommands[i]);
     nlohmann::json result = with_options([&] { return commands[i].run(commons[i]); });
     if (rank() == 0) {
       add_data_sets(made_of, *subcommands[i]);

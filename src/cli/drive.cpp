@@ -8,11 +8,13 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/names.h"
+#include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/options.h"
 #include "cli/table.h"
 #include "detection/detector_settings.h"
 #include "frames/made_of.h"
+#include "validation/blender/cycles_renderer.h"
 
 namespace mirage::cli {
 namespace {
@@ -27,6 +29,9 @@ struct DriveOptions {
   SequencePart part;
   DriveSettings settings;
   double score = EvaluationSettings().score_threshold;
+  std::string tracker;
+  int cycles = 0;  ///< vehicles
+  CyclesRenderer::Settings blender;
 };
 
 /// The run, or one that has nothing but the mesh.
@@ -92,8 +97,51 @@ void add_options(CLI::App& app, DriveOptions& options) {
   add_overrides<SimulationSettings>(app, options.asked, {"light", "camera_effects"});
   options.effects.add(app, "the run's");
   add_fields(app, options.settings);
+  app.add_option("--tracker", options.tracker,
+                 "a tracker of yours in place of ours, a program: \"exec:python3 my_tracker.py\"");
+  app.add_option(
+         "--cycles", options.cycles,
+         "judge the N vehicles that the object hides longest again, with Blender Cycles' pictures and "
+         "returns as recorded. 0: none")
+      ->check(within({0, 1000}))
+      ->capture_default_str();
+  app.add_option("--cycles-samples", options.blender.samples, "with --cycles: samples a pixel")
+      ->check(within({1, 4096}))
+      ->capture_default_str();
   add_score_option(app, options.score);
   tell_of_cache(app);
+}
+
+/// The user's tracker; null: none.
+std::unique_ptr<Detector> tracker_of(const DriveOptions& options, const Common& common) {
+  if (options.tracker.empty()) return nullptr;
+  DetectorOptions program;
+  program.detector = options.tracker;
+  program.seed = common.seed;
+  program.threads = 1;
+  return load_detector(program);
+}
+
+/// The vehicles that are hidden longest, in Cycles; null where there are none.
+nlohmann::json in_cycles(const DriveOptions& options, const Common& common, const DetectorPool& detectors,
+                         const Run& run, const DriveResult& result, DriveRequest request) {
+  const DriveVehicles worst = longest_hidden(result, options.cycles);
+  if (worst.empty()) return nullptr;
+  CyclesRenderer::Settings settings = options.blender;
+  settings.out = common.out;
+  settings.workers = static_cast<int>(detectors.size());
+  CyclesRenderer renderer(settings);
+  AttackSettings physical = run.settings;
+  if (options.effects.words.empty())
+    override_settings(physical, {{"lidar_effects", kAsRecorded}}, common.seed);
+  FrameStore store(physical);
+  request.simulation = physical.simulation;
+  request.renderer = &renderer;
+  request.only = worst;
+  request.folder = common.out / "vehicles-cycles";
+  request.made_of.add(physical);
+  request.made_of.set("renderer", renderer.identity());
+  return by_renderer(judge_drive(detectors, store, request), result);
 }
 
 nlohmann::json run(const DriveOptions& options, const Common& common) {
@@ -132,13 +180,19 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   add_detector(*common.made_of, detector);
   common.made_of->input("moments", moments_hash(request.sequences));
   request.made_of = *common.made_of;
+  const std::unique_ptr<Detector> tracker = tracker_of(options, common);
+  request.tracker = tracker.get();
+  if (tracker) request.made_of.set("tracker", options.tracker);
   const DriveResult result = judge_drive(detectors, store, request);
-  const nlohmann::json drive = to_json(result);
+  nlohmann::json drive = to_json(result);
+  if (options.cycles > 0 && rank() == 0)
+    drive["cycles"] = in_cycles(options, common, detectors, run, result, request);
   print_drive(result, drive);
   return {{"drive", drive},
           {"data", run.settings.data.string()},
           {"object", (options.run.empty() ? options.mesh : options.run).string()},
           {"detector", detector.detector},
+          {"tracker", options.tracker},
           {"weights", detector.weights.string()},
           {"defense", detector.defense},
           {"score_threshold", options.score}};
@@ -153,6 +207,7 @@ Command drive_command() {
       .default_out = "out/drive",
       .example = "mirage drive --run out/attack --data kitti-tracking --sequence 0003 --weights real",
       .afterwards = [](const Common& common) { write_page(common.out); },
+      .many_ranks = true,
   });
 }
 

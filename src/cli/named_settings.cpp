@@ -60,7 +60,8 @@ bool names_plugin(const std::string& words) {
 /// model can have any name, so what may be one is data only where a part of ours reads it.
 template <class Value>
 std::string code_in(const std::string& key, const std::string& text, const Value& value) {
-  if ((key == "detector" || key == "depth" || key == "backends" || key == "sensors") && names_plugin(text))
+  if ((key == "detector" || key == "depth" || key == "backends" || key == "sensors" || key == "tracker") &&
+      names_plugin(text))
     return "a plugin would be loaded, which is code";
   const std::optional<std::string> detector = value("detector");
   if (key == "weights" &&

@@ -49,7 +49,6 @@ OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who
     else
       can.reads.push_back(name);
   }
-  if (!can.reads_image && !can.reads_points) bad_reads();
   const std::string finds = text_of(told, "finds", "boxes"), pictures = text_of(told, "pictures", "linear");
   can.version = text_of(told, "version", "");
   if (finds != "boxes" && finds != "picture") bad("finds", "is " + finds, "use boxes or picture");
@@ -116,6 +115,7 @@ std::vector<Detection> BoxRows::proposals(const RawBoxes& raw, const Capabilitie
     Detection found = detection_of(raw.boxes + i * raw.columns, raw.columns, !can.finds_bev);
     found.logit = raw.logits[i];
     found.type = type;
+    if (!raw.identities.empty()) found.identity = raw.identities[i];
     if (!(found.score() > score_threshold)) continue;
     kept.push_back(std::move(found));
     places_.push_back(i);

@@ -38,6 +38,7 @@ struct RawBoxes {
   const float* logits = nullptr;
   std::size_t count = 0, columns = 0;
   std::span<const std::int32_t> classes = {};  ///< of each row, in Capabilities::types; empty: all the first
+  std::span<const std::int32_t> identities = {};  ///< Detection::identity of each row; empty: none
 };
 
 /// Which of the rows became proposals, so that their gradients find the way back.

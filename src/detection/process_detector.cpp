@@ -110,17 +110,23 @@ class ProcessDetector : public Detector {
     const auto logits = array<float>(answer, "logits", 1);
     if (!all_finite(boxes.values)) not_finite("boxes");
     if (!all_finite(logits.values)) not_finite("logits");
-    Array<std::int32_t> classes;
-    if (answer.contains("classes")) classes = array<std::int32_t>(answer, "classes", 1);
     const std::size_t count = boxes.shape[0], columns = boxes.shape[1];
-    if (!BoxRows::knows(columns, !word_.can.finds_bev) || logits.shape[0] != count ||
-        (!classes.shape.empty() && classes.shape[0] != count))
+    bool whole = logits.shape[0] == count;
+    const auto numbers = [&](const char* field) {
+      Array<std::int32_t> of;
+      if (answer.contains(field)) of = array<std::int32_t>(answer, field, 1);
+      whole = whole && (of.shape.empty() || of.shape[0] == count);
+      return of;
+    };
+    const Array<std::int32_t> classes = numbers("classes"), identities = numbers("identities");
+    if (!BoxRows::knows(columns, !word_.can.finds_bev) || !whole)
       throw Failure(
           who_, fmt::format("gave boxes of shape {} × {} with {} logits", count, columns, logits.shape[0]),
           BoxRows::guide());
     const int width = view.image ? view.image->width : 0, height = view.image ? view.image->height : 0;
-    return rows_.proposals({boxes.values.data(), logits.values.data(), count, columns, classes.values},
-                           word_.can, score_threshold, width, height, who_);
+    return rows_.proposals(
+        {boxes.values.data(), logits.values.data(), count, columns, classes.values, identities.values},
+        word_.can, score_threshold, width, height, who_);
   }
 
   SensorGradient backward(std::span<const double> d_logits) override {

@@ -90,12 +90,16 @@ std::vector<SmoothPlace> smooth(std::span<const PlaceMeasurement> measurements,
   return places;
 }
 
-double jitter(std::span<const Vec3d> places) {
-  if (places.size() < 3) return 0;
+double jitter(std::span<const Vec3d> places, std::span<const double> times) {
   double sum = 0;
-  for (std::size_t k = 1; k + 1 < places.size(); ++k)
+  int count = 0;
+  for (std::size_t k = 1; k + 1 < places.size(); ++k) {
+    const double before = times[k] - times[k - 1], after = times[k + 1] - times[k];
+    if (std::abs(after - before) > 0.1 * std::min(before, after)) continue;
     sum += (places[k - 1] - 2 * places[k] + places[k + 1]).squaredNorm();
-  return std::sqrt(sum / (6 * static_cast<double>(places.size() - 2)));
+    ++count;
+  }
+  return count > 0 ? std::sqrt(sum / (6 * count)) : 0;
 }
 
 }  // namespace mirage

@@ -42,7 +42,9 @@ std::vector<SmoothPlace> smooth(std::span<const PlaceMeasurement> measurements,
                                 const SmootherSettings& settings = {});
 
 /// m: noise of places along a track that is independent from one to the next, from their second differences
-/// d: √(mean |d|² / 6), which is free of constant velocity. Steps should be alike. 0 for fewer than three.
-double jitter(std::span<const Vec3d> places);
+/// d: √(mean |d|² / 6), which is free of constant velocity. Of three places only those count whose two steps
+/// of time are alike (to a tenth): across a pause of the track constant velocity has a second difference,
+/// too. 0 where there are none.
+double jitter(std::span<const Vec3d> places, std::span<const double> times);
 
 }  // namespace mirage

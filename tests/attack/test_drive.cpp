@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <atomic>
 #include <cmath>
 #include <random>
 
@@ -328,6 +329,159 @@ TEST_F(Drives, TooShortATrackAndBoxesOfThePictureAreRefused) {
   picture.push_back(std::make_unique<test::PictureStandIn>());
   EXPECT_THAT(error_text<InputError>([&] { judge_drive(picture, store, request()); }),
               HasSubstr("in the picture alone"));
+}
+
+/// Follows what it is told of by one number; finds nothing by itself.
+class OneTrack : public test::StandInDetector {
+ public:
+  std::string name() const override { return "one track"; }
+  Capabilities capabilities() const override {
+    Capabilities can;
+    can.reads_image = can.reads_points = false;
+    can.remembers = remembers;
+    can.reads = {kDetections};
+    return can;
+  }
+  std::vector<Detection> forward(const SensorView& input, double, bool) override {
+    const SensorData& told = input.others.at(0);
+    EXPECT_EQ(told.values.size(), static_cast<std::size_t>(8 * told.shape[0]));
+    EXPECT_EQ(input.frame->moment->sequence, "0000");
+    continues.push_back(input.continues);
+    std::vector<Detection> boxes;
+    for (std::size_t i = 0; i < told.values.size(); i += 8) {
+      const float* row = told.values.data() + i;
+      boxes.push_back({BevBox{row[0], row[1], row[3], row[4], row[6]}, 1});
+      boxes.back().identity = identity;
+    }
+    return boxes;
+  }
+  bool remembers = true;
+  int identity = 5;
+  std::vector<bool> continues;
+};
+
+TEST_F(Drives, ATrackerOfTheUsersConfirmsByItsOwnRule) {
+  OneTrack tracker;
+  DriveRequest asked = request();
+  asked.tracker = &tracker;
+  const nlohmann::json car = judged(asked).at("vehicles").at(0);
+  EXPECT_NEAR(car.at("confirmed_s").at("clean").get<double>(), 0, 1e-12);  // ours takes three detections
+  EXPECT_EQ(car.at("strip").at("clean").at("track"), "ffffffff");
+  // Three versions of a sequence, each from its start.
+  ASSERT_EQ(tracker.continues.size(), 3u * kFrames);
+  for (std::size_t i = 0; i < tracker.continues.size(); ++i)
+    EXPECT_EQ(tracker.continues[i], i % kFrames != 0) << i;
+  tracker.identity = -1;
+  EXPECT_THAT(error_text<InputError>([&] { judged(asked); }), HasSubstr("identities: a box has none"));
+  tracker.remembers = false;
+  EXPECT_THAT(error_text<InputError>([&] { judged(asked); }), HasSubstr("remembers nothing"));
+  test::StandInDetector none;
+  asked.tracker = &none;
+  EXPECT_THAT(error_text<InputError>([&] { judged(asked); }), HasSubstr("does not read detections alone"));
+}
+
+/// Finds the car from the second frame of a sequence on, and knows it.
+class Remembering : public test::StandInDetector {
+ public:
+  Capabilities capabilities() const override {
+    Capabilities can;
+    can.remembers = true;
+    return can;
+  }
+  std::vector<Detection> forward(const SensorView& input, double threshold, bool keep) override {
+    auto found = StandInDetector::forward(input, threshold, keep);
+    for (Detection& one : found) one.identity = 3;
+    points.push_back(input.points.size());
+    return input.continues ? found : std::vector<Detection>();
+  }
+  std::vector<std::size_t> points;  ///< that it saw
+};
+
+TEST_F(Drives, ADetectorThatRemembersSeesEveryFrameInItsOrder) {
+  DetectorPool pool;
+  for (int i = 0; i < 2; ++i) pool.push_back(std::make_unique<Remembering>());
+  FrameStore store(data(), read_lidar_model(shipped_file("scenes/rigs/kitti64.toml")));
+  const nlohmann::json car = to_json(judge_drive(pool, store, request())).at("vehicles").at(0);
+  EXPECT_EQ(car.at("strip").at("clean").at("track"), "lfffffff");
+  EXPECT_EQ(car.at("strip").at("clean").at("found"), "-fffffff");
+  EXPECT_EQ(dynamic_cast<Remembering&>(*pool[0]).points.size(), 3u * kFrames);
+}
+
+TEST_F(Drives, SweepsBeforeTheFramesAreMovedByTheCarsPose) {
+  const auto points_of = [&](int sweeps) {
+    DetectorPool pool;
+    pool.push_back(std::make_unique<Remembering>());
+    FrameStore store(data(), read_lidar_model(shipped_file("scenes/rigs/kitti64.toml")));
+    DriveRequest asked = request();
+    asked.settings.sweeps = sweeps;
+    judge_drive(pool, store, asked);
+    return dynamic_cast<Remembering&>(*pool[0]).points;
+  };
+  const auto one = points_of(1), three = points_of(3);
+  ASSERT_EQ(one.size(), three.size());
+  for (std::size_t i = 0; i < one.size(); ++i) {
+    std::size_t sum = 0;
+    for (std::size_t k = i - std::min<std::size_t>(2, i % kFrames); k <= i; ++k) sum += one[k];
+    EXPECT_EQ(three[i], sum) << i;
+  }
+}
+
+/// Draws every pixel of the object white.
+class White : public ObjectRenderer {
+ public:
+  Window draw(const HostInWorld&, const TexturedMesh&, const Simulated& simulated, std::uint64_t) override {
+    ++drawn;
+    Window window{simulated.rect, ImageF(simulated.rect.width(), simulated.rect.height(), 3)};
+    for (float& value : window.picture.data) value = 1;
+    return window;
+  }
+  nlohmann::json identity() const override { return "white"; }
+  std::atomic<int> drawn = 0;
+};
+
+TEST_F(Drives, AnotherRendererDrawsTheObjectsOfTheVehiclesThatAreAskedFor) {
+  White white;
+  DriveRequest asked = request();
+  asked.renderer = &white;
+  asked.only = DriveVehicles{{"0000", 4}};
+  asked.folder = folder_ / "vehicles";
+  judged(asked);
+  EXPECT_EQ(white.drawn, 2 * kFrames);  // the object and the random one
+  const nlohmann::json file = read_json(asked.folder / "0000_4.json");
+  for (const char* version : kDriveVersions) {
+    const nlohmann::json& shown = file.at("shown").at(version);
+    ASSERT_EQ(shown.at("boxes").size(), static_cast<std::size_t>(kFrames));
+    EXPECT_EQ(shown.at("boxes").at(0).at(0).size(), 8u);
+    EXPECT_EQ(shown.at("tracks").at(kFrames - 1).at(0).size(), 9u);
+  }
+  asked.only = DriveVehicles{{"0000", 5}};
+  EXPECT_THAT(error_text<InputError>([&] { judged(asked); }), HasSubstr("no car or van"));
+}
+
+TEST(DriveByRenderer, KeptIsTheShareOfTheAddedGaps) {
+  DriveResult plain, other;
+  for (int i = 0; i < 3; ++i) {
+    VehicleDrive one = vehicle("ffffffffff", "llffffffff");
+    one.track = i;
+    const auto hide = [&](VehicleDrive& of, int frames) {
+      for (int k = 0; k < frames; ++k)
+        of.frames[static_cast<std::size_t>(3 + k)]
+            .sights[static_cast<std::size_t>(DriveVersion::attacked)]
+            .found = false;
+    };
+    VehicleDrive in_plain = one, in_other = one;
+    hide(in_plain, 2 * i);  // the first is not hidden
+    hide(in_other, i);
+    plain.vehicles.push_back(in_plain);
+    if (i > 0) other.vehicles.push_back(in_other);
+  }
+  EXPECT_EQ(longest_hidden(plain, 5), (DriveVehicles{{"0003", 1}, {"0003", 2}}));
+  EXPECT_EQ(longest_hidden(plain, 1), (DriveVehicles{{"0003", 2}}));
+  const nlohmann::json json = by_renderer(other, plain);
+  EXPECT_NEAR(json.at("kept").at("value").get<double>(), 0.5, 1e-9);
+  EXPECT_EQ(json.at("vehicles").size(), 2u);
+  EXPECT_NEAR(json.at("raster_gap_s").at("attacked").at("value").get<double>(), 0.3, 1e-9);
+  EXPECT_NEAR(json.at("gap_s").at("attacked").at("value").get<double>(), 0.15, 1e-9);
 }
 
 }  // namespace

@@ -51,15 +51,17 @@ TEST(Smoother, RidesWithinThreeCentimetresAndOneDegree) {
     }
     const auto places = smooth(measured);
     std::vector<Vec3d> before, after;
+    std::vector<double> times;
     for (std::size_t i = 0; i < truth.size(); ++i, ++count) {
       noise += (measured[i].position - truth[i].position).squaredNorm();
       error += (places[i].position - truth[i].position).squaredNorm();
       turn += std::pow(wrap_angle(places[i].yaw - truth[i].yaw), 2);
+      times.push_back(measured[i].time);
       before.push_back(measured[i].position);
       after.push_back(places[i].position);
     }
-    EXPECT_NEAR(jitter(before), 0.074, 0.02);  // √(2 · 5² + 2²) cm and what braking adds
-    EXPECT_LT(jitter(after), 0.03);
+    EXPECT_NEAR(jitter(before, times), 0.074, 0.02);  // √(2 · 5² + 2²) cm and what braking adds
+    EXPECT_LT(jitter(after, times), 0.03);
   }
   EXPECT_GT(std::sqrt(noise / count), 0.07);
   EXPECT_LT(std::sqrt(error / count), 0.05);  // in space; along each axis under 3 cm

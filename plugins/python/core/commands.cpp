@@ -55,13 +55,14 @@ class PythonDetector : public Detector {
     const std::vector<SensorData> clean = clean_sensors_of(input, word_.can, "detector");
     const Levels clean_levels = levels_of(clean);
     try {
-      const auto output =
-          adapter_->attr("forward")(told(input, clean, clean_levels), keep_graph)
-              .cast<std::tuple<Array<float>, Array<float>, std::optional<Array<std::int32_t>>>>();
-      const auto& [boxes, logits, classes] = output;
+      const auto output = adapter_->attr("forward")(told(input, clean, clean_levels), keep_graph)
+                              .cast<std::tuple<Array<float>, Array<float>, std::optional<Array<std::int32_t>>,
+                                               std::optional<Array<std::int32_t>>>>();
+      const auto& [boxes, logits, classes, identities] = output;
       RawBoxes raw{boxes.data(), logits.data(), static_cast<std::size_t>(logits.shape(0)),
                    static_cast<std::size_t>(boxes.shape(1))};
       if (classes) raw.classes = {classes->data(), raw.count};
+      if (identities) raw.identities = {identities->data(), raw.count};
       return rows_.proposals(raw, word_.can, score_threshold, seen ? image->width : 0,
                              seen ? image->height : 0, "detector");
     } catch (const py::error_already_set& error) {
