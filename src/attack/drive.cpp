@@ -155,7 +155,7 @@ Tracks follow(const std::vector<SceneFrame>& scene, const Sights& sights, double
     detections.kind = SensorData::Kind::other;
     detections.name = kDetections;
     detections.values = rows;
-    detections.shape = {static_cast<std::int64_t>(sights[i].size()), 8, 1};
+    detections.shape = {static_cast<std::int64_t>(sights[i].size()), 8, 0};
     detections.time = scene[i].moment.time;
     view.others.push_back(detections);
     tracks[i] = tracks_of(tracker.forward(view, 0, false), sights[i], road, tracker.name());

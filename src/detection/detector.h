@@ -71,7 +71,7 @@ struct SensorData {
   PinholeCamera camera = {};               ///< of a camera
   std::span<const LidarPoint> points;      ///< of a LiDAR: in the ego frame, whatever its mount
   std::span<const float> values = {};      ///< of any other: Measurement::data
-  std::array<std::int64_t, 3> shape = {};  ///< of `values`
+  std::array<std::int64_t, 3> shape = {};  ///< of `values`; a last length of 0: there are two
   Transform sensor_from_ego = Transform::Identity();
   double time = 0;  ///< s, as Moment::time
 };

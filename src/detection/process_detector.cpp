@@ -183,7 +183,7 @@ class ProcessDetector : public Detector {
     }
     std::vector<std::size_t> shape() const {
       if (kind == Kind::lidar) return {points, 4};
-      if (kind == Kind::other) return {other.begin(), other.end()};
+      if (kind == Kind::other) return {other.begin(), other.end() - (other[2] == 0)};
       return {static_cast<std::size_t>(height), static_cast<std::size_t>(width), 3};
     }
     /// In a job's and an answer's words.

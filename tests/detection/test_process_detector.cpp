@@ -105,6 +105,34 @@ TEST_F(ProcessTest, ClassesAndVelocitiesTravel) {
   EXPECT_EQ(found[1].type, 0);
 }
 
+TEST_F(ProcessTest, ATrackerReadsDetectionsAndAnswersIdentities) {
+  const auto tracker = start("tracker");
+  const Capabilities can = tracker->capabilities();
+  EXPECT_TRUE(can.remembers);
+  EXPECT_FALSE(can.reads_image || can.reads_points);
+  EXPECT_EQ(can.reads, std::vector<std::string>{"detections"});
+  const std::vector<float> rows = {9, 1, -1, 4, 2, 1.5f, 0.1f, 0.9f, 20, -1, -1, 4, 2, 1.5f, 0, 0.4f};
+  SensorData detections;
+  detections.kind = SensorData::Kind::other;
+  detections.name = "detections";
+  detections.values = rows;
+  detections.shape = {2, 8, 0};
+  SensorView told;
+  told.calibration = &calibration_;
+  told.others = {detections};
+  for (const bool continues : {false, true, false}) {
+    told.continues = continues;
+    const auto found = tracker->forward(told, 0, false);
+    ASSERT_EQ(found.size(), 2u);
+    EXPECT_EQ(found[0].identity, continues ? 20 : 10);
+    EXPECT_EQ(found[1].identity, found[0].identity + 1);
+    EXPECT_FLOAT_EQ(static_cast<float>(found[1].box.bev.x), 20);
+    EXPECT_DOUBLE_EQ(found[1].box.height, 1.5);
+  }
+  EXPECT_THAT(error_text<Failure>([&] { start("few-identities")->forward(told, 0, false); }),
+              HasSubstr("identities: have shape [1] for 2 boxes"));
+}
+
 TEST_F(ProcessTest, OtherSensorsTravelByName) {
   const auto detector = start("others");
   ImageF left(6, 3, 3, 0.5f);

@@ -110,7 +110,22 @@ class Local(Detector):
         return boxes, np.array([total + added[:, 0].sum(), looked, *corner], np.float32)
 
 
-detector = {"others": ByName, "local": Local}.get(what, Detector)()
+class Tracker:
+    """Gives each box that it is told of the number of the frames of its sequence so far, times ten, plus its place."""
+
+    reads = ("detections",)
+
+    def new_sequence(self):
+        self.frames = 0
+
+    def __call__(self, frame):
+        self.frames += 1
+        rows = frame.data["detections"]
+        identities = 10 * self.frames + np.arange(len(rows) - (what == "few-identities"))
+        return rows[:, :7], rows[:, 7], None, identities.astype(np.int32)
+
+
+detector = {"others": ByName, "local": Local, "tracker": Tracker, "few-identities": Tracker}.get(what, Detector)()
 detector.out = os.dup(1)
 if what == "early":
     sys.exit("no weights")
