@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstring>
 
+#include "base/error.h"
 #include "detection/points_in_view.h"
 
 namespace mirage {
@@ -51,6 +52,13 @@ SensorView view_of(const PreparedFrame& prepared, const Simulated& simulated, co
       view.others.back().values = measured.data;
     }
   return view;
+}
+
+void require_no_others(const SensorView& view) {
+  if (view.others.empty()) return;
+  throw InputError("expect, renderer", view.others[0].name,
+                   "is not drawn by them: they know of a frame's first camera and LiDAR alone",
+                   "leave them off with a detector that reads further sensors");
 }
 
 std::vector<const float*> others_of(const SensorGradient& gradient, const Frame& frame,

@@ -12,6 +12,10 @@ namespace mirage {
 /// that the detector reads by name and the object may have changed.
 SensorView view_of(const PreparedFrame& prepared, const Simulated& simulated, const Capabilities& can);
 
+/// InputError where the view shows sensors beside the first camera and the LiDAR: what draws an environment
+/// (attack/expectation.h) or a picture (attack/object_renderer.h) does not know them.
+void require_no_others(const SensorView& view);
+
 /// For Upstream::others: the detector's gradient to each of Simulated::others and Simulated::measurements,
 /// null where it gave none or the object changed nothing. It points into `gradient`.
 std::vector<const float*> others_of(const SensorGradient& gradient, const Frame& frame,

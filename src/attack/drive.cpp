@@ -365,6 +365,7 @@ class Watch {
         changed = united(changed, pictures->correct({prepared, rider.host, placement, request_.simulation},
                                                     *object, {-1, *object}, simulated));
       view = view_of(prepared, simulated, can_);
+      if (pictures) require_no_others(view);
       if (can_.why_whole.empty() && sweeps.empty()) {
         as_recorded = clean_view(prepared, simulated);
         as_recorded.changed = changed;
@@ -404,8 +405,13 @@ int birth_of(const DriveRequest& request, const Capabilities& can) {
   return request.tracker || can.remembers ? 1 : request.settings.tracker.birth;
 }
 
+/// To a millimetre.
 nlohmann::json row_of(const Box3& box, double last) {
-  return {box.bev.x, box.bev.y, box.bottom, box.bev.length, box.bev.width, box.height, box.bev.yaw, last};
+  nlohmann::json row;
+  for (const double value :
+       {box.bev.x, box.bev.y, box.bottom, box.bev.length, box.bev.width, box.height, box.bev.yaw, last})
+    row.push_back(std::round(1e3 * value) / 1e3);
+  return row;
 }
 
 /// See DriveRequest::folder.

@@ -184,6 +184,7 @@ class Attacked {
     Simulated simulated = simulate(world.prepared(), world.placement(), world.object(), world.simulation());
     world.add_noise(simulated.image);
     SensorView view = view_of(world.prepared(), simulated, detector.capabilities());
+    if (settings_.expectation.any_in_frame()) require_no_others(view);
     CleanView as_recorded;
     if (local && !world.changes_picture()) {
       as_recorded = clean_view(world.prepared(), simulated);

@@ -3,7 +3,6 @@
 #include <algorithm>
 
 #include "attack/clean_view.h"
-#include "base/error.h"
 #include "base/ranks.h"
 #include "simulation/object_window.h"
 #include "simulation/upstream.h"
@@ -78,10 +77,7 @@ Observation::Observation(const StepHost& host, const TexturedMesh& adversary, co
 SensorView Observation::view(const Capabilities& can, bool back) {
   Stopwatch clock;
   SensorView view = view_of(world_.prepared(), simulated_, can);
-  if (!view.others.empty() && (host_.seen.pictures || (host_.draw && settings_.expectation.any_in_frame())))
-    throw InputError("expect, renderer", view.others[0].name,
-                     "is not drawn by them: they know of a frame's first camera and LiDAR alone",
-                     "leave them off with a detector that reads further sensors");
+  if (host_.seen.pictures || (host_.draw && settings_.expectation.any_in_frame())) require_no_others(view);
   // Another exposure or noise changes every pixel: to a detector that reads them nothing is as recorded.
   if (can.why_whole.empty() && !(world_.changes_picture() && can.reads_image)) {
     clean_ = clean_view(world_.prepared(), simulated_);

@@ -32,9 +32,11 @@ void print_comparison(const Comparison& result) {
                {"intervals over", to_string(result.clusters)}});
   Columns parts = {{"vanished (95 %)", "vehicles", "first", "second", "points more in second (95 %)", "p"}};
   const auto show = [&](const ComparedPart& part) {
-    parts.push_back({part.name.empty() ? part.by : part.by + " " + part.name, std::to_string(part.vehicles),
-                     percent(part.first), percent(part.second), signed_points(part.difference),
-                     fmt::format("{:.3f}", part.p)});
+    parts.push_back({part.name.empty()                ? part.by
+                     : part.name.starts_with(part.by) ? part.name  // "occlusion unknown"
+                                                      : part.by + " " + part.name,
+                     std::to_string(part.vehicles), percent(part.first), percent(part.second),
+                     signed_points(part.difference), fmt::format("{:.3f}", part.p)});
   };
   for (const ComparedPart& part : result.parts) show(part);
   if (result.own) show(*result.own);

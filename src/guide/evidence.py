@@ -219,6 +219,22 @@ def regressions(result):
     return plot(f"Cars that vanish: {second} less {first} (points, 95 %)", rows, -0.2, 0.2, 0.1)
 
 
+def seconds(source):
+    """Longest gaps of detection: what was driven down, versions across."""
+    folder = os.path.join(source, RESULTS)
+    rows = []
+    for file in sorted(name for name in os.listdir(folder) if name.startswith("drive-")):
+        result = stored(source, file[:-5])
+        gaps = result["drive"]["gap_s"]
+        cells_of = []
+        for version in ("clean", "attacked", "random", "attacked_less_clean", "attacked_less_random"):
+            value, low, high = (f"{gaps[version][key]:.1f}".replace("-", "−") for key in ("value", "low", "high"))
+            cells_of.append((gaps[version]["value"] / 2, value, f"{low} to {high}", False))
+        rows.append((file[len("drive-"):-5].replace("-", " "), cells_of))
+    return cells("For how long is a car lost?", "Longest time without a detection, s: median over vehicles, 95 % below", 260,
+                 ["recorded", "object", "random", "added", "over random"], rows)
+
+
 def plots(source):
     """{path: text}"""
     rows = [(name, result["ap70"], result["ap70_interval"]["low"], result["ap70_interval"]["high"])
@@ -226,6 +242,7 @@ def plots(source):
     made = {"detectors": plot("AP 0.7 on 44 KITTI frames, 95 %", rows),
             "objects": objects(zoo(source)),
             "audits": audits(source, {name: f"audit-generated-{name}" for name in DETECTORS}),
+            "seconds": seconds(source),
             "grades": grades(stored(source, "score-fusion")),
             "regressions": regressions(stored(source, "compare-fusion-refined"))}
     return {os.path.join(RESULTS, name + ".svg"): text for name, text in made.items()}
