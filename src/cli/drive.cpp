@@ -180,6 +180,9 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   add_detector(*common.made_of, detector);
   common.made_of->input("moments", moments_hash(request.sequences));
   request.made_of = *common.made_of;
+  if (options.cycles > 0 && !detectors.front()->capabilities().reads_image)
+    throw FieldError("cycles", std::to_string(options.cycles),
+                     detector.detector + " does not read the picture", "leave it out");
   const std::unique_ptr<Detector> tracker = tracker_of(options, common);
   request.tracker = tracker.get();
   if (tracker) request.made_of.set("tracker", options.tracker);
