@@ -124,7 +124,7 @@ std::unique_ptr<Detector> tracker_of(const DriveOptions& options, const Common& 
 
 /// The vehicles that are hidden longest, in Cycles; null where there are none.
 nlohmann::json in_cycles(const DriveOptions& options, const Common& common, const DetectorPool& detectors,
-                         const Run& run, const DriveResult& result, DriveRequest request) {
+                         FrameStore& store, const Run& run, const DriveResult& result, DriveRequest request) {
   const DriveVehicles worst = longest_hidden(result, options.cycles);
   if (worst.empty()) return nullptr;
   CyclesRenderer::Settings settings = options.blender;
@@ -134,7 +134,6 @@ nlohmann::json in_cycles(const DriveOptions& options, const Common& common, cons
   AttackSettings physical = run.settings;
   if (options.effects.words.empty())
     override_settings(physical, {{"lidar_effects", kAsRecorded}}, common.seed);
-  FrameStore store(physical);
   request.simulation = physical.simulation;
   request.renderer = &renderer;
   request.only = worst;
@@ -189,7 +188,7 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   const DriveResult result = judge_drive(detectors, store, request);
   nlohmann::json drive = to_json(result);
   if (options.cycles > 0 && rank() == 0)
-    drive["cycles"] = in_cycles(options, common, detectors, run, result, request);
+    drive["cycles"] = in_cycles(options, common, detectors, store, run, result, request);
   print_drive(result, drive);
   return {{"drive", drive},
           {"data", run.settings.data.string()},
