@@ -193,6 +193,7 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   return {{"drive", drive},
           {"data", run.settings.data.string()},
           {"object", (options.run.empty() ? options.mesh : options.run).string()},
+          {"asked", asked},  // in place of the run's, for mirage view
           {"detector", detector.detector},
           {"tracker", options.tracker},
           {"weights", detector.weights.string()},
