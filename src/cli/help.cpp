@@ -35,7 +35,7 @@ const std::vector<std::pair<std::string, std::vector<std::string>>>& headings() 
                 "--kitti64",      "--xenith",     "--real",         "--judge-frames",
                 "--sequence",     "--between",    "--least-frames", "--learn-data",
                 "--learn-frames", "--board",      "--classes",      "--sensors",
-                "--sweeps"}},
+                "--sweeps",       "--drive",      "--vehicle"}},
       {"Tracker", {"--tracker", "--birth", "--death", "--track-by", "--track-iou", "--track-distance"}},
       {"Detector",
        {"--detector", "--detectors", "--weights", "--defense", "--clean-memory", "--precision", "--locality",
@@ -64,7 +64,7 @@ const std::vector<std::pair<std::string, std::vector<std::string>>>& headings() 
                     "--no-adaptive"}},
       {"Run",
        {"--out", "--seed", "--threads", "--quiet", "--config", "--checkpoint-every", "--checkpoint-seconds",
-        "--pictures", "--fail-above", "--help"}},
+        "--pictures", "--animation", "--fail-above", "--help"}},
   };
   return all;
 }

@@ -18,9 +18,18 @@ struct ViewOptions {
 
 void add_options(CLI::App& app, ViewOptions& options) {
   ViewSettings& settings = options.settings;
-  app.add_option("dir,--data", settings.data, "data set (default with --run: the run's)");
+  app.add_option("dir,--data", settings.data, "data set (default with --run or --drive: its own)");
   app.add_option("--run", settings.run,
-                 "run folder of mirage attack: show its vehicles as recorded and attacked");
+                 "run folder of mirage attack: show its vehicles as recorded and attacked. With --drive: "
+                 "where its object is now");
+  auto* drive =
+      app.add_option("--drive", settings.drive,
+                     "output folder of mirage drive: play a vehicle's drive as recorded and with the object");
+  app.add_option("--vehicle", settings.vehicle,
+                 "SEQUENCE_TRACK (default: the vehicle whose gap of detection the object prolongs most)")
+      ->needs(drive);
+  app.add_option("--animation", settings.animation, "also a moving picture of the vehicle, *.webp or *.gif")
+      ->needs(drive);
   app.add_option("--detections", settings.detections,
                  "boxes to draw: detections.json of mirage detect, or a folder of KITTI result files");
   app.add_option("--frames", settings.frames,
@@ -34,6 +43,8 @@ void add_options(CLI::App& app, ViewOptions& options) {
                  "with --run: the detector's weights (default: the run's)");
   app.add_option("--defense", settings.detector.defense,
                  "with --run: the detector's defence (default: the run's)");
+  for (const char* other : {"--frames", "--no-detector", "--detector", "--weights", "--defense"})
+    drive->excludes(app.get_option(other));
   add_overrides<FrameSource>(app, settings.asked, {"depth", "rig", "placement", "cameras"});
   add_trust_option(app, settings.trust);
   app.add_option("--size", settings.size, "largest page, MB; beyond it returns are thinned")
@@ -50,12 +61,21 @@ nlohmann::json run(const ViewOptions& options, const Common& common) {
   settings.detector.threads = common.threads;
   nlohmann::json result = make_view(settings);
   const auto number = [&](const char* key) { return result.at(key).get<double>(); };
-  print_table({{"frames", fmt::format("{:.0f}", number("frames"))},
-               {"attacked vehicles",
-                fmt::format("{:.0f} ({:.0f} of them learned on)", number("vehicles"), number("learned_on"))},
-               {"returns shown", fmt::format("{:.0f} of {:.0f}", number("kept_points"), number("points"))},
-               {"page", fmt::format("{} ({:.1f} MB)", result.at("page").get<std::string>(),
-                                    1e-6 * number("bytes"))}});
+  const auto megabytes = [&](const std::string& file, const char* key) {
+    return fmt::format("{} ({:.1f} MB)", file, 1e-6 * number(key));
+  };
+  Rows rows = {{"frames", fmt::format("{:.0f}", number("frames"))}};
+  if (result.contains("vehicle"))
+    rows.emplace_back("vehicle", result.at("vehicle"));
+  else
+    rows.emplace_back("attacked vehicles", fmt::format("{:.0f} ({:.0f} of them learned on)",
+                                                       number("vehicles"), number("learned_on")));
+  rows.emplace_back("returns shown",
+                    fmt::format("{:.0f} of {:.0f}", number("kept_points"), number("points")));
+  rows.emplace_back("page", megabytes(result.at("page"), "bytes"));
+  if (result.contains("animation"))
+    rows.emplace_back("animation", megabytes(settings.animation, "animation"));
+  print_table(rows);
   return result;
 }
 

@@ -18,7 +18,7 @@
 #include "scene/data/kitti_rows.h"
 #include "scene/data/read_frames.h"
 #include "support/files.h"
-#include "support/layouts.h"
+#include "support/tiny_drive.h"
 
 namespace mirage {
 namespace {
@@ -216,21 +216,7 @@ class Drives : public testing::Test {
   static constexpr int kFrames = 8;
   Drives() {
     setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);
-    test::write_tiny_data(folder_ / "object", kFrames);
-    std::vector<Frame> frames;
-    std::string rows;
-    for (int i = 0; i < kFrames; ++i) {
-      Frame frame = read_frame(folder_ / "object", fmt::format("{:06}", i));
-      frame.labels.at(0).track = 4;
-      frames.push_back(frame);
-      rows += fmt::format("49.01 8.43 112.5 0 0 {}", 0.001 * i);
-      for (int n = 6; n < 30; ++n) rows += " 0";
-      rows += "\n";
-    }
-    test::write_tracking(data(), frames);
-    const auto calibration = data() / "training/calib/0000.txt";
-    write_file(calibration, read_file(calibration) + "Tr_imu_velo 1 0 0 0 0 1 0 0 0 0 1 0\n");
-    write_file(data() / "training/oxts/0000.txt", rows);
+    test::write_tiny_drive(data(), folder_ / "object", kFrames);
   }
   std::filesystem::path data() const { return folder_ / "drive"; }
   DriveRequest request() const {

@@ -78,16 +78,22 @@ function clipAt(near, depth) {
   };
 }
 
+// By its kind; a track's by its identity.
+function boxColour(box, over) {
+  const hues = INSTANCES[over ? "dark" : theme()];
+  return box.identity === undefined ? css((over ? "on-" : "") + box.colour) : hues[box.identity % hues.length];
+}
+
 // Strokes a box's path; `over` a photograph with a dark edge, so that it shows on any ground.
 function strokeBox(context, box, path, over) {
-  const width = box.host ? 2.2 : box.kind === "label" ? 1.3 : 1.8, dashed = box.kind === "label" && !box.host;
+  const width = box.host ? 2.2 : box.kind === "label" ? 1.3 : 1.8, dashed = box.coasts || box.kind === "label" && !box.host;
   if (over) {
     context.setLineDash([]);
     context.strokeStyle = "rgba(0, 0, 0, .42)";
     context.lineWidth = width + 1.6;
     context.stroke(path);
   }
-  context.strokeStyle = css((over ? "on-" : "") + box.colour);
+  context.strokeStyle = boxColour(box, over);
   context.lineWidth = width;
   context.setLineDash(dashed ? [5, 3] : box.kind === "region" ? [2, 3] : []);
   context.stroke(path);

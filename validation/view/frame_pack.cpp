@@ -18,11 +18,31 @@
 #include "detection/defenses.h"
 #include "detection/points_in_view.h"
 #include "scene/data/truth_files.h"
+#include "simulation/render_scene.h"
 
 namespace mirage {
 namespace {
 
 constexpr double kReach = 327;  // m
+
+/// Which points of `whole` are missing from `left`, both in the same order. Only those of `candidates` can
+/// be.
+std::vector<bool> missing(const Sweep& whole, const Sweep& candidates, const Sweep& left) {
+  const auto same = [](const LidarPoint& a, const LidarPoint& b) {
+    return a.position() == b.position() && a.reflectance == b.reflectance;
+  };
+  std::vector<bool> result(whole.size());
+  std::size_t candidate = 0, at = 0;
+  for (std::size_t i = 0; i < whole.size() && candidate < candidates.size(); ++i) {
+    if (!same(whole[i], candidates[candidate])) continue;
+    ++candidate;
+    if (at < left.size() && same(whole[i], left[at]))
+      ++at;
+    else
+      result[i] = true;
+  }
+  return result;
+}
 
 /// RFC 1952; a browser's DecompressionStream("gzip") undoes it.
 std::string gzip(std::string_view bytes) {
@@ -126,6 +146,14 @@ json detections_json(const ViewDetections& detections) {
   return list;
 }
 
+json tracks_json(const std::vector<ViewTrack>& tracks) {
+  json list = json::array();
+  for (const ViewTrack& track : tracks)
+    list.push_back(
+        {{"identity", track.identity}, {"box", page_box(track.box)}, {"detected", track.detected}});
+  return list;
+}
+
 /// Blobs behind one another, and where each lies.
 struct Blobs {
   std::string bytes;
@@ -168,6 +196,7 @@ std::string container(const ViewFrame& view, const std::vector<std::string>& pho
                 {"labels", labels_json(view)},
                 {"true_instance", view.true_instance},
                 {"found", detections_json(view.found)},
+                {"tracks", tracks_json(view.found.tracks)},
                 {"file", detections_json(view.from_file)},
                 {"total", frame.sweep.size()}};
   for (std::size_t k = 0; k < frame.cameras(); ++k) {
@@ -200,6 +229,7 @@ std::string container(const ViewFrame& view, const std::vector<std::string>& pho
                   {"removed", blobs.add(words(removed))},
                   {"added", blobs.add(packed_points(added, std::vector<unsigned char>(added.size())))},
                   {"found", detections_json(attack.found)},
+                  {"tracks", tracks_json(attack.found.tracks)},
                   {"outcome", attack.outcome}};
     for (const ViewAttack::Patch& patch : attack.patches) {
       const PixelRect& r = patch.rect;
@@ -239,6 +269,24 @@ void find_instances(const std::filesystem::path& data, ViewFrame& view) {
       if (contains(label.box, p.position().cast<double>())) view.instance[i] = static_cast<int>(k);
     }
   }
+}
+
+ViewAttack attack_of(const ViewFrame& view, const PreparedFrame& prepared, const HostId& host,
+                     const Simulated& simulated) {
+  const Frame& seen = prepared.frame;
+  ViewAttack attack;
+  attack.name = host_name(host);
+  attack.label = host.label;
+  for (std::size_t k = 0; k < seen.cameras(); ++k)
+    if (const CameraSight& sight = simulated.sight(k); !sight.rect.empty())
+      attack.patches.push_back({k, sight.rect, crop(sight.image, sight.rect)});
+  const auto own = simulated.sweep.end() - simulated.adversary_points;
+  attack.added.assign(own, simulated.sweep.end());
+  attack.removed = missing(view.frame.sweep, seen.sweep, {simulated.sweep.begin(), own});
+  attack.outcome = {{"visible", simulated.best_share()},
+                    {"returns", simulated.adversary_points},
+                    {"removed", simulated.removed_points}};
+  return attack;
 }
 
 PackedFrame pack(const ViewFrame& view, std::size_t limit, PackSettings start) {

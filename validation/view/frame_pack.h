@@ -5,16 +5,26 @@
 #include <string>
 #include <vector>
 
+#include "frames/host_id.h"
 #include "scene/data/kitti_results.h"
 #include "scene/frame.h"
 #include "sensors/lidar_model.h"
+#include "simulation/simulation.h"
 
 namespace mirage {
+
+/// A confirmed track of a drive.
+struct ViewTrack {
+  int identity = 0;
+  Box3 box;
+  bool detected = false;  ///< else it coasts
+};
 
 /// A list of boxes and who found them.
 struct ViewDetections {
   std::vector<KittiDetection> found;
   bool looked = false;  ///< the frame was looked at: no boxes means that nothing was found
+  std::vector<ViewTrack> tracks = {};
 };
 
 /// The frame with the adversary on one host.
@@ -45,6 +55,11 @@ struct ViewFrame {
 /// Instances of the sweep's points: training/instance_velodyne where the data set has it, else the first
 /// label in whose box they lie.
 void find_instances(const std::filesystem::path& data, ViewFrame& view);
+
+/// What the object changes of the frame on that host, but for who finds what: `outcome` has visible, returns
+/// and removed. `prepared`: of view.frame.
+ViewAttack attack_of(const ViewFrame& view, const PreparedFrame& prepared, const HostId& host,
+                     const Simulated& simulated);
 
 /// How much a frame was thinned to fit.
 struct PackSettings {

@@ -2,12 +2,14 @@
 
 const told = about();
 const state = {index: 0, camera: 0, colour: "height", show: "both", score: told.judged_at, vehicle: 0, close: false,
-               layers: {label: true, found: !!told.detector, file: !!told.file}, playing: 0};
+               layers: {label: !told.drive, found: !!told.detector && !told.drive, file: !!told.file, track: !!told.drive}, playing: 0};
 let choice = "system"; // of the theme
 let current = null;    // the frame that is shown
 
-const KINDS = [["label", "Labels", true], ["found", "Detections", !!told.detector], ["file", told.detector ? "From file" : "Detections", !!told.file]];
+const KINDS = [["label", "Labels", true], ["found", "Detections", !!told.detector], ["file", told.detector ? "From file" : "Detections", !!told.file],
+               ["track", "Tracks", !!told.drive]];
 const eyes = {zoom: {scale: 1, u: 0.5, v: 0.5}, top: EYES.top(), orbit: EYES.orbit()};
+const drive = told.drive && new Drive(told.drive, show);
 const columns = (told.run ? ["clean", "attacked"] : ["clean"]).map(makeColumn);
 
 function make(parent, tag, name, text) {
@@ -19,7 +21,7 @@ function make(parent, tag, name, text) {
 
 function makeColumn(side) {
   const column = make(byId("columns"), "section", "column " + side);
-  const title = make(column, "h2", "", side === "clean" ? "As recorded" : "Attacked");
+  const title = make(column, "h2", "", side === "clean" ? "As recorded" : told.drive ? "With the object" : "Attacked");
   make(title, "span");
   const panel = (parent, name, text) => {
     const element = make(parent, "div", "panel " + name);
@@ -55,6 +57,10 @@ function boxesOf(frame, attack, side) {
   const add = (found, kind, colour) => (found ?? []).filter(one => one.score >= state.score - 1e-9)
     .forEach(one => boxes.push({...one, kind, colour}));
   if (state.layers.found) add(attack ? attack.found : frame.found, "found", side);
+  if (state.layers.track)
+    for (const {identity, box, detected} of (attack ?? frame).tracks)
+      boxes.push({type: `Track ${identity}`, kind: "track", identity, box, coasts: !detected, tag: `#${identity}`});
+  if (drive) boxes.push(drive.mark(frame, side, state.index));
   if (state.layers.file && side === "clean") add(frame.file, "file", told.detector ? "file" : "clean");
   return boxes;
 }
@@ -99,7 +105,8 @@ function wedge(m, width) {
 
 const number = (value, digits) => value.toFixed(digits).replace("-", "−");
 function describe(box) {
-  const who = {label: "label", region: "not labelled there", found: `${told.detector}`, file: `${told.file}`}[box.kind];
+  const who = {label: "label", region: "not labelled there", found: `${told.detector}`, file: `${told.file}`,
+               track: box.coasts ? "coasting" : "with a detection", mark: "the vehicle that carries the object"}[box.kind];
   const lines = [`${box.type}${box.score !== undefined ? ` ${box.score.toFixed(3)}` : ""} · ${who}`];
   if (box.box) {
     const [x, y, , length, width, height, yaw] = box.box;
@@ -107,7 +114,7 @@ function describe(box) {
     lines.push(`x ${number(x, 1)} m, y ${number(y, 1)} m, yaw ${number(yaw * 180 / Math.PI, 0)}°`);
   }
   if (box.occluded !== undefined) lines.push(`occlusion ${box.occluded} of 3 · truncation ${box.truncated} · ${box.returns} returns`);
-  if (box.host) lines.push("carries the object in the attacked frame");
+  if (box.host && !drive) lines.push("carries the object in the attacked frame");
   return lines.join("\n");
 }
 
@@ -125,7 +132,7 @@ function tell(view, event) {
 function outcome() {
   const line = byId("outcome"), attack = current.attacks[state.vehicle];
   line.replaceChildren();
-  if (!attack) return;
+  if (!attack || drive) return; // a drive's own strip tells
   const of = attack.outcome, part = (text, name) => make(line, "span", name, text);
   if (of.learned_on) part("Learned on, so no evidence: ", "bad");
   if (of.clean_score === undefined) {
@@ -167,8 +174,9 @@ function legend() {
   if (state.layers.label && told.run) swatch("truth", "host's label");
   if (state.layers.found && told.detector) {
     swatch("clean", `${told.detector}, as recorded`);
-    swatch("attacked", `${told.detector}, attacked`);
+    swatch("attacked", `${told.detector}, ${drive ? "with the object" : "attacked"}`);
   }
+  if (drive) drive.legend(swatch, state.layers.track);
   if (state.layers.file && told.file) swatch(told.detector ? "file" : "clean", `detections (${told.file})`);
   if (told.run) swatch("hit", "return on the object", "dot");
 }
@@ -199,7 +207,7 @@ function refresh() {
 const attacked = words => told.attacks.flatMap((of, frame) => of.flatMap((word, vehicle) => words.includes(word) ? [[frame, vehicle]] : []));
 
 // Which vehicles N and P step through, and how many they are.
-const AMONG = [["all", "All vehicles", ["hidden", "found", "unfound", ""]], ["hidden", "Hidden", ["hidden"]],
+const AMONG = [["all", told.drive ? "All frames" : "All vehicles", ["hidden", "found", "unfound", ""]], ["hidden", "Hidden", ["hidden"]],
                ["found", "Still found", ["found"]], ["unfound", "Not found as recorded", ["unfound"]]]
   .map(([name, text, words]) => ({name, text, vehicles: attacked(words)}));
 
@@ -228,6 +236,7 @@ function follow() {
 async function show(index, vehicle) {
   index = Math.max(0, Math.min(told.frames.length - 1, index));
   state.index = index;
+  drive?.at(index);
   byId("slider").value = index;
   byId("place").textContent = `${told.frames[index]} · ${index + 1} of ${told.frames.length}`;
   const frame = await frameAt(index);
@@ -250,7 +259,8 @@ async function show(index, vehicle) {
   byId("tip").hidden = true;
   byId("columns").classList.add("ready");
   refresh();
-  if (index + 1 < told.frames.length) frameAt(index + 1).catch(() => {});
+  const ahead = drive && state.playing ? drive.ahead() : [index + 1];
+  for (const next of ahead.filter(next => next < told.frames.length)) frameAt(next).catch(() => {});
 }
 
 // The camera that is shown: another where this one does not show the object on the vehicle that is chosen.
@@ -281,11 +291,17 @@ function reset() {
   for (const view of columns[0].views) view.reset();
 }
 
-// The next frame half a second after the last was there: a slow machine shows every one, later.
+// The next frame half a second after the last was there: a slow machine shows every one, later. A drive keeps its time.
 function play() {
   clearTimeout(state.playing);
-  const next = () => show((state.index + 1) % told.frames.length).then(() => { if (state.playing) state.playing = setTimeout(next, 500); });
-  state.playing = state.playing ? 0 : setTimeout(next, 500);
+  const wait = drive ? 10 : 500, after = () => drive ? drive.due(state.index) : (state.index + 1) % told.frames.length;
+  const next = async () => {
+    const index = after();
+    if (index !== state.index) await show(index);
+    if (state.playing) state.playing = setTimeout(next, wait);
+  };
+  drive?.start();
+  state.playing = state.playing ? 0 : setTimeout(next, wait);
   byId("play").textContent = state.playing ? "Stop" : "Play";
 }
 
@@ -313,7 +329,8 @@ const KEYS = {
   i: () => { state.colour = "instance"; },
   v: () => { state.show = step(["top", "orbit", "both"], state.show); },
   l: () => toggle(["label"]),
-  d: () => toggle(KINDS.slice(1).filter(kind => kind[2]).map(kind => kind[0])),
+  d: () => toggle(KINDS.slice(1, 3).filter(kind => kind[2]).map(kind => kind[0])),
+  k: () => { if (drive) toggle(["track"]); },
   "[": () => { state.score = Math.max(0, Math.round(20 * state.score - 1) / 20); },
   "]": () => { state.score = Math.min(1, Math.round(20 * state.score + 1) / 20); },
   a: () => {
@@ -359,10 +376,13 @@ for (const {text, vehicles} of AMONG.filter(one => told.detector || one.name ===
 if (told.detector && AMONG[1].vehicles.length) among.selectedIndex = 1;
 byId("next").onclick = () => jump(true);
 addEventListener("hashchange", follow);
-byId("what").textContent = told.data + (told.run ? `, attacked by ${told.run}` : "");
+byId("what").textContent = told.data + (drive ? `, ${drive.name} with ${told.run}` : told.run ? `, attacked by ${told.run}` : "");
 document.title = `Mirage: ${told.data}`;
 byId("columns").classList.toggle("pair", !!told.run);
+byId("columns").classList.toggle("drive", !!drive);
 for (const part of document.querySelectorAll(".run, .vehicle")) part.style.display = told.run ? "" : "none";
+for (const part of document.querySelectorAll(".drive:not(main)")) part.style.display = drive ? "" : "none";
+if (drive) byId("vehicle").style.display = "none"; // there is one
 byId("about-page").textContent = `${told.megabytes} MB, nothing is loaded from elsewhere. ` +
   (told.kept === told.points ? "All returns are shown" : `${Math.round(100 * told.kept / told.points)} % of the returns are shown ` +
    `(outside labelled boxes every ${told.step === 1 ? "one" : `${told.step}th`} at the least)`) +

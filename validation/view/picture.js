@@ -64,24 +64,25 @@ class PictureView {
       const seen = extent(box, places);
       if (seen.right < 0 || seen.left > width || seen.bottom < 0 || seen.top > height) continue;
       this.drawn.push(seen);
-      if (box.score !== undefined || box.host) tags.push({box, seen});
+      if (box.score !== undefined || box.host || box.tag) tags.push({box, seen});
     }
     this.tags(context, tags, width, height);
   }
 
-  // Scores over the boxes, where there is room; the surest first.
+  // Scores over the boxes, where there is room; a drive's vehicle and tracks, then the surest first.
   tags(context, tags, width, height) {
     context.font = "600 11px system-ui, 'Liberation Sans', sans-serif";
     const taken = [];
-    tags.sort((a, b) => (b.box.score ?? -1) - (a.box.score ?? -1));
+    const rank = ({box}) => box.kind === "mark" ? 3 : box.tag ? 2 : box.score ?? -1;
+    tags.sort((a, b) => rank(b) - rank(a));
     for (const {box, seen} of tags) {
-      const text = box.score !== undefined ? box.score.toFixed(2) : "host", w = context.measureText(text).width + 8, h = 15;
+      const text = box.tag ?? (box.score !== undefined ? box.score.toFixed(2) : "host"), w = context.measureText(text).width + 8, h = 15;
       for (const top of [seen.top - h - 2, seen.bottom + 2, seen.top - 2 * h - 4]) {
         const left = Math.max(1, Math.min(width - w - 1, (seen.left + seen.right - w) / 2));
         if (top < 1 || top + h > height - 1 || left < 80 && top < 28) continue; // the panel's name stands there
         if (taken.some(t => left < t[0] + t[2] + 2 && t[0] < left + w + 2 && top < t[1] + h + 2 && t[1] < top + h + 2)) continue;
         taken.push([left, top, w]);
-        context.fillStyle = css("on-" + box.colour);
+        context.fillStyle = boxColour(box, true);
         context.beginPath();
         context.roundRect(left, top, w, h, 3);
         context.fill();

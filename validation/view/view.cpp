@@ -29,6 +29,7 @@
 #include "scene/data/read_frames.h"
 #include "simulation/render_scene.h"
 #include "validation/fidelity/validate.h"
+#include "validation/view/drive_view.h"
 #include "validation/view/frame_pack.h"
 
 namespace mirage {
@@ -38,25 +39,6 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 
 constexpr double kMegabyte = 1e6;
-
-/// Which points of `whole` are missing from `left`, both in the same order. Only those of `candidates` can
-/// be.
-std::vector<bool> missing(const Sweep& whole, const Sweep& candidates, const Sweep& left) {
-  const auto same = [](const LidarPoint& a, const LidarPoint& b) {
-    return a.position() == b.position() && a.reflectance == b.reflectance;
-  };
-  std::vector<bool> result(whole.size());
-  std::size_t candidate = 0, at = 0;
-  for (std::size_t i = 0; i < whole.size() && candidate < candidates.size(); ++i) {
-    if (!same(whole[i], candidates[candidate])) continue;
-    ++candidate;
-    if (at < left.size() && same(whole[i], left[at]))
-      ++at;
-    else
-      result[i] = true;
-  }
-  return result;
-}
 
 /// A run's adversary on its hosts, and what its detector says.
 class Attacker {
@@ -73,7 +55,6 @@ class Attacker {
   }
 
   const std::string& detector() const { return name_; }
-  double judged_at() const { return EvaluationSettings{}.score_threshold; }
 
   void add(ViewFrame& view, const std::vector<HostId>& hosts) {
     const auto prepared = store_.get(view.frame.id);
@@ -86,19 +67,8 @@ class Attacker {
     for (const HostId& id : hosts) {
       const Placement placement = store_.placement(id);
       const Simulated simulated = simulate(*prepared, placement, run_.adversary, run_.settings.simulation);
-      ViewAttack attack;
-      attack.name = host_name(id);
-      attack.label = id.label;
-      for (std::size_t k = 0; k < seen.cameras(); ++k)
-        if (const CameraSight& sight = simulated.sight(k); !sight.rect.empty())
-          attack.patches.push_back({k, sight.rect, crop(sight.image, sight.rect)});
-      const auto own = simulated.sweep.end() - simulated.adversary_points;
-      attack.added.assign(own, simulated.sweep.end());
-      attack.removed = missing(view.frame.sweep, seen.sweep, {simulated.sweep.begin(), own});
-      attack.outcome = {{"visible", simulated.best_share()},
-                        {"returns", simulated.adversary_points},
-                        {"removed", simulated.removed_points},
-                        {"learned_on", learned_on(run_, id)}};
+      ViewAttack attack = attack_of(view, *prepared, id, simulated);
+      attack.outcome["learned_on"] = learned_on(run_, id);
       if (detector_)
         judge_attack(view.frame, *prepared, id, clean, simulated, carried_box(simulated, placement), attack);
       view.attacks.push_back(std::move(attack));
@@ -114,7 +84,7 @@ class Attacker {
         detections(*detector_, view_of(prepared, simulated, detector_->capabilities()), evaluation_);
     attack.found = {kitti_detections(attacked, evaluation_.matching, whole), true};
     EvaluationSettings judging = evaluation_;
-    judging.score_threshold = judged_at();
+    judging.score_threshold = EvaluationSettings{}.score_threshold;
     const auto sure = [&](std::vector<Detection> proposals) {
       std::erase_if(proposals, [&](const Detection& p) { return p.score() < judging.score_threshold; });
       return proposals;
@@ -177,10 +147,17 @@ json make_view(const ViewSettings& given) {
   ViewSettings settings = given;
   Stopwatch clock;
   std::optional<Run> run;
+  std::optional<DriveView> drive;
   std::map<std::string, std::vector<HostId>> hosts;
   std::vector<std::string> ids;
   Cameras cameras = Cameras::all;
-  if (!settings.run.empty()) {
+  if (!settings.drive.empty()) {
+    drive.emplace(DriveChoice{settings.drive, settings.vehicle, settings.run, settings.data, settings.asked,
+                              settings.trust});
+    ids = drive->frames();
+    settings.data = drive->settings().data;
+    cameras = drive->settings().cameras;
+  } else if (!settings.run.empty()) {
     run = read_run(settings.run, settings.trust);
     override_settings(*run, settings.asked, settings.detector.seed);
     if (settings.data.empty()) settings.data = run->settings.data;
@@ -222,6 +199,8 @@ json make_view(const ViewSettings& given) {
 
   std::optional<Attacker> attacker;
   if (run) attacker.emplace(settings, *run);
+  std::optional<DriveAnimation> animation;
+  if (!settings.animation.empty()) animation.emplace(settings.animation);
   std::string frames;
   PackSettings coarsest;
   double lowest = std::numeric_limits<double>::infinity(), highest = -lowest, brightest = 0;
@@ -241,6 +220,9 @@ json make_view(const ViewSettings& given) {
     });
     if (attacker)
       for (ViewFrame& view : views) attacker->add(view, hosts[view.frame.id]);
+    if (drive) parallel_for(count, [&](std::size_t i) { drive->add(views[i]); });
+    if (animation)
+      for (const ViewFrame& view : views) animation->add(view);
     std::vector<PackedFrame> packed(count);
     parallel_for(count, [&](std::size_t i) {
       packed[i] = pack(views[i], static_cast<std::size_t>(limit), {PackSettings{}.quality, coarsest.step});
@@ -265,14 +247,23 @@ json make_view(const ViewSettings& given) {
     }
     progress.update(first + count);
   }
+  json detector, object;
+  if (drive) {
+    detector = drive->detector();
+    object = drive->object();
+  } else if (run) {
+    object = fs::weakly_canonical(settings.run).filename().string();
+    if (!attacker->detector().empty()) detector = attacker->detector();
+  }
   const std::string name = fs::weakly_canonical(settings.data).filename().string();
   json about = {{"data", name},
                 {"frames", ids},
-                {"run", run ? json(fs::weakly_canonical(settings.run).filename().string()) : json()},
-                {"detector", attacker && !attacker->detector().empty() ? json(attacker->detector()) : json()},
+                {"run", object},
+                {"detector", detector},
+                {"drive", drive ? drive->vehicle() : json()},
                 {"file", file ? json(fs::weakly_canonical(settings.detections).filename().string()) : json()},
                 {"attacks", attacks},
-                {"judged_at", attacker ? attacker->judged_at() : EvaluationSettings{}.score_threshold},
+                {"judged_at", drive ? drive->score_threshold() : EvaluationSettings{}.score_threshold},
                 {"judged_iou", EvaluationSettings{}.detected_iou},
                 {"height", {lowest, highest}},
                 {"reflectance", brightest},
@@ -284,17 +275,21 @@ json make_view(const ViewSettings& given) {
                  std::round(static_cast<double>(before.size() + frames.size() + after.size()) / 1e5) / 10}};
   const std::string page = before + element("about", "application/json", harmless(about)) + frames + after;
   write_file(settings.page, page);
-  return {{"page", settings.page.string()},
-          {"bytes", page.size()},
-          {"frames", ids.size()},
-          {"vehicles", vehicles},
-          {"learned_on", trained_on},
-          {"hidden", hidden},
-          {"points", points},
-          {"kept_points", kept},
-          {"step", coarsest.step},
-          {"quality", coarsest.quality},
-          {"seconds", clock.lap()}};
+  if (animation) animation->write(*drive);
+  json result = {{"page", settings.page.string()},
+                 {"bytes", page.size()},
+                 {"frames", ids.size()},
+                 {"vehicles", vehicles},
+                 {"learned_on", trained_on},
+                 {"hidden", hidden},
+                 {"points", points},
+                 {"kept_points", kept},
+                 {"step", coarsest.step},
+                 {"quality", coarsest.quality},
+                 {"seconds", clock.lap()}};
+  if (drive) result["vehicle"] = drive->name();
+  if (animation) result["animation"] = fs::file_size(settings.animation);
+  return result;
 }
 
 }  // namespace mirage

@@ -13,6 +13,9 @@ namespace mirage {
 struct ViewSettings {
   std::filesystem::path data;        ///< KITTI layout; empty: the run's
   std::filesystem::path run;         ///< of mirage attack: its adversary on its hosts; empty: none
+  std::filesystem::path drive;       ///< of mirage drive: a vehicle of it (drive_view.h); empty: none
+  std::string vehicle;               ///< of the drive; empty: the one that is hidden longest
+  std::filesystem::path animation;   ///< of the vehicle, .webp or .gif; empty: none
   std::filesystem::path detections;  ///< detection/detect.h; empty: none
   std::filesystem::path page;        ///< the .html that is written
   /// The first so many; 0: all. With a run as shown_hosts() (validation/fidelity/validate.h).
@@ -27,9 +30,9 @@ struct ViewSettings {
   bool quiet = false;
 };
 
-/// Writes the page (atomically) and returns what the result shall hold: page, bytes, frames, vehicles
-/// (attacked), learned_on (of them), points, kept_points, step and quality (the coarsest of any frame),
-/// seconds.
+/// Writes the page (atomically), and the animation where one is asked for, and returns what the result shall
+/// hold: page, bytes, frames, vehicles (attacked), learned_on (of them), points, kept_points, step and
+/// quality (the coarsest of any frame), seconds; and of a drive animation (its bytes) and vehicle.
 nlohmann::json make_view(const ViewSettings& settings);
 
 }  // namespace mirage

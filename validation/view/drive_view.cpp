@@ -1,0 +1,238 @@
+#include "validation/view/drive_view.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "attack/drive.h"
+#include "attack/zoo.h"
+#include "base/child_process.h"
+#include "base/error.h"
+#include "base/field_text.h"
+#include "base/files.h"
+#include "base/names.h"
+#include "base/words.h"
+#include "detection/defenses.h"
+#include "detection/points_in_view.h"
+#include "scene/data/read_frames.h"
+#include "scene/data/sequences.h"
+#include "scene/depth/learned_depth.h"
+#include "simulation/insertion.h"
+#include "simulation/sensor_plugin.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr const char* kAgain = "run the same mirage drive again into an empty folder";
+constexpr std::size_t kMostRows = 100000, kNamed = 12;
+constexpr int kFrameQuality = 92;
+
+/// The names of a drive's vehicles, those first whose gaps the object prolongs most.
+std::vector<std::string> names_by_gap(const JsonFields& drive) {
+  std::vector<std::pair<double, std::string>> found;
+  for (const json& entry : drive.list("vehicles", kMostRows)) {
+    const JsonFields vehicle = drive.inner(fmt::format("vehicles[{}]", found.size()), entry);
+    const JsonFields gap = vehicle.object("gap_s");
+    const auto seconds = [&](const char* version) { return gap.number(version, 0, Range::kMost); };
+    found.emplace_back(seconds("attacked") - seconds("clean"),
+                       fmt::format("{}_{}", escape_name(vehicle.text("sequence")), vehicle.count("track")));
+  }
+  std::stable_sort(found.begin(), found.end(),
+                   [](const auto& a, const auto& b) { return a.first > b.first; });
+  std::vector<std::string> names;
+  for (auto& [seconds, name] : found) names.push_back(std::move(name));
+  return names;
+}
+
+void require_vehicle(const std::string& name, const std::vector<std::string>& known) {
+  if (std::find(known.begin(), known.end(), name) != known.end()) return;
+  std::vector<std::string> offered = meant_by(name, known);
+  if (offered.empty()) offered = known;
+  if (offered.size() > kNamed) offered.resize(kNamed);
+  throw InputError("--vehicle", name, "is no vehicle of that drive", use_one_of(name, offered));
+}
+
+/// Each frame's rows of `width` numbers, as DriveRequest::folder says.
+std::vector<std::vector<std::vector<double>>> rows_of(const JsonFields& shown, const std::string& key,
+                                                      std::size_t frames, std::size_t width) {
+  std::vector<std::vector<std::vector<double>>> rows;
+  try {
+    rows = shown.list(key, frames).get<decltype(rows)>();
+  } catch (const json::exception&) {
+    shown.fail(key, "is not a list of rows of numbers for each frame");
+  }
+  if (rows.size() != frames) shown.fail(key, fmt::format("has {} frames of {}", rows.size(), frames));
+  for (const auto& frame : rows)
+    for (const auto& row : frame)
+      if (row.size() != width)
+        shown.fail(key, fmt::format("has a row of {} numbers, not {}", row.size(), width));
+  return rows;
+}
+
+Box3 box_at(const double* row) {
+  return {{row[0], row[1], row[3], row[4], row[6]}, row[2], row[5]};
+}
+
+std::vector<ViewDetections> shown_of(const JsonFields& vehicle, DriveVersion version, std::size_t frames) {
+  if (!vehicle.has("shown")) vehicle.fail("shown", "is missing");
+  const JsonFields shown = vehicle.object("shown").object(kDriveVersions[static_cast<std::size_t>(version)]);
+  const auto boxes = rows_of(shown, "boxes", frames, 8), tracks = rows_of(shown, "tracks", frames, 9);
+  std::vector<ViewDetections> all(frames);
+  for (std::size_t i = 0; i < frames; ++i) {
+    all[i].looked = true;
+    for (const auto& row : boxes[i])
+      all[i].found.push_back({.box = box_at(row.data()), .picture = {}, .score = row[7]});
+    for (const auto& row : tracks[i])
+      all[i].tracks.push_back({static_cast<int>(row[0]), box_at(row.data() + 1), row[8] > 0});
+  }
+  return all;
+}
+
+/// What the drive was asked for in place of its run's settings. A folder of somebody else's may name code:
+/// that is loaded for a user who trusts it.
+Overrides asked_of(const fs::path& file, const JsonFields& result, TrustRun trust) {
+  const JsonFields stored = result.object("asked");
+  Overrides asked;
+  for (const std::string& name : stored.names()) asked[name] = stored.text(name);
+  if (trust == TrustRun::yes) return asked;
+  const auto refuse = [&](const char* field) {
+    throw InputError(file.string(), field, "would be loaded, which is code: " + asked.at(field),
+                     fmt::format("if you trust it, name it yourself (--{}) or add --trust-run", field));
+  };
+  if (asked.contains("depth") && !is_shipped_depth(asked.at("depth"))) refuse("depth");
+  if (asked.contains("sensors"))
+    for (const std::string& word : listed_words(asked.at("sensors")))
+      if (!is_shipped_sensor(word)) refuse("sensors");
+  return asked;
+}
+
+/// A run's adversary or a mesh.
+Run object_of(const fs::path& file, const JsonFields& result, const DriveChoice& choice) {
+  const fs::path object = choice.run.empty() ? fs::path(result.text("object")) : choice.run;
+  if (fs::is_directory(object)) return read_run(object, choice.trust);
+  if (object.has_parent_path() && !fs::exists(object))
+    throw InputError(file.string(), "object", fmt::format("\"{}\" is not there", object.string()),
+                     "say where it is now: --run");
+  return run_of_objects(read_objects({object}));
+}
+
+}  // namespace
+
+DriveView::DriveView(const DriveChoice& choice) {
+  const fs::path file = choice.drive / "result.json";
+  if (!fs::exists(file))
+    throw InputError(choice.drive.string(), "result.json", "missing, so this is no finished drive",
+                     "give the --out folder of a finished mirage drive");
+  const json whole = read_json(file);
+  const JsonFields result(file, whole, kAgain), provenance = result.object("provenance");
+  const std::vector<std::string> names = names_by_gap(result.object("drive"));
+  if (names.empty()) result.fail("drive", "has no vehicles");
+  name_ = choice.vehicle.empty() ? names.front() : choice.vehicle;
+  require_vehicle(name_, names);
+  detector_ = result.text("detector");
+  score_threshold_ = result.number("score_threshold", 0, 1);
+
+  const fs::path vehicle_file = choice.drive / "vehicles" / (name_ + ".json");
+  const json stored = read_json(vehicle_file);
+  const JsonFields vehicle(vehicle_file, stored, kAgain);
+  vehicle_ = read_vehicle_drive(vehicle);
+  if (vehicle_.frames.empty()) vehicle.fail("frames", "are none");
+  clean_ = shown_of(vehicle, DriveVersion::clean, vehicle_.frames.size());
+  attacked_ = shown_of(vehicle, DriveVersion::attacked, vehicle_.frames.size());
+
+  run_ = object_of(file, result, choice);
+  object_ = fs::weakly_canonical(choice.run.empty() ? fs::path(result.text("object")) : choice.run).stem();
+  Overrides asked = choice.asked;
+  asked.merge(asked_of(file, result, choice.trust));
+  asked["data"] = choice.data.empty() ? provenance.text("data") : choice.data.string();
+  override_settings(run_, asked, provenance.counter("seed"), true);
+
+  const SequencePart part = {.sequence = vehicle_.sequence,
+                             .between = provenance.object("settings").truth("between")};
+  const std::vector<Sequence> sequences = read_sequences(run_.settings.data, part);
+  std::map<int, const SequenceFrame*> by_index;
+  for (const SequenceFrame& frame : sequences.front().frames) by_index[frame.moment.index] = &frame;
+  std::vector<std::pair<Moment, HostId>> ridden;
+  for (const DriveFrame& seen : vehicle_.frames) {
+    const auto at = by_index.find(seen.index);
+    const auto label = at == by_index.end() ? -1 : [&] {
+      const auto labels = read_annotations(run_.settings.data, at->second->id).labels;
+      const auto of = std::find_if(labels.begin(), labels.end(), [&](const Label& one) {
+        return one.track == vehicle_.track && has_box(one);
+      });
+      return of == labels.end() ? -1 : static_cast<int>(of - labels.begin());
+    }();
+    if (label < 0)
+      throw InputError(run_.settings.data.string(), vehicle_.sequence,
+                       fmt::format("vehicle {} is not in frame {}", vehicle_.track, seen.index),
+                       "give the data set of the drive with --data");
+    const std::string& id = at->second->id;
+    places_[id] = frames_.size();
+    frames_.push_back(id);
+    hosts_.push_back({id, label});
+    ridden.emplace_back(at->second->moment, hosts_.back());
+  }
+  store_ = std::make_unique<FrameStore>(run_.settings);
+  carriers_ = ride(*store_, ridden).carriers;
+}
+
+void DriveView::add(ViewFrame& view) {
+  const std::size_t k = places_.at(view.frame.id);
+  const auto prepared = store_->get(view.frame.id);
+  const Simulated simulated = simulate(*prepared, placement_of(run_.settings.placement, carriers_[k]),
+                                       run_.adversary, run_.settings.simulation);
+  view.found = clean_[k];
+  ViewAttack attack = attack_of(view, *prepared, hosts_[k], simulated);
+  attack.found = attacked_[k];
+  const auto& sights = vehicle_.frames[k].sights;
+  const auto found = [&](DriveVersion version) { return sights[static_cast<std::size_t>(version)].found; };
+  attack.outcome.update({{"learned_on", false},
+                         {"detected", found(DriveVersion::clean)},
+                         {"hidden", found(DriveVersion::clean) && !found(DriveVersion::attacked)}});
+  view.attacks.push_back(std::move(attack));
+}
+
+DriveAnimation::DriveAnimation(fs::path file) : file_(std::move(file)), folder_(file_) {
+  folder_ += ".frames";
+  if (file_.extension() != ".webp" && file_.extension() != ".gif")
+    throw InputError("--animation", file_.string(), "is no .webp and no .gif", "name one");
+}
+
+DriveAnimation::~DriveAnimation() {
+  std::error_code none;
+  fs::remove_all(folder_, none);
+}
+
+void DriveAnimation::add(const ViewFrame& view) {
+  const ViewAttack& attack = view.attacks.front();
+  const Label& label = view.frame.labels.at(static_cast<std::size_t>(attack.label));
+  const auto camera = static_cast<std::size_t>(std::max(0, label.camera));
+  const std::string photo = fmt::format("{:05}.jpg", frames_.size());
+  write_file(folder_ / photo, encode_jpeg(view.frame.image_of(camera), kFrameQuality));
+  const BevBox& bev = label.box.bev;
+  json frame = {{"photo", photo},
+                {"box", {bev.x, bev.y, label.box.bottom, bev.length, bev.width, label.box.height, bev.yaw}},
+                {"pixel_from_velo", pixel_from_velo(view.frame.calibration_of(camera))},
+                {"patch", nullptr}};
+  for (const ViewAttack::Patch& patch : attack.patches) {
+    if (patch.camera != camera) continue;
+    const std::string name = "patch-" + photo;
+    write_file(folder_ / name, encode_jpeg(patch.patch, kFrameQuality));
+    frame["patch"] = {{"file", name}, {"at", {patch.rect.u0, patch.rect.v0}}};
+  }
+  frames_.push_back(std::move(frame));
+}
+
+void DriveAnimation::write(const DriveView& drive) {
+  write_json(folder_ / "animation.json",
+             {{"file", fs::absolute(file_).string()}, {"vehicle", drive.vehicle()}, {"frames", frames_}});
+  std::string problem;
+  if (run_script("validation/view/animation.py", folder_, &problem) != 0)
+    throw Failure(file_.string(), "was not drawn: " + problem, "install python3-pil, which has WebP and GIF");
+}
+
+}  // namespace mirage
