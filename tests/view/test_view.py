@@ -1,6 +1,6 @@
 """The page of `mirage view` in headless Chromium: test_view.py SOURCE BUILD. Exit code 77: skipped, with why.
 
-Of a folder of a hundred frames, of one with a detector's boxes, and of a run: the page opens without console errors and
+Of a folder of a hundred frames, of one with a detector's boxes, of a run and of a drive: the page opens without console errors and
 asks for nothing but itself, frames show, slider, keys and mouse do what they say, what is drawn is what the files
 hold, and both themes draw."""
 

@@ -53,7 +53,7 @@ class Drive {
         for (const run of this.runs(i => track[i] === letter)) piece(bar, state, run, text);
       for (const run of this.runs(i => found[i] === "f")) piece(bar, "seen", run);
     }
-    const axis = make(scale, "div", "axis"), apart = [1, 2, 5, 10, 20, 50, 100].find(s => this.length / s <= 9) ?? 200;
+    const axis = make(scale, "div", "axis"), apart = [0.5, 1, 2, 5, 10, 20, 50, 100].find(s => this.length / s <= 9) ?? 200;
     for (let s = 0; s <= this.length; s += apart) make(axis, "span", "", s + " s").style.left = share(s);
     this.cursor = make(scale, "div", "cursor");
     const said = make(strip, "p", "key", "A confirmed track lies on the vehicle:");
@@ -105,8 +105,8 @@ class Drive {
   }
 
   // The vehicle's own box, in the colour of its state.
-  mark(frame, side, index) {
-    const [state] = STATES[this.strip[side].track[index]];
+  mark(frame, side) {
+    const [state] = STATES[this.strip[side].track[frame.index]];
     return {...frame.labels[frame.attacks[0].label], kind: "mark", host: true, colour: state, tag: state};
   }
 

@@ -210,7 +210,8 @@ DriveAnimation::~DriveAnimation() {
 void DriveAnimation::add(const ViewFrame& view) {
   const ViewAttack& attack = view.attacks.front();
   const Label& label = view.frame.labels.at(static_cast<std::size_t>(attack.label));
-  const auto camera = static_cast<std::size_t>(std::max(0, label.camera));
+  const std::size_t camera =
+      std::min(static_cast<std::size_t>(std::max(0, label.camera)), view.frame.cameras() - 1);
   const std::string photo = fmt::format("{:05}.jpg", frames_.size());
   write_file(folder_ / photo, encode_jpeg(view.frame.image_of(camera), kFrameQuality));
   const BevBox& bev = label.box.bev;

@@ -51,6 +51,7 @@ function boxesOf(frame, attack, side) {
   if (state.layers.label)
     frame.labels.forEach((label, k) => {
       const host = frame.attacks.length > 0 && k === frame.attacks[state.vehicle]?.label;
+      if (host && drive) return; // it has a mark
       if (label.type !== "DontCare") boxes.push({...label, kind: "label", colour: "truth", host});
       else boxes.push({...label, kind: "region", colour: "muted"});
     });
@@ -60,7 +61,7 @@ function boxesOf(frame, attack, side) {
   if (state.layers.track)
     for (const {identity, box, detected} of (attack ?? frame).tracks)
       boxes.push({type: `Track ${identity}`, kind: "track", identity, box, coasts: !detected, tag: `#${identity}`});
-  if (drive) boxes.push(drive.mark(frame, side, state.index));
+  if (drive) boxes.push(drive.mark(frame, side));
   if (state.layers.file && side === "clean") add(frame.file, "file", told.detector ? "file" : "clean");
   return boxes;
 }
@@ -106,7 +107,7 @@ function wedge(m, width) {
 const number = (value, digits) => value.toFixed(digits).replace("-", "−");
 function describe(box) {
   const who = {label: "label", region: "not labelled there", found: `${told.detector}`, file: `${told.file}`,
-               track: box.coasts ? "coasting" : "with a detection", mark: "the vehicle that carries the object"}[box.kind];
+               track: box.coasts ? "coasting" : "with a detection", mark: "label"}[box.kind];
   const lines = [`${box.type}${box.score !== undefined ? ` ${box.score.toFixed(3)}` : ""} · ${who}`];
   if (box.box) {
     const [x, y, , length, width, height, yaw] = box.box;
@@ -114,7 +115,7 @@ function describe(box) {
     lines.push(`x ${number(x, 1)} m, y ${number(y, 1)} m, yaw ${number(yaw * 180 / Math.PI, 0)}°`);
   }
   if (box.occluded !== undefined) lines.push(`occlusion ${box.occluded} of 3 · truncation ${box.truncated} · ${box.returns} returns`);
-  if (box.host && !drive) lines.push("carries the object in the attacked frame");
+  if (box.host) lines.push("carries the object in the attacked frame");
   return lines.join("\n");
 }
 
@@ -171,7 +172,7 @@ function legend() {
   };
   if (byInstance) swatch("background", "no labelled thing", "dot");
   if (state.layers.label) swatch("truth", "label", "dashed");
-  if (state.layers.label && told.run) swatch("truth", "host's label");
+  if (state.layers.label && told.run && !drive) swatch("truth", "host's label");
   if (state.layers.found && told.detector) {
     swatch("clean", `${told.detector}, as recorded`);
     swatch("attacked", `${told.detector}, ${drive ? "with the object" : "attacked"}`);
@@ -242,6 +243,7 @@ async function show(index, vehicle) {
   const frame = await frameAt(index);
   if (state.index !== index) return; // another was asked for meanwhile
   current = frame;
+  frame.index = index;
   const first = told => frame.attacks.findIndex(attack => attack.outcome[told]);
   state.vehicle = vehicle < frame.attacks.length ? vehicle : Math.max(0, first("hidden") >= 0 ? first("hidden") : first("detected"));
   if (state.close) closeUp();

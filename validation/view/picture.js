@@ -77,7 +77,9 @@ class PictureView {
     tags.sort((a, b) => rank(b) - rank(a));
     for (const {box, seen} of tags) {
       const text = box.tag ?? (box.score !== undefined ? box.score.toFixed(2) : "host"), w = context.measureText(text).width + 8, h = 15;
-      for (const top of [seen.top - h - 2, seen.bottom + 2, seen.top - 2 * h - 4]) {
+      const places = [seen.top - h - 2, seen.bottom + 2, seen.top - 2 * h - 4];
+      if (box.kind === "mark") [places[0], places[1]] = [places[1], places[0]]; // over it stands the object
+      for (const top of places) {
         const left = Math.max(1, Math.min(width - w - 1, (seen.left + seen.right - w) / 2));
         if (top < 1 || top + h > height - 1 || left < 80 && top < 28) continue; // the panel's name stands there
         if (taken.some(t => left < t[0] + t[2] + 2 && t[0] < left + w + 2 && top < t[1] + h + 2 && t[1] < top + h + 2)) continue;
