@@ -10,11 +10,11 @@
 
 #include "attack/attack.h"
 #include "attack/attack_step.h"
-#include "attack/tiny_drive.h"
 #include "attack/windows.h"
 #include "base/random.h"
 #include "support/files.h"
 #include "support/gradient_check.h"
+#include "support/tiny_drive.h"
 
 namespace mirage {
 namespace {
@@ -116,7 +116,7 @@ AttackSettings gap_settings(const TemporaryFolder& folder, const char* out, int 
 
 TEST(Windows, AnAttackLearnsAndGoesOnToTheSameBits) {
   const TemporaryFolder folder;
-  test::write_tiny_drive(folder / "drive", 10);
+  test::write_tiny_drive(folder / "drive", folder / "object", 10);
   const DetectorPool one = test::one_of<test::StandInDetector>();
   DetectorPool three = test::one_of<test::StandInDetector>();
   for (int i = 0; i < 2; ++i) three.push_back(std::make_unique<test::StandInDetector>());
@@ -134,7 +134,7 @@ TEST(Windows, AnAttackLearnsAndGoesOnToTheSameBits) {
 
 TEST(Windows, AStepFollowsTheGradientOfTheWindowsLoss) {
   const TemporaryFolder folder;
-  test::write_tiny_drive(folder / "drive", 10);
+  test::write_tiny_drive(folder / "drive", folder / "object", 10);
   AttackSettings settings = gap_settings(folder, "run", 1);
   settings.objective.lambda_fp = 0;
   const DetectorPool detectors = test::one_of<test::StandInDetector>();
@@ -173,7 +173,7 @@ TEST(Windows, AStepFollowsTheGradientOfTheWindowsLoss) {
 
 TEST(Windows, WhatCannotBeWindowedIsRefused) {
   const TemporaryFolder folder;
-  test::write_tiny_drive(folder / "drive", 4);
+  test::write_tiny_drive(folder / "drive", folder / "object", 4);
   const DetectorPool detectors = test::one_of<test::StandInDetector>();
   const auto refused = [&](auto&& change) {
     AttackSettings settings = gap_settings(folder, "run", 1);
