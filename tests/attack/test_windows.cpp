@@ -184,8 +184,7 @@ TEST(Windows, WhatCannotBeWindowedIsRefused) {
               HasSubstr("drive is followed through 0.5 s; give longer drives"));
   EXPECT_THAT(refused([&](AttackSettings& s) { s.data = folder / "object"; }),
               testing::StartsWith("objective: gap: no training vehicle of "));
-  EXPECT_THAT(refused([&](AttackSettings& s) { s.data = folder / "object"; }),
-              HasSubstr("of no sequence"));
+  EXPECT_THAT(refused([&](AttackSettings& s) { s.data = folder / "object"; }), HasSubstr("of no sequence"));
   EXPECT_THAT(refused([](AttackSettings& s) { s.batch = 1; }), HasSubstr("batch: 1: --objective gap"));
   EXPECT_THAT(refused([](AttackSettings& s) { s.attack = AttackSearch::automatic; }),
               HasSubstr("objective: gap: does not go with --attack auto"));

@@ -133,6 +133,7 @@ def drive():
         "never_confirmed": {"clean": 0, "attacked": 1, "random": 0},
         "survival": [{"seconds": 0.5, **{v: {"value": 0.25, "low": 0.1, "high": 0.5} for v in VERSIONS}}],
         "tracker": {"mota": 0.71, "hota": 0.61, "switches": 2, "fragments": 3},
+        "cycles": {"vehicles": [{}], "gap_s": medians, "raster_gap_s": medians, "kept": {"value": 0.9, "low": 0.8, "high": 1.1}},
         "vehicles": [vehicle(1, found, states, {"clean": 2, "attacked": 2, "random": 2}),
                      vehicle(2, found, {**states, "attacked": "l" * 10}, {"clean": 2, "attacked": None, "random": 2})]}}
 
@@ -206,6 +207,8 @@ class DrivePage(CommandPage, unittest.TestCase):
     def test_the_lead_and_the_curve_say_how_much_later(self):
         lead = self.browser.run("document.querySelector('.lead').textContent").split()
         self.assertIn("confirmed 1.4 (1.3–1.8) m later at the median, and 1 of 2 not before 10 m", " ".join(lead))
+        cycles = self.browser.run("document.querySelectorAll('.lead')[1].textContent").split()
+        self.assertIn("Cycles keeps 90.0 % (80.0–110.0 %) of what the object adds", " ".join(cycles).replace("\u202f", " "))
         curves = self.browser.run("[...document.querySelectorAll('.gaps')].map(c => c.getAttribute('points'))")
         xs = [[float(p.split(",")[0]) for p in c.split()] for c in curves]
         # Both vehicles' gaps are 0.1, 0.7 and 0.2 s: the curves fall there, from all to none.
