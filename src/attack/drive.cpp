@@ -38,6 +38,9 @@ constexpr const char* kKept = "finished vehicles are kept; run the same command 
 constexpr double kUnknownHeight = 1.5;
 constexpr double kHalfLane = 1.75;  // m to each side of straight ahead
 constexpr double kLateWithin = 10;  // m within which a confirmation comes late
+/// Vehicles that are judged together: they share what a detector makes of their frames as recorded, and an
+/// interruption loses all of them.
+constexpr std::size_t kTogether = 8;
 
 /// A frame of a sequence with all that is known of it before anything is inserted.
 struct SceneFrame {
@@ -268,6 +271,12 @@ struct Rider {
 /// By the place of a frame in its scene.
 using Riders = std::vector<Rider>;
 
+/// One way through a scene: an object on one vehicle, or nothing on any.
+struct Pass {
+  const Riders* riders = nullptr;
+  const TexturedMesh* object = nullptr;
+};
+
 /// Looks at the frames of a scene, with an object on one vehicle or as recorded.
 class Watch {
  public:
@@ -284,7 +293,10 @@ class Watch {
 
   /// What the detector finds in each frame as recorded.
   Sights recorded() const {
-    if (needs_all()) return all(Riders(scene_.size()), nullptr, [] {});
+    if (needs_all()) {
+      const Riders nobody(scene_.size());
+      return see({{Pass{&nobody, nullptr}}}, [] {}).front();
+    }
     std::vector<HostId> frames;
     for (const SceneFrame& frame : scene_) frames.push_back({frame.id, 0});
     const CleanDetections clean = clean_detections(detectors_, store_, frames, request_.evaluation);
@@ -293,42 +305,39 @@ class Watch {
     return sights;
   }
 
-  /// The same with the object on the vehicle.
-  Sights attacked(const Riders& riders, const TexturedMesh& object,
-                  const std::function<void()>& frame_done) const {
-    return all(riders, &object, frame_done);
-  }
-
- private:
-  Sights all(const Riders& riders, const TexturedMesh* object,
-             const std::function<void()>& frame_done) const {
-    Sights sights(scene_.size());
-    std::vector<std::size_t> asked;
-    for (std::size_t i = 0; i < scene_.size(); ++i) {
-      if (needs_all() || riders[i].carrier)
-        asked.push_back(i);
-      else
-        sights[i] = scene_[i].clean;
-    }
-    std::vector<Lazy<Sweep>> sweeps;
+  /// The same of each pass. Passes go through a frame one after the other, so that what a detector makes of
+  /// the frame without an object serves them all.
+  std::vector<Sights> see(const std::vector<Pass>& passes, const std::function<void()>& frame_done) const {
+    std::vector<Sights> sights(passes.size(), Sights(scene_.size()));
+    std::vector<std::vector<Lazy<Sweep>>> sweeps(passes.size());
     if (request_.settings.sweeps > 1)
-      for (std::size_t i = 0; i < scene_.size(); ++i)
-        sweeps.emplace_back([this, &riders, object, i] { return sweep_of(i, riders[i].carrier, object); });
+      for (std::size_t p = 0; p < passes.size(); ++p)
+        for (std::size_t i = 0; i < scene_.size(); ++i)
+          sweeps[p].emplace_back(
+              [this, pass = passes[p], i] { return sweep_of(i, (*pass.riders)[i].carrier, pass.object); });
     std::optional<RenderedPictures> pictures;
     if (request_.renderer) pictures.emplace(*request_.renderer, request_.evaluation.expectation_seed);
-    const auto look = [&](Detector& detector, std::size_t i) {
+    const auto look = [&](Detector& detector, std::size_t p, std::size_t i) {
+      const Rider& rider = (*passes[p].riders)[i];
+      if (!needs_all() && !rider.carrier) {
+        sights[p][i] = scene_[i].clean;
+        return;
+      }
       throw_if_interrupted(kKept);
-      sights[i] = seen(detector, i, riders[i], object, sweeps, pictures ? &*pictures : nullptr);
-      if (riders[i].carrier) frame_done();
+      sights[p][i] = seen(detector, i, rider, passes[p].object, sweeps[p], pictures ? &*pictures : nullptr);
+      if (rider.carrier) frame_done();
     };
     if (can_.remembers)
-      for (const std::size_t i : asked) look(*detectors_.front(), i);
+      for (std::size_t p = 0; p < passes.size(); ++p)
+        for (std::size_t i = 0; i < scene_.size(); ++i) look(*detectors_.front(), p, i);
     else
-      for_each_with_detector(detectors_, asked.size(),
-                             [&](Detector& detector, std::size_t k) { look(detector, asked[k]); });
+      for_each_with_detector(detectors_, scene_.size(), [&](Detector& detector, std::size_t i) {
+        for (std::size_t p = 0; p < passes.size(); ++p) look(detector, p, i);
+      });
     return sights;
   }
 
+ private:
   Sweep sweep_of(std::size_t i, const Carrier* carrier, const TexturedMesh* object) const {
     const auto prepared = store_.get(scene_[i].id);
     if (!carrier) return prepared->frame.sweep;
@@ -438,18 +447,31 @@ struct JudgedVehicle {
   nlohmann::json shown;
 };
 
-JudgedVehicle judge_vehicle(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request,
-                            const DriveScene& scene, const Followed& followed,
-                            const std::function<void()>& frame_done) {
+/// A vehicle's ride through its scene, and where it is in it.
+struct Driver {
+  const Followed* followed = nullptr;
+  Ride ride;
+  Riders riders;
+};
+
+Driver driver_of(FrameStore& store, const DriveScene& scene, const Followed& followed) {
   std::vector<std::pair<Moment, HostId>> frames;
   for (std::size_t i = 0; i < followed.frames.size(); ++i) {
     const SceneFrame& frame = scene.frames[followed.frames[i]];
     frames.push_back({frame.moment, {frame.id, followed.labels[i]}});
   }
-  const Ride ridden = ride(store, frames);
+  Driver driver{&followed, ride(store, frames), Riders(scene.frames.size())};
+  for (std::size_t i = 0; i < frames.size(); ++i)
+    driver.riders[followed.frames[i]] = {&driver.ride.carriers[i], frames[i].second};
+  return driver;
+}
+
+/// All but what was seen of it.
+VehicleDrive unseen_drive(const DriveScene& scene, const Driver& driver) {
+  const auto& [followed, ridden, riders] = driver;
   VehicleDrive vehicle;
   vehicle.sequence = scene.name;
-  vehicle.track = followed.track;
+  vehicle.track = followed->track;
   vehicle.type = ridden.carriers.front().label.type;
   vehicle.fitted = ridden.fitted;
   vehicle.residual_m = ridden.residual_m;
@@ -458,14 +480,10 @@ JudgedVehicle judge_vehicle(const DetectorPool& detectors, FrameStore& store, co
   vehicle.jitter_m = ridden.jitter_m;
   vehicle.in_box_m = ridden.in_box_m;
   vehicle.in_box_deg = ridden.in_box_rad / kDegree;
-  Riders riders(scene.frames.size());
-  Sights as_recorded;
-  for (const SceneFrame& frame : scene.frames) as_recorded.push_back(frame.clean);
-  for (std::size_t i = 0; i < followed.frames.size(); ++i) {
-    const std::size_t at = followed.frames[i];
+  for (std::size_t i = 0; i < followed->frames.size(); ++i) {
+    const std::size_t at = followed->frames[i];
     const Moment& moment = scene.frames[at].moment;
-    const BevBox& box = scene.frames[at].labels[static_cast<std::size_t>(followed.labels[i])].box.bev;
-    riders[at] = {&ridden.carriers[i], frames[i].second};
+    const BevBox& box = scene.frames[at].labels[static_cast<std::size_t>(followed->labels[i])].box.bev;
     DriveFrame frame;
     frame.index = moment.index;
     frame.time = moment.time;
@@ -477,36 +495,58 @@ JudgedVehicle judge_vehicle(const DetectorPool& detectors, FrameStore& store, co
     if (frame.range > 0) frame.closing = -(relative.x() * box.x + relative.y() * box.y) / frame.range;
     vehicle.frames.push_back(frame);
   }
+  return vehicle;
+}
+
+/// Vehicles of one scene, together.
+std::vector<JudgedVehicle> judge_vehicles(const DetectorPool& detectors, FrameStore& store,
+                                          const DriveRequest& request, const DriveScene& scene,
+                                          const std::vector<const Followed*>& vehicles,
+                                          const std::function<void()>& frame_done) {
+  std::vector<Driver> drivers;
+  for (const Followed* followed : vehicles) drivers.push_back(driver_of(store, scene, *followed));
+  const std::array objects = {std::pair(DriveVersion::attacked, &request.object),
+                              std::pair(DriveVersion::random, &request.random)};
+  std::vector<Pass> passes;
+  for (const Driver& driver : drivers)
+    for (const auto& [version, object] : objects) passes.push_back({&driver.riders, object});
+  const std::vector<Sights> seen = Watch(detectors, store, request, scene.frames).see(passes, frame_done);
   const Capabilities can = detectors.front()->capabilities();
   const TrackerSettings& settings = request.settings.tracker;
-  JudgedVehicle judged;
-  const auto judge = [&](DriveVersion version, const Sights& sights, const Tracks& tracks,
-                         const auto& tracks_by_death) {
-    add_sights(version, scene.frames, followed, sights, tracks, birth_of(request, can), vehicle);
-    judged.shown[kDriveVersions[static_cast<std::size_t>(version)]] =
-        shown(followed, sights, tracks, scene.road);
-    for (std::size_t d = 0; d < kDeaths.size(); ++d) {
-      VehicleDrive other = vehicle;
-      for (DriveFrame& frame : other.frames) frame.sights = {};
-      add_sights(version, scene.frames, followed, sights, tracks_by_death(d), settings.birth, other);
-      const DriveOutcome outcome = outcome_of(other, version);
-      const auto v = static_cast<std::size_t>(version);
-      vehicle.deaths[d].track_gap_s[v] = outcome.track_gap_s;
-      vehicle.deaths[d].phantom_frames[v] = outcome.phantom_frames;
+  Sights as_recorded;
+  for (const SceneFrame& frame : scene.frames) as_recorded.push_back(frame.clean);
+  std::vector<JudgedVehicle> all;
+  for (std::size_t k = 0; k < drivers.size(); ++k) {
+    const Followed& followed = *drivers[k].followed;
+    JudgedVehicle judged{unseen_drive(scene, drivers[k]), {}};
+    VehicleDrive& vehicle = judged.vehicle;
+    const auto judge = [&](DriveVersion version, const Sights& sights, const Tracks& tracks,
+                           const auto& tracks_by_death) {
+      add_sights(version, scene.frames, followed, sights, tracks, birth_of(request, can), vehicle);
+      judged.shown[kDriveVersions[static_cast<std::size_t>(version)]] =
+          shown(followed, sights, tracks, scene.road);
+      for (std::size_t d = 0; d < kDeaths.size(); ++d) {
+        VehicleDrive other = vehicle;
+        for (DriveFrame& frame : other.frames) frame.sights = {};
+        add_sights(version, scene.frames, followed, sights, tracks_by_death(d), settings.birth, other);
+        const DriveOutcome outcome = outcome_of(other, version);
+        const auto v = static_cast<std::size_t>(version);
+        vehicle.deaths[d].track_gap_s[v] = outcome.track_gap_s;
+        vehicle.deaths[d].phantom_frames[v] = outcome.phantom_frames;
+      }
+    };
+    judge(DriveVersion::clean, as_recorded, scene.clean_tracks,
+          [&](std::size_t d) { return scene.clean_by_death[d]; });
+    for (std::size_t o = 0; o < objects.size(); ++o) {
+      const Sights& sights = seen[k * objects.size() + o];
+      judge(objects[o].first, sights, tracks_by(request, can, scene.frames, sights, scene.road),
+            [&](std::size_t d) {
+              return follow(scene.frames, sights, scene.road, with_death(settings, kDeaths[d]));
+            });
     }
-  };
-  judge(DriveVersion::clean, as_recorded, scene.clean_tracks,
-        [&](std::size_t d) { return scene.clean_by_death[d]; });
-  const Watch watch(detectors, store, request, scene.frames);
-  for (const auto& [version, object] : {std::pair(DriveVersion::attacked, &request.object),
-                                        std::pair(DriveVersion::random, &request.random)}) {
-    const Sights sights = watch.attacked(riders, *object, frame_done);
-    judge(version, sights, tracks_by(request, can, scene.frames, sights, scene.road), [&](std::size_t d) {
-      return follow(scene.frames, sights, scene.road, with_death(settings, kDeaths[d]));
-    });
+    all.push_back(std::move(judged));
   }
-  judged.vehicle = std::move(vehicle);
-  return judged;
+  return all;
 }
 
 /// The vehicle's stored result if it is of the same key and whole; none otherwise.
@@ -714,15 +754,20 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
   std::vector<TrackFrame> track_frames;
   std::vector<DriveScene> scenes;
   std::vector<std::pair<std::size_t, Followed>> vehicles;  // each with its scene's place
+  std::vector<std::vector<std::size_t>> groups;            // of vehicles that are judged together
   std::size_t frames = 0, done = 0;
   for (std::size_t s = 0; s < request.sequences.size(); ++s) {
     scenes.push_back(prepare_scene(detectors, store, request, request.sequences[s]));
     const DriveScene& scene = scenes.back();
     add_track_frames(scene, region, static_cast<int>(s), track_frames);
     result.frames += static_cast<int>(scene.frames.size());
+    const bool alone = Watch(detectors, store, request, scene.frames).needs_all();  // each holds its sweeps
+    std::size_t in_group = 0;
     for (Followed& vehicle : vehicles_of(scene.frames, region, request.settings.least_frames)) {
       if (request.only && !request.only->contains({scene.name, vehicle.track})) continue;
       frames += vehicle.frames.size();
+      if (in_group++ % (alone ? 1 : kTogether) == 0) groups.emplace_back();
+      groups.back().push_back(vehicles.size());
       vehicles.emplace_back(s, std::move(vehicle));
     }
   }
@@ -734,22 +779,34 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
     progress.update(++done);
   };
   std::vector<VehicleDrive> judged(vehicles.size());
-  for (const std::size_t k : order_among_ranks(vehicles.size())) {
+  for (const std::size_t g : order_among_ranks(groups.size())) {
     throw_if_interrupted(kKept);
-    const auto& [s, followed] = vehicles[k];
-    const std::string name = fmt::format("{}_{}.json", escape_name(scenes[s].name), followed.track);
-    const fs::path file = request.folder.empty() ? fs::path() : request.folder / name;
-    if (auto stored = stored_vehicle(file, key)) {
-      progress.update(done += 2 * followed.frames.size());
-      judged[k] = std::move(*stored);
-      continue;
+    const DriveScene& scene = scenes[vehicles[groups[g].front()].first];
+    const auto file_of = [&](std::size_t k) {
+      const std::string name = fmt::format("{}_{}.json", escape_name(scene.name), vehicles[k].second.track);
+      return request.folder.empty() ? fs::path() : request.folder / name;
+    };
+    std::vector<std::size_t> fresh;
+    std::vector<const Followed*> of_group;
+    for (const std::size_t k : groups[g]) {
+      if (auto stored = stored_vehicle(file_of(k), key)) {
+        progress.update(done += 2 * vehicles[k].second.frames.size());
+        judged[k] = std::move(*stored);
+      } else {
+        fresh.push_back(k);
+        of_group.push_back(&vehicles[k].second);
+      }
     }
-    JudgedVehicle fresh = judge_vehicle(detectors, store, request, scenes[s], followed, frame_done);
-    nlohmann::json kept = to_json(fresh.vehicle);
-    kept["key"] = key;
-    kept["shown"] = std::move(fresh.shown);
-    if (!file.empty()) write_json(file, kept);
-    judged[k] = std::move(fresh.vehicle);
+    if (fresh.empty()) continue;
+    std::vector<JudgedVehicle> together =
+        judge_vehicles(detectors, store, request, scene, of_group, frame_done);
+    for (std::size_t i = 0; i < fresh.size(); ++i) {
+      nlohmann::json kept = to_json(together[i].vehicle);
+      kept["key"] = key;
+      kept["shown"] = std::move(together[i].shown);
+      if (const fs::path file = file_of(fresh[i]); !file.empty()) write_json(file, kept);
+      judged[fresh[i]] = std::move(together[i].vehicle);
+    }
   }
   result.vehicles = std::move(judged);
   if (result.vehicles.empty())
