@@ -504,6 +504,7 @@ std::vector<JudgedVehicle> judge_vehicles(const DetectorPool& detectors, FrameSt
                                           const std::vector<const Followed*>& vehicles,
                                           const std::function<void()>& frame_done) {
   std::vector<Driver> drivers;
+  drivers.reserve(vehicles.size());
   for (const Followed* followed : vehicles) drivers.push_back(driver_of(store, scene, *followed));
   const std::array objects = {std::pair(DriveVersion::attacked, &request.object),
                               std::pair(DriveVersion::random, &request.random)};
