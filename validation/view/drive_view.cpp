@@ -44,6 +44,7 @@ std::vector<std::string> names_by_gap(const JsonFields& drive) {
   std::stable_sort(found.begin(), found.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   std::vector<std::string> names;
+  names.reserve(found.size());
   for (auto& [seconds, name] : found) names.push_back(std::move(name));
   return names;
 }
