@@ -319,7 +319,7 @@ class Watch {
     if (request_.renderer) pictures.emplace(*request_.renderer, request_.evaluation.expectation_seed);
     const auto look = [&](Detector& detector, std::size_t p, std::size_t i) {
       const Rider& rider = (*passes[p].riders)[i];
-      if (!needs_all() && !rider.carrier) {
+      if (is_as_recorded(passes[p], i)) {
         sights[p][i] = scene_[i].clean;
         return;
       }
@@ -338,6 +338,14 @@ class Watch {
   }
 
  private:
+  /// Whether nothing of the object is in what the detector sees of the frame.
+  bool is_as_recorded(const Pass& pass, std::size_t i) const {
+    if (can_.remembers || !pass.object) return false;
+    const auto last = pass.riders->begin() + static_cast<std::ptrdiff_t>(i) + 1;
+    const auto count = std::min<std::ptrdiff_t>(last - pass.riders->begin(), request_.settings.sweeps);
+    return std::all_of(last - count, last, [](const Rider& rider) { return !rider.carrier; });
+  }
+
   Sweep sweep_of(std::size_t i, const Carrier* carrier, const TexturedMesh* object) const {
     const auto prepared = store_.get(scene_[i].id);
     if (!carrier) return prepared->frame.sweep;
