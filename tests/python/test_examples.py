@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import types
 import unittest
 
 try:
@@ -46,6 +47,19 @@ class Scripts(unittest.TestCase):
 
     def test_the_table_beside_pytorch3d(self):
         self.assertIn("| 64×64 |", run(os.path.join(EXAMPLES, "pytorch3d_table.py"), "--sizes", "64", "--repeats", "1"))
+
+    def test_stored_boxes_stand_where_labels_do(self):
+        sys.path.insert(0, os.path.join(os.environ["MIRAGE_SOURCE"], "plugins", "process"))
+        stored = example("stored_boxes")
+        os.makedirs(os.path.join(FOLDER.path, "training", "calib"), exist_ok=True)
+        with open(os.path.join(FOLDER.path, "training", "calib", "0003.txt"), "w") as file:
+            file.write("R_rect 1 0 0 0 1 0 0 0 1\nTr_velo_cam 0 -1 0 0 0 0 -1 0 1 0 0 -0.27\n")
+        with open(os.path.join(FOLDER.path, "0003.txt"), "w") as file:
+            file.write("6,2,0,0,9,9,1.5,1.4,1.6,3.9,0,1.7,10,0,0\n7,2,0,0,9,9,2.5,1.4,1.6,3.9,-2,1.7,20,-1.5707963,0\n")
+        frame = types.SimpleNamespace(moment={"sequence": "0003", "index": 7})
+        boxes, logits = stored.StoredBoxes(FOLDER.path, FOLDER.path)(frame)
+        np.testing.assert_allclose(boxes, [[20.27, 2, -1, 3.9, 1.6, 1.4, 0]], atol=1e-5)
+        np.testing.assert_allclose(logits, [2.5])
 
     def test_the_notebook_runs_headless(self):
         with open(os.path.join(EXAMPLES, "first_steps.ipynb")) as file:

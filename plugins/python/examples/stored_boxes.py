@@ -42,4 +42,5 @@ class StoredBoxes:
         return boxes.astype(np.float32), rows[:, 6].astype(np.float32)
 
 
-serve(StoredBoxes(*sys.argv[1:3]))
+if __name__ == "__main__":
+    serve(StoredBoxes(*sys.argv[1:3]))
