@@ -228,7 +228,7 @@ def seconds(source):
         gaps = result["drive"]["gap_s"]
         cells_of = []
         for version in ("clean", "attacked", "random", "attacked_less_clean", "attacked_less_random"):
-            value, low, high = (f"{gaps[version][key]:.1f}".replace("-", "−") for key in ("value", "low", "high"))
+            value, low, high = (f"{round(gaps[version][key], 1) + 0.0:.1f}".replace("-", "−") for key in ("value", "low", "high"))
             cells_of.append((gaps[version]["value"] / 2, value, f"{low} to {high}", False))
         rows.append((file[len("drive-"):-5].replace("-", " "), cells_of))
     return cells("For how long is a car lost?", "Longest time without a detection, s: median over vehicles, 95 % below", 260,
