@@ -6,12 +6,15 @@ detector(image, points, pixel_from_velo) -> (boxes, logits), detector(points), d
 detector(frame) for all sensors by name, on torch tensors if the program has imported torch, else on numpy arrays: what
 mirage.attack(detector=…) takes. This file imports nothing of Mirage, and Mirage puts it on the path. Its attributes, all optional:
 
-reads: ("image", "points"), or one of them: the other comes without rows, or names of other sensors. pictures: "linear" (float32, scene-linear in [0, 1]) or "srgb8"
-(0 … 255 as a file has them, float32 for torch). region: x_min, x_max, y_min, y_max in m. classes: ["Car", …], in the order of its labels.
-heights: True: its boxes of 7 or 9 numbers are compared in space, too. local: True: frame.clean saves it work. version: a text that
-changes with the network: answers are kept on disk under it, so that an evaluation goes on. new_sequence(): it remembers frames, and
-another sequence begins. A tracker answers (boxes, logits, classes or None, identities); with reads = ("detections",) it is one for
-mirage drive --tracker, and frame.data["detections"] has rows of x, y, z of the centre, length, width, height, yaw, score. backward(d_logits) -> (d_image, d_points), or {sensor: gradient}, without torch.
+reads: ("image", "points"), or one of them: the other comes without rows, or names of other sensors. pictures: "linear" (float32,
+scene-linear in [0, 1]) or "srgb8" (0 … 255 as a file has them, float32 for torch). region: x_min, x_max, y_min, y_max in m. classes:
+["Car", …], in the order of its labels. heights: True: its boxes of 7 or 9 numbers are compared in space, too. local: True: frame.clean
+saves it work. version: a text that changes with the network: answers are kept on disk under it, so that an evaluation goes on.
+new_sequence(): it remembers frames, and another sequence begins. backward(d_logits) -> (d_image, d_points), or {sensor: gradient},
+without torch.
+
+A tracker answers (boxes, logits, classes or None, identities). With reads = ("detections",) it is one for mirage drive --tracker, and
+frame.data["detections"] has rows of x, y, z of the centre, length, width, height, yaw, score.
 """
 
 import inspect
@@ -186,8 +189,8 @@ RESULTS = (("pred_boxes", "pred_scores", "pred_labels", 1), ("bboxes_3d", "score
 
 
 def read_answer(found, network):
-    """(boxes, logits, classes or None, identities or None) of what a network gave: two to four of these; a dictionary of OpenPCDet (pred_boxes,
-    pred_scores, pred_labels, from 1) or of mmdetection3d (bboxes_3d or boxes_3d, scores_3d, labels_3d), or a list with one of
+    """(boxes, logits, classes or None, identities or None) of what a network gave: two to four of these; a dictionary of OpenPCDet
+    (pred_boxes, pred_scores, pred_labels, from 1) or of mmdetection3d (bboxes_3d or boxes_3d, scores_3d, labels_3d), or a list with one of
     them. Scores become logits."""
     if isinstance(found, (tuple, list)) and len(found) == 1:
         found = found[0]
@@ -249,7 +252,9 @@ def serve(function, **attributes):
                 asked = job
                 boxes, logits, *numbers = network.forward(Frame(job, memory.read), job["gradient"])
                 answer.update(boxes=memory.write(boxes), logits=memory.write(logits))
-                answer.update({name: memory.write(part, "int32") for name, part in zip(("classes", "identities"), numbers) if part is not None})
+                for name, part in zip(("classes", "identities"), numbers):
+                    if part is not None:
+                        answer[name] = memory.write(part, "int32")
             else:
                 memory.begin(job)
                 for name, part in network.backward(memory.read(job["d_logits"]).copy()).items():
