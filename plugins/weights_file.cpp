@@ -1,10 +1,10 @@
 #include "weights_file.h"
 
-#include <c10/util/string_utils.h>
 #include <openssl/evp.h>
 
 #include <array>
 #include <cstring>
+#include <sstream>
 #include <stdexcept>
 #include <type_traits>
 
@@ -65,10 +65,13 @@ std::string name_of(std::size_t parameter, const char* what) {
 /// A parameter in an optimiser's map of states: by text until LibTorch 2.0, by address from then on.
 template <class Key>
 Key key_of(const Tensor& parameter) {
-  if constexpr (std::is_same_v<Key, std::string>)
-    return c10::guts::to_string(parameter.unsafeGetTensorImpl());
-  else
+  if constexpr (std::is_same_v<Key, std::string>) {
+    std::ostringstream text;  // as LibTorch writes it
+    text << parameter.unsafeGetTensorImpl();
+    return text.str();
+  } else {
     return parameter.unsafeGetTensorImpl();
+  }
 }
 
 }  // namespace

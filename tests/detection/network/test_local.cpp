@@ -197,7 +197,7 @@ struct Road {
 };
 
 TEST(LocalNetwork, LocalityLeavesTheFarAsItWas) {
-  for (const char* name : {"lidar", "camera", "painted", "fusion", "late", "refined"}) {
+  for (const std::string name : {"lidar", "camera", "painted", "fusion", "late", "refined"}) {
     torch::manual_seed(34);
     Network network(parts_named(name));
     for (Tensor& parameter : network->parameters()) parameter.requires_grad_(false);
@@ -215,8 +215,8 @@ TEST(LocalNetwork, LocalityLeavesTheFarAsItWas) {
     for (const double metres : {1.0, 4.0, 100.0}) {
       const auto [found, spent] = answer(metres);
       const double error = (found - exact).norm().item<double>();
-      std::printf("%-8s %3.0f m: work %.2f of the exact pass's, error of the logits %.1e\n", name, metres,
-                  spent / whole_work, error);
+      std::printf("%-8s %3.0f m: work %.2f of the exact pass's, error of the logits %.1e\n", name.c_str(),
+                  metres, spent / whole_work, error);
       EXPECT_LE(error, before) << name << " " << metres;
       EXPECT_GE(spent, work) << name << " " << metres;
       before = error, work = spent;
