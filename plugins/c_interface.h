@@ -1,8 +1,6 @@
 // What every plugin's C interface needs: no exception leaves a function, and its reason fits one line.
 #pragma once
 
-#include <c10/util/Exception.h>
-
 #include <cstdio>
 #include <exception>
 #include <stdexcept>
@@ -16,7 +14,7 @@ class BadFile : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// One line: LibTorch appends a stack trace to some of its messages.
+/// The first line: LibTorch appends a stack trace to its messages.
 inline void report(const std::string& what, char* error, std::size_t error_size) {
   if (error && error_size > 0)
     std::snprintf(error, error_size, "%s", what.substr(0, what.find('\n')).c_str());
@@ -31,8 +29,6 @@ int guarded(char* error, std::size_t error_size, const Work& work) noexcept {
   } catch (const BadFile& problem) {
     report(problem.what(), error, error_size);
     return 2;
-  } catch (const c10::Error& problem) {
-    report(problem.what_without_backtrace(), error, error_size);
   } catch (const std::exception& problem) {
     report(problem.what(), error, error_size);
   } catch (...) {

@@ -37,6 +37,7 @@ set_target_properties(named PROPERTIES PREFIX "" LIBRARY_OUTPUT_DIRECTORY ${CMAK
 add_dependencies(test_detection named)
 mirage_tested_plugin(detection fusion)
 mirage_tested_plugin(detection torchscript)
+mirage_tested_plugin(detection onnx)
 mirage_tested_plugin(defense fusion)
 mirage_tested_plugin(attack fusion)
 mirage_fake_plugins(scene fake_depth fake_depth.cpp)

@@ -198,8 +198,8 @@ inline constexpr const char* kRealWeights = "real";
 
 /// Which detector, which weights, how it computes.
 struct DetectorOptions {
-  /// "lidar", "camera", "painted", "fusion", "late", "refined", "torchscript", a path to a plugin (*.so), or
-  /// "exec:" and a command (detection/process_detector.h).
+  /// "lidar", "camera", "painted", "fusion", "late", "refined", "torchscript", "onnx", a path to a plugin
+  /// (*.so), or "exec:" and a command (detection/process_detector.h).
   std::string detector = "fusion";
   /// Empty: the shipped ones, DETECTOR-RIG.weights. kRealWeights: those fine-tuned on real frames,
   /// DETECTOR-RIG-real.weights.
@@ -241,8 +241,9 @@ template <class Visitor, FieldsOf<DetectorOptions> S>
 void visit_fields(Visitor& visit, S& s) {
   visit(
       {.name = "detector",
-       .help = "lidar, camera, painted, fusion, late, refined, torchscript, a plugin (*.so), or a program of "
-               "yours: \"exec:python3 my_detector.py\""},
+       .help =
+           "lidar, camera, painted, fusion, late, refined, torchscript, onnx, a plugin (*.so), or a program "
+           "of yours: \"exec:python3 my_detector.py\""},
       s.detector);
   visit({.name = "weights",
          .help = "weights file (default: the shipped ones for the data set's rig), or real: the shipped ones "

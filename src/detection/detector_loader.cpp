@@ -38,8 +38,9 @@ fs::path plugin_file(const DetectorOptions& options) {
   for (const ShippedPlugin& shipped : shipped_plugins(kDetectorPlugins))
     known.insert(known.end(), shipped.words.begin(), shipped.words.end());
   if (plugin || known.empty())
-    throw InputError(plugin ? plugin->file.string() : built_file("plugins").string(), "",
-                     "the detector plugin is missing", "build it with MIRAGE_DETECTORS=ON (make build)");
+    throw InputError(
+        plugin ? plugin->file.string() : built_file("plugins").string(), "", "the detector plugin is missing",
+        "build it with MIRAGE_DETECTORS=ON (make build); onnx takes Debian 13's libonnxruntime-dev");
   throw unknown_word("detector", options.detector, known, "a plugin (*.so)");
 }
 
@@ -245,9 +246,9 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
                      "there are no shipped weights of " + weights_name(options) + " for the rig " +
                          options.rig + " that were fine-tuned on real frames",
                      "leave --weights out, or give a file (one named real as ./real)");
-  if (options.weights.empty() && options.detector == "torchscript")
-    throw FieldError("weights", "", "a torchscript detector has no shipped weights",
-                     "name the model that you exported: --weights MODEL.pt");
+  if (options.weights.empty() && is_shipped_detector(options.detector) && weights_are_code(options.detector))
+    throw FieldError("weights", "", "the detector " + options.detector + " is a model of yours",
+                     "name the file that you exported: --weights MODEL");
   const std::string missing =
       "no shipped weights of " + weights_name(options) + " for the rig " + options.rig;
   if (options.weights.empty() && word.empty())

@@ -15,8 +15,8 @@ inline bool is_shipped_detector(const std::string& word) {
   return shipped_plugin(kDetectorPlugins, word) != nullptr;
 }
 
-/// Whether the weights of such a detector may run code when they are loaded: TorchScript is a program, and
-/// nobody knows what somebody else's plugin does with its.
+/// Whether the weights of such a detector may run code when they are loaded: TorchScript is a program, ONNX
+/// files are read by a library that Mirage does not guard, and nobody knows what somebody else's plugin does.
 inline bool weights_are_code(const std::string& detector) {
   const ShippedPlugin* plugin = shipped_plugin(kDetectorPlugins, detector);
   return plugin == nullptr || plugin->weights_are_code;

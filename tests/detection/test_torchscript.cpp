@@ -249,7 +249,7 @@ TEST(TorchScript, IsCodeAndWeightsAreNot) {
 TEST(TorchScript, NeedsAModelAndDoesNotTrain) {
   DetectorOptions options;
   options.detector = "torchscript";
-  EXPECT_THAT(test::error_text<InputError>([&] { load_detector(options); }), HasSubstr("--weights MODEL.pt"));
+  EXPECT_THAT(test::error_text<InputError>([&] { load_detector(options); }), HasSubstr("--weights MODEL"));
   options.fresh = true;
   EXPECT_THAT(test::error_text<InputError>([&] { load_detector(options); }), HasSubstr("trained in PyTorch"));
   const auto detector = load("works");

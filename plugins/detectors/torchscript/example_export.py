@@ -3,6 +3,8 @@
     python3 example_export.py MODEL.pt
     mirage detect --data DIR --detector torchscript --weights MODEL.pt --out OUT
 
+MODEL.onnx writes the same network for --detector onnx.
+
 src/guide/attack.md says what a model must take and return.
 """
 
@@ -70,6 +72,23 @@ class ExampleDetector(nn.Module):
         return boxes, maps[0] - 2  # logits: before the sigmoid, and before suppression of overlapping boxes
 
 
+def write_onnx(detector, file):
+    """Sides that differ from frame to frame are dynamic axes; the region travels in the file's metadata."""
+    import onnx
+
+    example = (torch.rand(64, 96, 3), torch.rand(50, 4) + torch.tensor([10.0, 0.0, -1.0, 0.0]), torch.eye(3, 4))
+    axes = {"image": {0: "H", 1: "W"}, "points": {0: "N"}, "boxes": {0: "M"}, "logits": {0: "M"}}
+    torch.onnx.export(torch.jit.script(detector), example, file, opset_version=16, input_names=["image", "points", "pixel_from_velo"],
+                      output_names=["boxes", "logits"], dynamic_axes=axes)
+    model = onnx.load(file)
+    onnx.helper.set_model_props(model, {"region": " ".join(map(str, detector.region()))})
+    onnx.save(model, file)
+
+
 if __name__ == "__main__":
     torch.manual_seed(0)
-    torch.jit.script(ExampleDetector().eval()).save(sys.argv[1])
+    model = ExampleDetector().eval()
+    if sys.argv[1].endswith(".onnx"):
+        write_onnx(model, sys.argv[1])
+    else:
+        torch.jit.script(model).save(sys.argv[1])

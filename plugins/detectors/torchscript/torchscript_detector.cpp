@@ -11,6 +11,7 @@
 
 #include "../../c_interface.h"
 #include "../../torch_threads.h"
+#include "../probe_scene.h"
 
 namespace mirage::torchscript {
 namespace {
@@ -251,25 +252,15 @@ void TorchScriptDetector::backward(std::span<const float> d_logits, float* d_ima
 }
 
 void TorchScriptDetector::probe() {
-  // A grey picture of KITTI's size and points on a road and a wall ahead, all in view.
+  const ProbeScene scene;
   MirageSensorInput input{};
-  std::vector<float> image(std::size_t{375} * 1242 * 3, 0.2f), points;
-  for (std::size_t i = 0; i < image.size(); i += 7) image[i] = 0.1f + static_cast<float>(i % 11) / 20;
-  for (int i = 0; i < 40; ++i)
-    for (int k = -20; k <= 20; ++k) {
-      const float x = 8 + static_cast<float>(i), y = 0.015f * x * static_cast<float>(k);
-      points.insert(points.end(),
-                    {x, y, -1.7f, 0.3f, 30.f, 0.5f * static_cast<float>(k), -1 + 0.05f * i, 0.2f});
-    }
-  input.image = image.data();
-  input.width = 1242;
-  input.height = 375;
-  input.points = points.data();
-  input.point_count = static_cast<std::int64_t>(points.size() / 4);
-  const double projection[] = {609.6, -721.5, 0, 0, 172.9, 0, -721.5, 0, 1, 0, 0, 0};
-  std::copy(std::begin(projection), std::end(projection), input.pixel_from_velo);
+  input.image = scene.image.data();
+  input.width = scene.width, input.height = scene.height;
+  input.points = scene.points.data();
+  input.point_count = static_cast<std::int64_t>(scene.points.size() / 4);
+  std::copy(scene.pixel_from_ego.begin(), scene.pixel_from_ego.end(), input.pixel_from_velo);
   const std::size_t proposal_count = forward(input, 0, true).size();
-  std::vector<float> d_image(image.size()), d_points(points.size());
+  std::vector<float> d_image(scene.image.size()), d_points(scene.points.size());
   backward(std::vector<float>(proposal_count, 1), d_image.data(), d_points.data());
   logits_ = image_ = points_ = Tensor();
 }
