@@ -13,8 +13,8 @@
 #include <vector>
 
 #include "base/error.h"
+#include "sensors/simd_targets.h"
 
-#define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "sensors/ray_pencil.cpp"
 // clang-format off

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <limits>
 
-// The state of a sample is kept in arrays of vectors, which types without a fixed size do not allow.
-#define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
+#include "sensors/simd_targets.h"
+
 // With the emulated target too, which every machine can run and tests compare with.
 #define HWY_COMPILE_ALL_ATTAINABLE
 #undef HWY_TARGET_INCLUDE
