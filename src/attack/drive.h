@@ -5,26 +5,19 @@
 //
 // Vehicles are cars and vans that the data set follows through at least `least_frames` frames in the
 // detector's region. The object rides on the vehicle's smoothed track (attack/vehicle_drive.h). Frames in
-// which the vehicle is not labelled are as recorded. The tracker works in a world laid flat: x, y and heading
-// move with the car's pose, heights are over the car's road, because a detector's boxes follow the road and
-// not the horizon.
+// which the vehicle is not labelled are as recorded.
 #pragma once
 
 #include <filesystem>
-#include <nlohmann/json.hpp>
 #include <optional>
-#include <set>
-#include <span>
-#include <string>
-#include <utility>
 #include <vector>
 
+#include "attack/drive_result.h"
 #include "attack/evaluation.h"
 #include "attack/object_renderer.h"
 #include "attack/vehicle_drive.h"
 #include "base/provenance.h"
 #include "scene/data/sequences.h"
-#include "tracking/track_scores.h"
 #include "tracking/tracker.h"
 
 namespace mirage {
@@ -54,10 +47,11 @@ void visit_fields(Visitor& visit, S& s) {
 /// width, height, yaw (m, rad, ego frame), score.
 inline constexpr const char* kDetections = "detections";
 
-/// Vehicles of a drive, by sequence and identity.
-using DriveVehicles = std::set<std::pair<std::string, int>>;
+/// What Interrupted says after Ctrl-C.
+inline constexpr const char* kVehiclesKept =
+    "finished vehicles are kept; run the same command again to go on";
 
-/// What all vehicles are judged with.
+/// A drive to be judged.
 struct DriveRequest {
   std::filesystem::path data;
   std::vector<Sequence> sequences;
@@ -77,45 +71,10 @@ struct DriveRequest {
   Provenance made_of;
 };
 
-/// A drive, judged.
-struct DriveResult {
-  std::vector<VehicleDrive> vehicles;  ///< by sequence, then by identity
-  TrackScores clean;  ///< of tracks of cars and vans as recorded, at an IoU of 0.5 from above
-  int frames = 0;
-};
-
 /// InputError if the detector finds boxes in the picture alone, if no vehicle has frames enough, and for a
 /// tracker that does not read kDetections alone, remembers nothing or gives a box no identity. After Ctrl-C,
 /// Interrupted: finished vehicles are kept. Ranks share the vehicles. Results do not depend on the number of
 /// detectors or ranks.
 DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request);
-
-/// {vehicles: as to_json(VehicleDrive), gap_s, track_gap_s, confirmed_m: medians over vehicles {clean,
-/// attacked, random, attacked_less_clean, attacked_less_random: {value, low, high}} (median_interval; a
-/// vehicle that is never confirmed counts as confirmed at 0 m), later_m: {vehicles, than_clean, than_random}:
-/// by how many metres less far the attacked one is confirmed, over those that come nearer, near: {metres,
-/// vehicles: first seen beyond, clean, …: of these, not confirmed before}, never_confirmed: {clean, …},
-/// deaths:
-/// [{death, track_gap_s: medians, phantom_share: of the frames}] for kDeaths, roof: medians of
-/// Ride's figures, survival:
-/// [{seconds, clean, attacked, random: share of vehicles with a gap of so long or more}], tracker:
-/// TrackScores as recorded, frames}
-nlohmann::json to_json(const DriveResult& result);
-
-/// At most `count` vehicles, those of the longest gap that the object adds to the recorded one. Only where it
-/// adds any.
-DriveVehicles longest_hidden(const DriveResult& result, int count);
-/// The same vehicles by another renderer: {vehicles: [as above], gap_s, track_gap_s: medians as above,
-/// raster_gap_s: the same of `plain`, kept: {value, low, high}: what the object adds to the gaps, as a share
-/// of what it adds in `plain`}. They were chosen for their gaps in `plain`, so kept is rather too low.
-nlohmann::json by_renderer(const DriveResult& result, const DriveResult& plain);
-
-/// The ride of a vehicle over its track, given the label that it has in each frame.
-Ride ride(FrameStore& store, std::span<const std::pair<Moment, HostId>> frames);
-
-/// The box in the flat world, or back with the inverse: `pose` moves x, y and heading alone.
-Box3 moved_flat(const Box3& box, const Transform& pose);
-/// world_from_ego, or its inverse, laid flat.
-Transform laid_flat(const Transform& pose);
 
 }  // namespace mirage

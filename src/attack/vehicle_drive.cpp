@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <tuple>
 
 #include "base/angles.h"
 #include "base/fields.h"
@@ -42,9 +41,9 @@ Transform usual_roof(const std::vector<RideFrame>& frames) {
   return upright_pose(Vec3d(usual[0], usual[1], usual[2]), usual[3]);
 }
 
-/// See Ride::in_box_m.
-std::pair<double, double> spread_in_boxes(const std::vector<RideFrame>& frames,
-                                          const std::vector<Carrier>& carriers) {
+/// See RideFit::in_box_m.
+void spread_in_boxes(const std::vector<RideFrame>& frames, const std::vector<Carrier>& carriers,
+                     RideFit& fit) {
   std::vector<Eigen::Vector4d> places;
   Eigen::Vector4d mean = Eigen::Vector4d::Zero();
   for (std::size_t i = 0; i < frames.size(); ++i) {
@@ -59,7 +58,8 @@ std::pair<double, double> spread_in_boxes(const std::vector<RideFrame>& frames,
     turns += (place - mean)[3] * (place - mean)[3];
   }
   const auto count = static_cast<double>(frames.size());
-  return {std::sqrt(squares / count), std::sqrt(turns / count)};
+  fit.in_box_m = std::sqrt(squares / count);
+  fit.in_box_deg = std::sqrt(turns / count) / kDegree;
 }
 
 }  // namespace
@@ -107,7 +107,7 @@ Ride ride(const std::vector<RideFrame>& frames) {
       carrier.shape = std::make_shared<const Mesh>(std::move(mesh));
     }
     if (!carrier.from_box) {
-      ++track.fitted;
+      ++track.fit.fitted;
       squares += (measured[i].position - place.position).squaredNorm();
       const double turn = wrap_angle(measured[i].yaw - place.yaw);
       turns += turn * turn;
@@ -118,12 +118,18 @@ Ride ride(const std::vector<RideFrame>& frames) {
     track.carriers.push_back(std::move(carrier));
     track.velocities.push_back(place.velocity);
   }
-  std::tie(track.in_box_m, track.in_box_rad) = spread_in_boxes(frames, track.carriers);
-  track.residual_m = std::sqrt(squares / std::max(1, track.fitted));
-  track.residual_rad = std::sqrt(turns / std::max(1, track.fitted));
-  track.fit_jitter_m = jitter(found, times);
-  track.jitter_m = jitter(smoothed, times);
+  spread_in_boxes(frames, track.carriers, track.fit);
+  track.fit.residual_m = std::sqrt(squares / std::max(1, track.fit.fitted));
+  track.fit.residual_deg = std::sqrt(turns / std::max(1, track.fit.fitted)) / kDegree;
+  track.fit.fit_jitter_m = jitter(found, times);
+  track.fit.jitter_m = jitter(smoothed, times);
   return track;
+}
+
+Ride ride(FrameStore& store, std::span<const std::pair<Moment, HostId>> frames) {
+  std::vector<RideFrame> found;
+  for (const auto& [moment, host] : frames) found.push_back({moment, store.placement(host).carrier.value()});
+  return ride(found);
 }
 
 namespace {
@@ -175,9 +181,7 @@ constexpr int kMostOfDrive = 1000000;  // frames, tracks
 DriveOutcome outcome_of(const VehicleDrive& vehicle, DriveVersion version) {
   DriveOutcome outcome;
   const auto& frames = vehicle.frames;
-  const auto sight = [&](std::size_t i) -> const DriveSight& {
-    return frames[i].sights[static_cast<std::size_t>(version)];
-  };
+  const auto sight = [&](std::size_t i) -> const DriveSight& { return frames[i].sights[version]; };
   const std::vector<Stands> stands = stands_of(frames);
   outcome.gap_s = longest_run(stands, [&](std::size_t i) { return !sight(i).found; });
   outcome.track_gap_s =
@@ -203,14 +207,8 @@ nlohmann::json to_json(const VehicleDrive& vehicle) {
                          {"track", vehicle.track},
                          {"type", vehicle.type},
                          {"frames", vehicle.frames.size()},
-                         {"roof",
-                          {{"fitted", vehicle.fitted},
-                           {"residual_m", vehicle.residual_m},
-                           {"residual_deg", vehicle.residual_deg},
-                           {"fit_jitter_m", vehicle.fit_jitter_m},
-                           {"jitter_m", vehicle.jitter_m},
-                           {"in_box_m", vehicle.in_box_m},
-                           {"in_box_deg", vehicle.in_box_deg}}}};
+                         {"roof", {{"fitted", vehicle.roof.fitted}}}};
+  for (const auto& [key, number] : kRideNumbers) json["roof"][key] = vehicle.roof.*number;
   auto& strip = json["strip"];
   strip["index"] = nlohmann::json::array();
   for (const DriveFrame& frame : vehicle.frames) strip["index"].push_back(frame.index);
@@ -247,11 +245,10 @@ nlohmann::json to_json(const VehicleDrive& vehicle) {
     strip[name] = {{"found", found}, {"track", track}, {"phantoms", phantoms}, {"in_lane", in_lane}};
   }
   for (std::size_t d = 0; d < kDeaths.size(); ++d) {
-    auto& at = json["deaths"][std::to_string(kDeaths[d])];
-    for (std::size_t v = 0; v < kDriveVersions.size(); ++v) {
-      at["track_gap_s"][kDriveVersions[v]] = vehicle.deaths[d].track_gap_s[v];
-      at["phantom_frames"][kDriveVersions[v]] = vehicle.deaths[d].phantom_frames[v];
-    }
+    const DeathOutcome& of = vehicle.deaths[d];
+    json["deaths"][std::to_string(kDeaths[d])] = {
+        {"track_gap_s", by_version([&](DriveVersion version) { return of.track_gap_s[version]; })},
+        {"phantom_frames", by_version([&](DriveVersion version) { return of.phantom_frames[version]; })}};
   }
   return json;
 }
@@ -262,14 +259,8 @@ VehicleDrive read_vehicle_drive(const JsonFields& json) {
   vehicle.type = json.text("type");
   vehicle.track = json.count("track");
   const JsonFields roof = json.object("roof"), strip = json.object("strip");
-  vehicle.fitted = roof.count("fitted", kMostOfDrive);
-  for (const auto& [key, number] :
-       {std::pair("residual_m", &VehicleDrive::residual_m),
-        std::pair("residual_deg", &VehicleDrive::residual_deg),
-        std::pair("fit_jitter_m", &VehicleDrive::fit_jitter_m),
-        std::pair("jitter_m", &VehicleDrive::jitter_m), std::pair("in_box_m", &VehicleDrive::in_box_m),
-        std::pair("in_box_deg", &VehicleDrive::in_box_deg)})
-    vehicle.*number = roof.number(key, 0, Range::kMost);
+  vehicle.roof.fitted = roof.count("fitted", kMostOfDrive);
+  for (const auto& [key, number] : kRideNumbers) vehicle.roof.*number = roof.number(key, 0, Range::kMost);
   const auto count = static_cast<std::size_t>(json.count("frames", kMostOfDrive));
   vehicle.frames.resize(count);
   const std::vector<double> index = strip.numbers("index", count, 0, kMostOfDrive);

@@ -4,13 +4,16 @@
 #pragma once
 
 #include <array>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
+#include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/json_fields.h"
+#include "frames/frame_store.h"
 #include "scene/carrier.h"
 
 namespace mirage {
@@ -21,21 +24,33 @@ struct RideFrame {
   Carrier carrier;
 };
 
-/// The vehicle over its track, and what the smoothing did.
-struct Ride {
-  std::vector<Carrier> carriers;  ///< one a frame; the labelled box and a fitted shape move with the roof
-  std::vector<Vec3d> velocities;  ///< of the roof in the world, m/s
-  int fitted = 0;                 ///< frames whose roof was fitted
-  double residual_m = 0, residual_rad = 0;  ///< RMS of the fitted roofs around the smoothed ones
+/// How smooth a vehicle's track is, and how far the roofs are from it.
+struct RideFit {
+  int fitted = 0;                           ///< frames whose roof was fitted
+  double residual_m = 0, residual_deg = 0;  ///< RMS of the fitted roofs around the smoothed ones
   double fit_jitter_m = 0, jitter_m = 0;    ///< of the roofs as found, and smoothed (tracking/smoother.h)
   /// RMS of the smoothed roofs around their mean place in the boxes as labelled: where labels are true, how
   /// far the object moves on its roof.
-  double in_box_m = 0, in_box_rad = 0;
+  double in_box_m = 0, in_box_deg = 0;
+};
+/// Its numbers by their keys in result.json.
+inline constexpr std::pair<const char*, double RideFit::*> kRideNumbers[] = {
+    {"residual_m", &RideFit::residual_m},     {"residual_deg", &RideFit::residual_deg},
+    {"fit_jitter_m", &RideFit::fit_jitter_m}, {"jitter_m", &RideFit::jitter_m},
+    {"in_box_m", &RideFit::in_box_m},         {"in_box_deg", &RideFit::in_box_deg}};
+
+/// The vehicle over its track.
+struct Ride {
+  std::vector<Carrier> carriers;  ///< one a frame; the labelled box and a fitted shape move with the roof
+  std::vector<Vec3d> velocities;  ///< of the roof in the world, m/s
+  RideFit fit;
 };
 
 /// Frames by rising time. The roof's place in the labelled box is the median of the fitted ones, or of all if
 /// none is fitted. Where a frame's roof is not fitted that place stands in for it, with a larger σ.
 Ride ride(const std::vector<RideFrame>& frames);
+/// With the roofs of the store, given the vehicle's label in each frame.
+Ride ride(FrameStore& store, std::span<const std::pair<Moment, HostId>> frames);
 
 // One vehicle of a drive in three versions: as recorded (clean), with the object (attacked), and with a
 // random object of its size (random). What was seen of it frame by frame, and what follows in seconds and
@@ -46,19 +61,33 @@ Ride ride(const std::vector<RideFrame>& frames);
 //   track      one lies on the vehicle once it has the detections of a birth there, since the vehicle is
 //              followed: what was seen of it before, without the object, does not count
 //   confirmed  the first frame in which a confirmed track lies on the vehicle: the time since its first
-//   frame,
-//              and its distance there
+//              frame, and its distance there
 //   reserve    with d the distance to the nearest corner of its box at that moment and v the speed at which
-//   it
-//              comes nearer: d − v² / (2 a) for brakes of a m/s²; below zero: metres short of a stop
+//              it comes nearer: d − v² / (2 a) for brakes of a m/s²; below zero: metres short of a stop
 //   phantom    a confirmed track on no labelled box and, but for the clean version, on no clean detection,
 //              where a thing would have a label: in the picture and in no DontCare region
 
 /// See above.
 enum class DriveVersion { clean, attacked, random };
 inline constexpr std::array<const char*, 3> kDriveVersions = {"clean", "attacked", "random"};
+constexpr auto words_of(DriveVersion) {
+  return kDriveVersions;
+}
+/// One of each.
 template <class T>
-using ByVersion = std::array<T, kDriveVersions.size()>;
+struct ByVersion : std::array<T, kDriveVersions.size()> {
+  using std::array<T, kDriveVersions.size()>::operator[];
+  T& operator[](DriveVersion version) { return (*this)[static_cast<std::size_t>(version)]; }
+  const T& operator[](DriveVersion version) const { return (*this)[static_cast<std::size_t>(version)]; }
+};
+/// {clean, attacked, random} of of(version).
+template <class Of>
+nlohmann::json by_version(const Of& of) {
+  nlohmann::json json;
+  for (std::size_t v = 0; v < kDriveVersions.size(); ++v)
+    json[kDriveVersions[v]] = of(static_cast<DriveVersion>(v));
+  return json;
+}
 
 /// What the tracker says of the vehicle in one frame: a confirmed track lies on it and has a detection; one
 /// lies on it and coasts; none does.
@@ -96,13 +125,14 @@ struct DeathOutcome {
 struct VehicleDrive {
   std::string sequence, type;
   int track = -1;
-  int fitted = 0;  ///< frames with a fitted roof
-  double residual_m = 0, residual_deg = 0, fit_jitter_m = 0, jitter_m = 0, in_box_m = 0,
-         in_box_deg = 0;            ///< as Ride's
+  RideFit roof;
   ByVersion<int> phantom_tracks{};  ///< different ones
   std::vector<DriveFrame> frames;   ///< by rising time
   std::array<DeathOutcome, kDeaths.size()> deaths{};
 };
+
+/// Vehicles of a drive, by sequence and identity.
+using DriveVehicles = std::set<std::pair<std::string, int>>;
 
 /// Decelerations of the reserve, m/s².
 inline constexpr std::array<int, 3> kBrakes = {4, 6, 8};
@@ -123,7 +153,7 @@ struct DriveOutcome {
 };
 DriveOutcome outcome_of(const VehicleDrive& vehicle, DriveVersion version);
 
-/// As in result.json (drive.h), with all that read_vehicle_drive needs.
+/// As in result.json (drive_result.h), with all that read_vehicle_drive needs.
 nlohmann::json to_json(const VehicleDrive& vehicle);
 /// Its inverse. InputError naming file and field for anything else.
 VehicleDrive read_vehicle_drive(const JsonFields& json);

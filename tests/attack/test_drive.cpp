@@ -10,6 +10,7 @@
 
 #include "attack/adversary.h"
 #include "attack/drive.h"
+#include "attack/drive_scene.h"
 #include "attack/tiny_world.h"
 #include "attack/vehicle_drive.h"
 #include "base/angles.h"
@@ -107,7 +108,7 @@ TEST(VehicleDrive, ComesBackFromItsFile) {
   VehicleDrive drive = vehicle("f-f-", "flcf");
   drive.phantom_tracks[2] = 3;
   drive.frames[3].sights[2] = {true, TrackSight::coasting, 2, true};
-  drive.residual_m = 0.02;
+  drive.roof.residual_m = 0.02;
   drive.deaths[1].track_gap_s[2] = 0.7;
   drive.deaths[4].phantom_frames[1] = 3;
   const nlohmann::json written = to_json(drive);
@@ -166,7 +167,7 @@ TEST(Ride, TheObjectRidesOnASmoothRoof) {
   const auto frames = noisy_ride(60, truth);
   const Ride track = ride(frames);
   ASSERT_EQ(track.carriers.size(), 60u);
-  EXPECT_EQ(track.fitted, 48);
+  EXPECT_EQ(track.fit.fitted, 48);
   double squares = 0, turns = 0;
   for (std::size_t i = 0; i < truth.size(); ++i) {
     const Carrier& carrier = track.carriers[i];
@@ -188,13 +189,13 @@ TEST(Ride, TheObjectRidesOnASmoothRoof) {
   }
   EXPECT_LT(std::sqrt(squares / 60), 0.045);  // 3 cm an axis would be 5.2
   EXPECT_LT(std::sqrt(turns / 60), 1 * kDegree);
-  EXPECT_GT(track.fit_jitter_m, 0.05);
-  EXPECT_LT(track.jitter_m, 0.02);
-  EXPECT_LT(track.in_box_m, 0.045);  // these boxes are true
-  EXPECT_GT(track.in_box_m, 0.005);
-  EXPECT_LT(track.in_box_rad, 1 * kDegree);
-  EXPECT_GT(track.residual_m, 0.04);
-  EXPECT_LT(track.residual_m, 0.10);
+  EXPECT_GT(track.fit.fit_jitter_m, 0.05);
+  EXPECT_LT(track.fit.jitter_m, 0.02);
+  EXPECT_LT(track.fit.in_box_m, 0.045);  // these boxes are true
+  EXPECT_GT(track.fit.in_box_m, 0.005);
+  EXPECT_LT(track.fit.in_box_deg, 1);
+  EXPECT_GT(track.fit.residual_m, 0.04);
+  EXPECT_LT(track.fit.residual_m, 0.10);
 }
 
 TEST(Ride, WithoutAnyFitItIsTheBoxsRoof) {
@@ -202,7 +203,7 @@ TEST(Ride, WithoutAnyFitItIsTheBoxsRoof) {
   auto frames = noisy_ride(10, truth);
   for (RideFrame& frame : frames) frame.carrier = BoxRoofFinder().find(Frame(), frame.carrier.label);
   const Ride track = ride(frames);
-  EXPECT_EQ(track.fitted, 0);
+  EXPECT_EQ(track.fit.fitted, 0);
   for (std::size_t i = 0; i < frames.size(); ++i)
     EXPECT_LT(
         (track.carriers[i].velo_from_roof.translation() - frames[i].carrier.velo_from_roof.translation())

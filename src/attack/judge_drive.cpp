@@ -1,0 +1,396 @@
+#include "attack/drive.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <utility>
+
+#include "attack/drive_scene.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "base/interrupt.h"
+#include "base/names.h"
+#include "base/progress.h"
+#include "base/ranks.h"
+#include "detection/average_precision.h"
+#include "scene/data/kitti_results.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kHalfLane = 1.75;  // m to each side of straight ahead
+/// Vehicles that are judged together: they share what a detector makes of their frames as recorded, and an
+/// interruption loses all of them.
+constexpr std::size_t kTogether = 8;
+
+/// A vehicle of a sequence: its frames, and its label in each.
+struct Followed {
+  int track = -1;
+  std::vector<std::size_t> frames;  ///< by place in the sequence
+  std::vector<int> labels;          ///< by place in that frame
+
+  const BevBox& box(const DriveScene& scene, std::size_t i) const {
+    return scene.frames()[frames[i]].labels[static_cast<std::size_t>(labels[i])].box.bev;
+  }
+};
+
+/// Whether it is a car or van that the data set follows, inside the detector's region (x_min, x_max, y_min,
+/// y_max; m).
+bool is_judged(const Label& label, const std::array<double, 4>& region) {
+  const BevBox& box = label.box.bev;
+  return label.track >= 0 && has_box(label) && (label.type == "Car" || label.type == "Van") &&
+         box.x >= region[0] && box.x <= region[1] && box.y >= region[2] && box.y <= region[3];
+}
+
+std::vector<Followed> vehicles_of(const std::vector<SceneFrame>& scene, const std::array<double, 4>& region,
+                                  int least_frames) {
+  std::map<int, Followed> followed;
+  for (std::size_t i = 0; i < scene.size(); ++i)
+    for (std::size_t k = 0; k < scene[i].labels.size(); ++k) {
+      const Label& label = scene[i].labels[k];
+      if (!is_judged(label, region)) continue;
+      Followed& vehicle = followed[label.track];
+      if (!vehicle.frames.empty() && vehicle.frames.back() == i)
+        throw InputError("frame " + scene[i].id, "labels",
+                         fmt::format("two are of the identity {}", label.track), "correct the labels");
+      vehicle.track = label.track;
+      vehicle.frames.push_back(i);
+      vehicle.labels.push_back(static_cast<int>(k));
+    }
+  std::vector<Followed> long_enough;
+  for (auto& [track, vehicle] : followed)
+    if (static_cast<int>(vehicle.frames.size()) >= least_frames) long_enough.push_back(std::move(vehicle));
+  return long_enough;
+}
+
+/// InputError where it is no tracker.
+void check_tracker(const Detector& tracker) {
+  const Capabilities can = tracker.capabilities();
+  if (can.reads_image || can.reads_points || can.reads != std::vector<std::string>{kDetections})
+    throw InputError("--tracker", tracker.name(), "does not read detections alone",
+                     "let it say reads = (\"detections\",)");
+  if (!can.remembers)
+    throw InputError("--tracker", tracker.name(), "remembers nothing",
+                     "give it new_sequence(), which is called where a sequence begins");
+}
+
+/// Whether a thing there would have a label: the picture shows the middle of its box, and no DontCare region
+/// holds half of it or more.
+bool would_be_labelled(const Box3& box, const SceneFrame& frame) {
+  const auto seen = projected(box, frame.calibration);
+  if (!seen) return false;
+  const PinholeCamera& camera = frame.calibration.camera;
+  const Vec3d middle =
+      frame.calibration.camera_from_velo * Vec3d(box.bev.x, box.bev.y, box.bottom + 0.5 * box.height);
+  if (middle.z() <= 0) return false;
+  const Vec2d pixel = camera.project<double>(middle);
+  if (!(pixel.x() >= 0 && pixel.x() <= camera.width - 1 && pixel.y() >= 0 && pixel.y() <= camera.height - 1))
+    return false;
+  return std::none_of(frame.labels.begin(), frame.labels.end(), [&](const Label& label) {
+    return label.type == "DontCare" && intersection_area(*seen, picture_box(label)) >= area(*seen) / 2;
+  });
+}
+
+bool is_phantom(const Box3& box, const SceneFrame& frame, DriveVersion version) {
+  const auto touches = [&](const Box3& other) { return iou(box.bev, other.bev) > 0; };
+  return would_be_labelled(box, frame) &&
+         std::none_of(frame.labels.begin(), frame.labels.end(),
+                      [&](const Label& label) { return has_box(label) && touches(label.box); }) &&
+         (version == DriveVersion::clean ||
+          std::none_of(frame.clean.begin(), frame.clean.end(),
+                       [&](const Detection& detection) { return touches(detection.box); }));
+}
+
+/// Velocity of the car in the world at one of two frames or more, m/s.
+Vec3d ego_velocity(const std::vector<SceneFrame>& frames, std::size_t i) {
+  const Moment &before = frames[i > 0 ? i - 1 : 0].moment,
+               &after = frames[std::min(i + 1, frames.size() - 1)].moment;
+  return (after.world_from_ego.translation() - before.world_from_ego.translation()) /
+         (after.time - before.time);
+}
+
+/// What one version shows of the vehicle.
+void set_sights(DriveVersion version, const DriveScene& scene, const Followed& followed, const Sights& sights,
+                const Tracks& tracks, int birth, VehicleDrive& vehicle) {
+  const HidingRule& rule = kHidingRules.front();
+  std::set<int> phantoms;
+  std::map<int, int> hits;  // of tracks on the vehicle, since it carries the object
+  for (std::size_t i = 0; i < followed.frames.size(); ++i) {
+    const std::size_t at = followed.frames[i];
+    const BevBox& box = followed.box(scene, i);
+    DriveSight& sight = vehicle.frames[i].sights[version] = {};
+    for (const Detection& detection : sights[at])
+      sight.found = sight.found || iou(detection.box.bev, box) > rule.iou;
+    for (const TrackState& track : tracks[at]) {
+      if (iou(track.box.bev, box) > rule.iou) {
+        hits[track.id] += track.detection >= 0;
+        if (!track.confirmed || hits[track.id] < birth) continue;
+        if (track.detection >= 0)
+          sight.track = TrackSight::found;
+        else if (sight.track == TrackSight::lost)
+          sight.track = TrackSight::coasting;
+      } else if (track.confirmed && is_phantom(track.box, scene.frames()[at], version)) {
+        ++sight.phantoms;
+        phantoms.insert(track.id);
+        const BevBox& where = track.box.bev;
+        sight.phantom_in_lane = sight.phantom_in_lane || (where.x > 0 && std::abs(where.y) < kHalfLane);
+      }
+    }
+  }
+  vehicle.phantom_tracks[version] = static_cast<int>(phantoms.size());
+}
+
+/// To a millimetre.
+nlohmann::json row_of(const Box3& box, double last) {
+  nlohmann::json row;
+  for (const double value :
+       {box.bev.x, box.bev.y, box.bottom, box.bev.length, box.bev.width, box.height, box.bev.yaw, last})
+    row.push_back(std::round(1e3 * value) / 1e3);
+  return row;
+}
+
+/// See DriveRequest::folder.
+nlohmann::json shown(const DriveScene& scene, const Followed& followed, const Sights& sights,
+                     const Tracks& tracks) {
+  nlohmann::json json = {{"boxes", nlohmann::json::array()}, {"tracks", nlohmann::json::array()}};
+  for (const std::size_t at : followed.frames) {
+    auto boxes = nlohmann::json::array(), of_tracks = nlohmann::json::array();
+    for (const Detection& found : sights[at])
+      boxes.push_back(row_of(scene.upright(found.box), found.score()));
+    for (const TrackState& track : tracks[at]) {
+      if (!track.confirmed) continue;
+      of_tracks.push_back(row_of(track.box, track.detection >= 0 ? 1 : 0));
+      of_tracks.back().insert(of_tracks.back().begin(), track.id);
+    }
+    json["boxes"].push_back(boxes);
+    json["tracks"].push_back(of_tracks);
+  }
+  return json;
+}
+
+/// A vehicle's ride through its scene, and where it is in it.
+struct Driver {
+  Ride ride;
+  Riders riders;
+};
+
+Driver driver_of(FrameStore& store, const DriveScene& scene, const Followed& followed) {
+  std::vector<std::pair<Moment, HostId>> frames;
+  for (std::size_t i = 0; i < followed.frames.size(); ++i) {
+    const SceneFrame& frame = scene.frames()[followed.frames[i]];
+    frames.push_back({frame.moment, {frame.id, followed.labels[i]}});
+  }
+  Driver driver{ride(store, frames), Riders(scene.frames().size())};
+  for (std::size_t i = 0; i < frames.size(); ++i)
+    driver.riders[followed.frames[i]] = {&driver.ride.carriers[i], frames[i].second};
+  return driver;
+}
+
+/// All but what was seen of it.
+VehicleDrive unseen_drive(const DriveScene& scene, const Followed& followed, const Ride& ridden) {
+  VehicleDrive vehicle;
+  vehicle.sequence = scene.name();
+  vehicle.track = followed.track;
+  vehicle.type = ridden.carriers.front().label.type;
+  vehicle.roof = ridden.fit;
+  for (std::size_t i = 0; i < followed.frames.size(); ++i) {
+    const std::size_t at = followed.frames[i];
+    const Moment& moment = scene.frames()[at].moment;
+    const BevBox& box = followed.box(scene, i);
+    DriveFrame frame;
+    frame.index = moment.index;
+    frame.time = moment.time;
+    frame.range = std::hypot(box.x, box.y);
+    frame.nearest = frame.range;
+    for (const Vec2d& corner : corners(box)) frame.nearest = std::min(frame.nearest, corner.norm());
+    const Vec3d relative = moment.world_from_ego.linear().transpose() *
+                           (ridden.velocities[i] - ego_velocity(scene.frames(), at));
+    if (frame.range > 0) frame.closing = -(relative.x() * box.x + relative.y() * box.y) / frame.range;
+    vehicle.frames.push_back(frame);
+  }
+  return vehicle;
+}
+
+/// Where a finished vehicle is kept; empty: nowhere.
+fs::path file_of(const DriveRequest& request, const DriveScene& scene, int track) {
+  if (request.folder.empty()) return {};
+  return request.folder / fmt::format("{}_{}.json", escape_name(scene.name()), track);
+}
+
+/// The vehicle's stored result if it is of the same key and whole; none otherwise.
+std::optional<VehicleDrive> stored_vehicle(const fs::path& file, const std::string& key) {
+  if (file.empty() || !fs::exists(file)) return std::nullopt;
+  try {
+    const nlohmann::json stored = read_json(file);
+    const JsonFields fields(file, stored, "delete the file");
+    if (fields.text("key") != key) return std::nullopt;
+    return read_vehicle_drive(fields);
+  } catch (const InputError& damaged) {
+    spdlog::warn("{}", damaged.what());
+    return std::nullopt;
+  }
+}
+
+/// A vehicle of a scene, and its place in the result.
+struct Judged {
+  const Followed* followed = nullptr;
+  VehicleDrive* vehicle = nullptr;
+};
+
+/// Vehicles of one scene, together: each into its place, and kept.
+void judge_vehicles(FrameStore& store, const DriveRequest& request, const DriveScene& scene,
+                    const std::vector<Judged>& together, const std::function<void()>& frame_done) {
+  const std::array objects = {std::pair(DriveVersion::attacked, &request.object),
+                              std::pair(DriveVersion::random, &request.random)};
+  std::vector<Driver> drivers;
+  for (const Judged& judged : together) drivers.push_back(driver_of(store, scene, *judged.followed));
+  std::vector<Pass> passes;
+  for (const Driver& driver : drivers)
+    for (const auto& [version, object] : objects) passes.push_back({&driver.riders, object});
+  const std::vector<Sights> seen = scene.see(passes, frame_done);
+  Sights as_recorded;
+  for (const SceneFrame& frame : scene.frames()) as_recorded.push_back(frame.clean);
+  for (std::size_t k = 0; k < together.size(); ++k) {
+    const Followed& followed = *together[k].followed;
+    VehicleDrive vehicle = unseen_drive(scene, followed, drivers[k].ride);
+    nlohmann::json showed;
+    const auto judge = [&](DriveVersion version, const Sights& sights, const Tracks& tracks,
+                           const auto& tracks_at) {
+      set_sights(version, scene, followed, sights, tracks, scene.birth(), vehicle);
+      showed[to_word(version)] = shown(scene, followed, sights, tracks);
+      VehicleDrive other = vehicle;
+      for (std::size_t d = 0; d < kDeaths.size(); ++d) {
+        set_sights(version, scene, followed, sights, tracks_at(d), request.settings.tracker.birth, other);
+        const DriveOutcome outcome = outcome_of(other, version);
+        vehicle.deaths[d].track_gap_s[version] = outcome.track_gap_s;
+        vehicle.deaths[d].phantom_frames[version] = outcome.phantom_frames;
+      }
+    };
+    judge(DriveVersion::clean, as_recorded, scene.clean_tracks(),
+          [&](std::size_t d) { return scene.clean_by_death()[d]; });
+    for (std::size_t o = 0; o < objects.size(); ++o) {
+      const Sights& sights = seen[k * objects.size() + o];
+      judge(objects[o].first, sights, scene.follow(sights),
+            [&](std::size_t d) { return scene.follow(sights, kDeaths[d]); });
+    }
+    if (const fs::path file = file_of(request, scene, followed.track); !file.empty()) {
+      nlohmann::json kept = to_json(vehicle);
+      kept["key"] = request.made_of.identity();
+      kept["shown"] = std::move(showed);
+      write_json(file, kept);
+    }
+    *together[k].vehicle = std::move(vehicle);
+  }
+}
+
+/// Truths and tracks of a sequence as recorded. Identities of several sequences are kept apart by `sequence`.
+void add_track_frames(const DriveScene& scene, const std::array<double, 4>& region, int sequence,
+                      std::vector<TrackFrame>& frames) {
+  constexpr int kTracksOfSequence = 1 << 20;
+  for (std::size_t i = 0; i < scene.frames().size(); ++i) {
+    std::vector<BevBox> boxes, tracks;
+    TrackFrame frame;
+    for (const Label& label : scene.frames()[i].labels)
+      if (is_judged(label, region)) {
+        frame.truths.push_back(label.track);
+        boxes.push_back(label.box.bev);
+      }
+    for (const TrackState& track : scene.clean_tracks()[i]) {
+      if (!track.confirmed) continue;
+      // As the benchmark has it, what nobody would have labelled is no false alarm.
+      const bool on_truth = std::any_of(boxes.begin(), boxes.end(),
+                                        [&](const BevBox& box) { return iou(box, track.box.bev) > 0; });
+      if (!on_truth && !would_be_labelled(track.box, scene.frames()[i])) continue;
+      frame.tracks.push_back(sequence * kTracksOfSequence + track.id);
+      tracks.push_back(track.box.bev);
+    }
+    frame.similarity = Eigen::MatrixXd::NullaryExpr(
+        static_cast<Eigen::Index>(boxes.size()), static_cast<Eigen::Index>(tracks.size()),
+        [&](Eigen::Index t, Eigen::Index k) {
+          return iou(boxes[static_cast<std::size_t>(t)], tracks[static_cast<std::size_t>(k)]);
+        });
+    frames.push_back(std::move(frame));
+  }
+}
+
+/// Vehicles of one scene that are judged together.
+struct Group {
+  const DriveScene* scene = nullptr;
+  std::size_t first = 0;  ///< its first one's place among all vehicles
+  std::vector<Followed> vehicles;
+};
+
+}  // namespace
+
+DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request) {
+  const Capabilities can = detectors.front()->capabilities();
+  if (!can.finds_bev)
+    throw InputError("--detector", detectors.front()->name(),
+                     "finds boxes in the picture alone, which have no place in the world",
+                     "use a detector of boxes in space: lidar, fusion, …");
+  if (request.tracker) check_tracker(*request.tracker);
+  const auto region = detectors.front()->region();
+  DriveResult result;
+  std::vector<TrackFrame> track_frames;
+  std::vector<DriveScene> scenes;
+  scenes.reserve(request.sequences.size());
+  std::vector<Group> groups;
+  std::size_t vehicles = 0, frames = 0, done = 0;
+  for (const Sequence& sequence : request.sequences) {
+    const DriveScene& scene = scenes.emplace_back(detectors, store, request, sequence);
+    add_track_frames(scene, region, static_cast<int>(scenes.size()) - 1, track_frames);
+    result.frames += static_cast<int>(scene.frames().size());
+    const std::size_t together = scene.needs_all() ? 1 : kTogether;  // each holds its sweeps
+    std::size_t in_group = 0;
+    for (Followed& vehicle : vehicles_of(scene.frames(), region, request.settings.least_frames)) {
+      if (request.only && !request.only->contains({scene.name(), vehicle.track})) continue;
+      frames += vehicle.frames.size();
+      if (in_group++ % together == 0) groups.push_back({&scene, vehicles, {}});
+      groups.back().vehicles.push_back(std::move(vehicle));
+      ++vehicles;
+    }
+  }
+  const std::string key = request.made_of.identity();
+  Progress progress("drive", 2 * frames, request.evaluation.quiet);
+  std::mutex mutex;
+  const auto frame_done = [&] {
+    const std::lock_guard lock(mutex);
+    progress.update(++done);
+  };
+  result.vehicles.resize(vehicles);
+  for (const std::size_t g : order_among_ranks(groups.size())) {
+    throw_if_interrupted(kVehiclesKept);
+    const auto& [scene, first, of_group] = groups[g];
+    std::vector<Judged> fresh;
+    for (std::size_t i = 0; i < of_group.size(); ++i) {
+      const Followed& followed = of_group[i];
+      VehicleDrive& vehicle = result.vehicles[first + i];
+      if (auto stored = stored_vehicle(file_of(request, *scene, followed.track), key)) {
+        progress.update(done += 2 * followed.frames.size());
+        vehicle = std::move(*stored);
+      } else {
+        fresh.push_back({&followed, &vehicle});
+      }
+    }
+    if (!fresh.empty()) judge_vehicles(store, request, *scene, fresh, frame_done);
+  }
+  if (result.vehicles.empty())
+    throw InputError(request.data.string(), "labels",
+                     fmt::format("no car or van is followed through {} frames in the detector's region",
+                                 request.settings.least_frames),
+                     "give more frames or lower --least-frames");
+  result.clean = score_tracks(track_frames);
+  return result;
+}
+
+}  // namespace mirage
