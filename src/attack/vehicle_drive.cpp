@@ -136,10 +136,10 @@ namespace {
 
 constexpr double kAway = 2.5;  // usual steps between frames after which the vehicle was away
 
-/// s that each frame stands for, and whether the next one follows it.
+/// s that each frame stands for, and whether the vehicle is away after it.
 struct Stands {
   double seconds = 0;
-  bool followed = false;
+  bool away = false;
 };
 
 std::vector<Stands> stands_of(const std::vector<DriveFrame>& frames) {
@@ -148,7 +148,7 @@ std::vector<Stands> stands_of(const std::vector<DriveFrame>& frames) {
   const double usual = steps.empty() ? 0 : median_interval(steps).value;
   std::vector<Stands> stands(frames.size(), {usual, false});
   for (std::size_t i = 0; i < steps.size(); ++i)
-    if (steps[i] <= kAway * usual) stands[i] = {steps[i], true};
+    stands[i] = steps[i] <= kAway * usual ? Stands{steps[i], false} : Stands{usual, true};
   return stands;
 }
 
@@ -156,7 +156,7 @@ template <class Lacks>
 double longest_run(const std::vector<Stands>& stands, const Lacks& lacks) {
   double longest = 0, run = 0;
   for (std::size_t i = 0; i < stands.size(); ++i) {
-    if (i > 0 && !stands[i - 1].followed) run = 0;
+    if (i > 0 && stands[i - 1].away) run = 0;
     run = lacks(i) ? run + stands[i].seconds : 0;
     longest = std::max(longest, run);
   }
@@ -213,6 +213,11 @@ nlohmann::json to_json(const VehicleDrive& vehicle) {
   strip["index"] = nlohmann::json::array();
   for (const DriveFrame& frame : vehicle.frames) strip["index"].push_back(frame.index);
   for (const auto& [key, number] : kColumns) strip[key] = column(vehicle.frames, number);
+  strip["stands_s"] = strip["away"] = nlohmann::json::array();
+  for (const auto& [seconds, away] : stands_of(vehicle.frames)) {
+    strip["stands_s"].push_back(seconds);
+    strip["away"].push_back(away ? 1 : 0);
+  }
   for (std::size_t v = 0; v < kDriveVersions.size(); ++v) {
     const std::string name = kDriveVersions[v];
     const DriveOutcome outcome = outcome_of(vehicle, static_cast<DriveVersion>(v));

@@ -153,7 +153,9 @@ struct DriveOutcome {
 };
 DriveOutcome outcome_of(const VehicleDrive& vehicle, DriveVersion version);
 
-/// As in result.json (drive_result.h), with all that read_vehicle_drive needs.
+/// As in result.json (drive_result.h), with all that read_vehicle_drive needs. strip, for those who draw it,
+/// says how long each frame stands (stands_s), and after which the vehicle is away (1, else 0), as gaps are
+/// counted.
 nlohmann::json to_json(const VehicleDrive& vehicle);
 /// Its inverse. InputError naming file and field for anything else.
 VehicleDrive read_vehicle_drive(const JsonFields& json);

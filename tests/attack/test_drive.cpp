@@ -82,6 +82,10 @@ TEST(VehicleDrive, AStretchWithoutALabelEndsAGap) {
   const DriveOutcome of = outcome_of(drive, DriveVersion::clean);
   EXPECT_NEAR(of.gap_s, 0.2, 1e-9);
   EXPECT_NEAR(of.track_gap_s, 0.2, 1e-9);
+  // So it is in the strip, which the pages draw.
+  const nlohmann::json strip = to_json(drive).at("strip");
+  EXPECT_EQ(strip.at("away"), (nlohmann::json{0, 0, 0, 1, 0, 0, 0, 0}));
+  for (const nlohmann::json& seconds : strip.at("stands_s")) EXPECT_NEAR(seconds.get<double>(), 0.1, 1e-9);
 }
 
 TEST(VehicleDrive, WhatGoesAwayHasNoCollisionAndKeepsItsDistance) {

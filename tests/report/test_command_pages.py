@@ -106,10 +106,11 @@ def with_open_ends(value):
     return {"value": value, "low": None if value > 2 else value - 0.1, "high": None if value > 2 else value + 0.4}
 
 
-def vehicle(track, found, states, confirmed):
+def vehicle(track, found, states, confirmed, left=None):
+    """left: the frame after which it is away for three seconds."""
     count = len(found["clean"])
-    strip = {"index": list(range(count)), "time_s": [5 + 0.1 * i for i in range(count)],
-             "range_m": [47 - i for i in range(count)]}
+    strip = {"index": list(range(count)), "time_s": [5 + 0.1 * i + (3 if left is not None and i > left else 0) for i in range(count)],
+             "stands_s": [0.1] * count, "away": [int(i == left) for i in range(count)], "range_m": [47 - i for i in range(count)]}
     for v in VERSIONS:
         strip[v] = {"found": found[v], "track": states[v], "phantoms": [0] * count, "in_lane": [0] * count}
     return {"sequence": "0003", "track": track, "type": "Car", "frames": count, "strip": strip,
@@ -135,7 +136,7 @@ def drive():
         "tracker": {"mota": 0.71, "hota": 0.61, "switches": 2, "fragments": 3},
         "cycles": {"vehicles": [{}], "gap_s": medians, "raster_gap_s": medians, "kept": {"value": 0.9, "low": 0.8, "high": 1.1}},
         "vehicles": [vehicle(1, found, states, {"clean": 2, "attacked": 2, "random": 2}),
-                     vehicle(2, found, {**states, "attacked": "l" * 10}, {"clean": 2, "attacked": None, "random": 2})]}}
+                     vehicle(2, found, {**states, "attacked": "l" * 10}, {"clean": 2, "attacked": None, "random": 2}, left=5)]}}
 
 
 class CommandPage(browser.ReportChecks):
@@ -228,10 +229,28 @@ class DrivePage(CommandPage, unittest.TestCase):
         self.assertAlmostEqual(widths[4] / widths[3], 6, places=1)
         seen = self.browser.run("[...document.querySelector('.strip').querySelectorAll('rect.seen')].length")
         self.assertEqual(seen, 1 + 2 + 2)
+        # While the vehicle is away nothing is drawn.
+        bars = self.browser.run("[...document.querySelectorAll('.strip')[1].querySelectorAll('rect:not(.seen)')].map(r => "
+                                "[r.getAttribute('class'), +r.getAttribute('x'), +r.getAttribute('width')])")
+        self.assertEqual([state for state, *_ in bars], list("lff" + "ll" + "lfclff"))
+        (_, before, wide), (_, after, same) = bars[1:3]
+        self.assertAlmostEqual(wide / same, 1, places=2)
+        self.assertAlmostEqual((after - before) / wide, 3.4 / 0.4, places=1)
         # One that is never confirmed has no circle and a dash.
         circles = self.browser.run("[...document.querySelectorAll('.strip')].map(s => s.querySelectorAll('circle').length)")
         self.assertEqual(circles, [3, 2])
         self.assertIn("with the object – m", self.browser.run("document.querySelectorAll('.strip')[1].textContent"))
+
+    def test_a_result_without_the_strips_seconds_is_refused(self):
+        told = drive()
+        del told["drive"]["vehicles"][1]["strip"]["stands_s"]
+        with tempfile.TemporaryDirectory(prefix="mirage-drive-") as folder:
+            with open(os.path.join(folder, "result.json"), "w", encoding="utf-8") as file:
+                json.dump(told, file)
+            refused = subprocess.run([sys.executable, os.path.join(SOURCE, "validation", "report", "command_page.py"), folder],
+                                     stderr=subprocess.PIPE, text=True)
+        self.assertEqual(refused.returncode, 1)
+        self.assertRegex(refused.stderr, r"^result\.json: .* lacks stands_s; [^\n]*\n$")
 
 
 if __name__ == "__main__":

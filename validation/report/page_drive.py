@@ -2,6 +2,7 @@
 time and, for each version, where it was found, coasting or lost."""
 
 import math
+import sys
 
 import charts
 
@@ -11,27 +12,22 @@ CURVE_LEFT = 52  # px, of the curve's axis
 LEFT, WIDTH, HEIGHT, BAR, GAP = 130, 1000, 90, 12, 5  # px: of names, of the time axis, of the distance, of a bar, between bars
 
 
-def steps(seconds):
-    """Ends of each frame: it stands until the next one; the last as long as the one before."""
-    ends = seconds[1:]
-    return ends + [seconds[-1] + (seconds[-1] - seconds[-2] if len(seconds) > 1 else 0)]
-
-
-def runs(states, starts, ends):
-    """(state, from, to) of frames on end that are of one state."""
+def runs(states, away, starts, ends):
+    """(state, from, to) of frames on end that are of one state; an absence ends one."""
     found = []
-    for state, start, end in zip(states, starts, ends):
-        if found and found[-1][0] == state and found[-1][2] == start:
-            found[-1] = (state, found[-1][1], end)
+    for i, state in enumerate(states):
+        if found and found[-1][0] == state and not away[i - 1]:
+            found[-1] = (state, found[-1][1], ends[i])
         else:
-            found.append((state, start, end))
+            found.append((state, starts[i], ends[i]))
     return found
 
 
 def strip(vehicle):
     """What one vehicle's drawing needs, in pixels."""
     times = [t - vehicle["strip"]["time_s"][0] for t in vehicle["strip"]["time_s"]]
-    ends = steps(times)
+    ends = [t + stands for t, stands in zip(times, vehicle["strip"]["stands_s"])]
+    away = vehicle["strip"]["away"]
     ranges = vehicle["strip"]["range_m"]
     longest = max(ends[-1], 1e-9)
     top = max(10 * math.ceil(max(ranges) / 10), 10)
@@ -50,8 +46,8 @@ def strip(vehicle):
         bars.append({
             "name": NAMES[version], "version": version, "y": at,
             "runs": [{"state": state, "x": x(a), "width": round(x(b) - x(a), 2), "from": a, "to": b}
-                     for state, a, b in runs(of["track"], times, ends)],
-            "found": [{"x": x(a), "width": round(x(b) - x(a), 2)} for state, a, b in runs(of["found"], times, ends) if state == "f"],
+                     for state, a, b in runs(of["track"], away, times, ends)],
+            "found": [{"x": x(a), "width": round(x(b) - x(a), 2)} for state, a, b in runs(of["found"], away, times, ends) if state == "f"],
             "confirmed": None if confirmed is None else {"x": x(confirmed), "y": y(vehicle["confirmed_m"][version])},
         })
     whole = max(1, round(longest / 8))
@@ -82,5 +78,7 @@ def survival(vehicles, width, height):
 
 def values(result):
     drive = result["drive"]
+    if not all("stands_s" in vehicle["strip"] for vehicle in drive["vehicles"]):
+        sys.exit("result.json: drive.vehicles: a strip lacks stands_s; run the same mirage drive again into an empty folder")
     return {"result": result, "drive": drive, "versions": VERSIONS, "names": NAMES, "curve": survival(drive["vehicles"], 620, 260),
             "strips": [strip(vehicle) for vehicle in drive["vehicles"]], "left": LEFT, "width": LEFT + WIDTH + 20, "height": HEIGHT, "bar": BAR}

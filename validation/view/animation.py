@@ -68,15 +68,14 @@ def windows(corners, size):
 
 def part_of(strip, version):
     """The frames that are shown: LONGEST seconds around the longest time in which the version is not found."""
-    times, found = strip["time_s"], strip[version]["found"]
-    best, start = (0, 0, 0), None
-    for i, letter in enumerate(found + "f"):
-        if letter == "f":
-            if start is not None:
-                best = max(best, (times[i - 1] - times[start], start, i - 1))
-            start = None
-        elif start is None:
-            start = i
+    times, best, seconds, start = strip["time_s"], (0, 0, 0), 0, 0
+    for i, (letter, stands) in enumerate(zip(strip[version]["found"], strip["stands_s"])):
+        if letter == "f" or i > 0 and strip["away"][i - 1]:
+            seconds = 0
+        if letter != "f":
+            start = start if seconds else i
+            seconds += stands
+            best = max(best, (seconds, start, i))
     middle = (times[best[1]] + times[best[2]]) / 2
     first = min(max(middle - LONGEST / 2, times[0]), max(times[-1] - LONGEST, times[0]))
     return [i for i, t in enumerate(times) if first <= t <= first + LONGEST]
@@ -84,19 +83,18 @@ def part_of(strip, version):
 
 def bars(draw, strip, chosen, at, top, width):
     """Both versions' bars over the chosen frames, and the moment."""
-    times = strip["time_s"]
-    step = min((b - a for a, b in zip(times, times[1:])), default=0.1)
-    first, length = times[chosen[0]], times[chosen[-1]] + step - times[chosen[0]]
+    times, stands = strip["time_s"], strip["stands_s"]
+    first, length = times[chosen[0]], times[chosen[-1]] + stands[chosen[-1]] - times[chosen[0]]
     left, small = 118, font(12)
     x = lambda t: left + (width - left) * (t - first) / length  # noqa: E731
     for row, (version, name) in enumerate(VERSIONS):
         y = top + 18 * row
         draw.text((left - 8, y + 5), name, MUTED, small, anchor="rm")
         for i in chosen:
-            draw.rectangle((x(times[i]), y, x(times[i] + step), y + 8), COLOURS[strip[version]["track"][i]])
+            draw.rectangle((x(times[i]), y, x(times[i] + stands[i]), y + 8), COLOURS[strip[version]["track"][i]])
             if strip[version]["found"][i] == "f":
-                draw.rectangle((x(times[i]), y + 10, x(times[i] + step), y + 12), MUTED)
-    now = x(times[at] + step / 2)
+                draw.rectangle((x(times[i]), y + 10, x(times[i] + stands[i]), y + 12), MUTED)
+    now = x(times[at] + stands[at] / 2)
     draw.line((now, top - 3, now, top + 33), INK, 2)
 
 

@@ -3,23 +3,18 @@
 
 const VERSIONS = [["clean", "as recorded"], ["attacked", "with the object"], ["random", "random of its size"]];
 const STATES = {f: ["found", "with a detection"], c: ["coasting", "coasting"], l: ["lost", "none"]};
-const AWAY = 2.5; // usual steps after which the vehicle was away (attack/vehicle_drive.cpp)
 
 class Drive {
   constructor(vehicle, seek) {
     Object.assign(this, {vehicle, strip: vehicle.strip, name: `vehicle ${vehicle.track % 100000} of ${vehicle.sequence}`});
-    const times = this.strip.time_s.map(t => t - this.strip.time_s[0]), n = times.length;
-    const steps = times.slice(1).map((t, i) => t - times[i]), sorted = [...steps].sort((a, b) => a - b);
-    const usual = n > 1 ? (sorted[Math.floor((n - 2) / 2)] + sorted[Math.ceil((n - 2) / 2)]) / 2 : 0.1;
-    this.follows = steps.map(step => step <= AWAY * usual).concat(false);
-    this.stands = this.follows.map((follows, i) => follows ? steps[i] : usual);
+    const {time_s, stands_s} = this.strip;
     // Where each frame begins and ends in the strip, s; the vehicle's absences are shown at their length, too.
-    this.times = times;
-    this.ends = times.map((t, i) => t + this.stands[i]);
-    this.length = this.ends[n - 1];
+    this.times = time_s.map(t => t - time_s[0]);
+    this.ends = this.times.map((t, i) => t + stands_s[i]);
+    this.length = this.ends.at(-1);
     // When each is due in playing: absences are left out.
     this.playtimes = [];
-    this.stands.reduce((sum, seconds, i) => (this.playtimes[i] = sum) + seconds, 0);
+    stands_s.reduce((sum, seconds, i) => (this.playtimes[i] = sum) + seconds, 0);
     this.build(seek);
   }
 
@@ -28,7 +23,7 @@ class Drive {
     const runs = [];
     for (let i = 0; i < this.times.length; ++i) {
       if (!is(i)) continue;
-      if (i > 0 && is(i - 1) && this.follows[i - 1]) runs.at(-1).to = this.ends[i];
+      if (i > 0 && is(i - 1) && !this.strip.away[i - 1]) runs.at(-1).to = this.ends[i];
       else runs.push({from: this.times[i], to: this.ends[i]});
     }
     return runs;
@@ -82,9 +77,9 @@ class Drive {
 
   // s for which the vehicle is not found up to the end of this frame; 0: it is found.
   unseen(version, index) {
-    const {found} = this.strip[version];
+    const {stands_s, away} = this.strip, {found} = this.strip[version];
     let seconds = 0;
-    for (let i = index; i >= 0 && found[i] !== "f" && (i === index || this.follows[i]); --i) seconds += this.stands[i];
+    for (let i = index; i >= 0 && found[i] !== "f" && (i === index || !away[i]); --i) seconds += stands_s[i];
     return seconds;
   }
 
