@@ -150,15 +150,19 @@ nlohmann::json to_json(const DriveResult& result) {
   return json;
 }
 
-DriveVehicles longest_hidden(const DriveResult& result, int count) {
-  std::vector<const VehicleDrive*> hidden;
-  for (const VehicleDrive& vehicle : result.vehicles)
-    if (added_gap(vehicle) > 0) hidden.push_back(&vehicle);
-  std::stable_sort(hidden.begin(), hidden.end(),
+std::vector<const VehicleDrive*> by_added_gap(const Vehicles& vehicles) {
+  std::vector<const VehicleDrive*> sorted;
+  for (const VehicleDrive& vehicle : vehicles) sorted.push_back(&vehicle);
+  std::stable_sort(sorted.begin(), sorted.end(),
                    [](const auto* a, const auto* b) { return added_gap(*a) > added_gap(*b); });
+  return sorted;
+}
+
+DriveVehicles longest_hidden(const DriveResult& result, int count) {
   DriveVehicles chosen;
-  for (const VehicleDrive* vehicle : hidden)
-    if (static_cast<int>(chosen.size()) < count) chosen.emplace(vehicle->sequence, vehicle->track);
+  for (const VehicleDrive* vehicle : by_added_gap(result.vehicles))
+    if (added_gap(*vehicle) > 0 && static_cast<int>(chosen.size()) < count)
+      chosen.emplace(vehicle->sequence, vehicle->track);
   return chosen;
 }
 

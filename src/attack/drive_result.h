@@ -26,6 +26,8 @@ struct DriveResult {
 /// more}], tracker: TrackScores as recorded, frames}
 nlohmann::json to_json(const DriveResult& result);
 
+/// By what the object adds to the longest gap of detection, the most first.
+std::vector<const VehicleDrive*> by_added_gap(const std::vector<VehicleDrive>& vehicles);
 /// At most `count` vehicles, those of the longest gap that the object adds to the recorded one. Only where it
 /// adds any.
 DriveVehicles longest_hidden(const DriveResult& result, int count);

@@ -17,7 +17,6 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
-#include "base/names.h"
 #include "base/progress.h"
 #include "base/ranks.h"
 #include "detection/average_precision.h"
@@ -224,7 +223,7 @@ VehicleDrive unseen_drive(const DriveScene& scene, const Followed& followed, con
 /// Where a finished vehicle is kept; empty: nowhere.
 fs::path file_of(const DriveRequest& request, const DriveScene& scene, int track) {
   if (request.folder.empty()) return {};
-  return request.folder / fmt::format("{}_{}.json", escape_name(scene.name()), track);
+  return request.folder / (vehicle_name(scene.name(), track) + ".json");
 }
 
 /// The vehicle's stored result if it is of the same key and whole; none otherwise.

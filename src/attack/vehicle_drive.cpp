@@ -1,5 +1,7 @@
 #include "attack/vehicle_drive.h"
 
+#include <fmt/format.h>
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -8,6 +10,7 @@
 #include "base/angles.h"
 #include "base/fields.h"
 #include "base/intervals.h"
+#include "base/names.h"
 #include "tracking/smoother.h"
 
 namespace mirage {
@@ -177,6 +180,10 @@ constexpr std::pair<const char*, double DriveFrame::*> kColumns[] = {{"time_s", 
 constexpr int kMostOfDrive = 1000000;  // frames, tracks
 
 }  // namespace
+
+std::string vehicle_name(const std::string& sequence, int track) {
+  return fmt::format("{}_{}", escape_name(sequence), track);
+}
 
 DriveOutcome outcome_of(const VehicleDrive& vehicle, DriveVersion version) {
   DriveOutcome outcome;

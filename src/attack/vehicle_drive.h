@@ -131,6 +131,8 @@ struct VehicleDrive {
   std::array<DeathOutcome, kDeaths.size()> deaths{};
 };
 
+/// SEQUENCE_TRACK, as its file is called.
+std::string vehicle_name(const std::string& sequence, int track);
 /// Vehicles of a drive, by sequence and identity.
 using DriveVehicles = std::set<std::pair<std::string, int>>;
 

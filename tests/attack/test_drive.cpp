@@ -466,6 +466,9 @@ TEST(DriveByRenderer, KeptIsTheShareOfTheAddedGaps) {
     plain.vehicles.push_back(in_plain);
     if (i > 0) other.vehicles.push_back(in_other);
   }
+  std::vector<int> order;
+  for (const VehicleDrive* one : by_added_gap(plain.vehicles)) order.push_back(one->track);
+  EXPECT_EQ(order, (std::vector<int>{2, 1, 0}));
   EXPECT_EQ(longest_hidden(plain, 5), (DriveVehicles{{"0003", 1}, {"0003", 2}}));
   EXPECT_EQ(longest_hidden(plain, 1), (DriveVehicles{{"0003", 2}}));
   const nlohmann::json json = by_renderer(other, plain);

@@ -5,13 +5,12 @@
 #include <algorithm>
 #include <cmath>
 
-#include "attack/drive.h"
+#include "attack/drive_result.h"
 #include "attack/zoo.h"
 #include "base/child_process.h"
 #include "base/error.h"
 #include "base/field_text.h"
 #include "base/files.h"
-#include "base/names.h"
 #include "base/words.h"
 #include "detection/defenses.h"
 #include "detection/points_in_view.h"
@@ -33,19 +32,12 @@ constexpr int kFrameQuality = 92;
 
 /// The names of a drive's vehicles, those first whose gaps the object prolongs most.
 std::vector<std::string> names_by_gap(const JsonFields& drive) {
-  std::vector<std::pair<double, std::string>> found;
-  for (const json& entry : drive.list("vehicles", kMostRows)) {
-    const JsonFields vehicle = drive.inner(fmt::format("vehicles[{}]", found.size()), entry);
-    const JsonFields gap = vehicle.object("gap_s");
-    const auto seconds = [&](const char* version) { return gap.number(version, 0, Range::kMost); };
-    found.emplace_back(seconds("attacked") - seconds("clean"),
-                       fmt::format("{}_{}", escape_name(vehicle.text("sequence")), vehicle.count("track")));
-  }
-  std::stable_sort(found.begin(), found.end(),
-                   [](const auto& a, const auto& b) { return a.first > b.first; });
+  std::vector<VehicleDrive> vehicles;
+  for (const json& entry : drive.list("vehicles", kMostRows))
+    vehicles.push_back(read_vehicle_drive(drive.inner(fmt::format("vehicles[{}]", vehicles.size()), entry)));
   std::vector<std::string> names;
-  names.reserve(found.size());
-  for (auto& [seconds, name] : found) names.push_back(std::move(name));
+  for (const VehicleDrive* vehicle : by_added_gap(vehicles))
+    names.push_back(vehicle_name(vehicle->sequence, vehicle->track));
   return names;
 }
 
