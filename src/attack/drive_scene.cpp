@@ -26,12 +26,11 @@ DriveScene::DriveScene(const DetectorPool& detectors, FrameStore& store, const D
       road_(-store.get(sequence.frames.front().id)->lidar.height) {
   for (const SequenceFrame& frame : sequence.frames) {
     Annotations known = read_annotations(request.data, frame.id);
-    frames_.push_back({frame.id, frame.moment, std::move(known.labels), std::move(known.calibration), {}});
+    frames_.push_back({frame.id, frame.moment, std::move(known.labels), std::move(known.calibration)});
   }
-  const Sights sights = recorded();
-  for (std::size_t i = 0; i < sights.size(); ++i) frames_[i].clean = sights[i];
-  clean_tracks_ = follow(sights);
-  for (std::size_t d = 0; d < kDeaths.size(); ++d) clean_by_death_[d] = follow(sights, kDeaths[d]);
+  clean_ = recorded();
+  clean_tracks_ = follow(clean_);
+  for (std::size_t d = 0; d < kDeaths.size(); ++d) clean_by_death_[d] = follow(clean_, kDeaths[d]);
 }
 
 Sights DriveScene::recorded() const {
@@ -74,7 +73,7 @@ std::vector<Sights> DriveScene::see(const std::vector<Pass>& passes,
   if (request_.renderer) pictures.emplace(*request_.renderer, request_.evaluation.expectation_seed);
   const auto look = [&](Detector& detector, std::size_t p, std::size_t i) {
     if (is_as_recorded(passes[p], i)) {
-      sights[p][i] = frames_[i].clean;
+      sights[p][i] = clean_[i];
       return;
     }
     throw_if_interrupted(kVehiclesKept);

@@ -22,7 +22,6 @@ struct SceneFrame {
   Moment moment;
   std::vector<Label> labels;
   Calibration calibration;
-  std::vector<Detection> clean;  ///< detections as recorded
 };
 
 /// What a detector finds in each frame of a scene.
@@ -53,6 +52,7 @@ class DriveScene {
 
   const std::string& name() const { return name_; }
   const std::vector<SceneFrame>& frames() const { return frames_; }
+  const Sights& clean() const { return clean_; }  ///< as recorded
   const Tracks& clean_tracks() const { return clean_tracks_; }
   /// By our tracker at each of kDeaths.
   const std::array<Tracks, kDeaths.size()>& clean_by_death() const { return clean_by_death_; }
@@ -89,6 +89,7 @@ class DriveScene {
   std::string name_;
   std::vector<SceneFrame> frames_;
   double road_ = 0;  ///< m, its z in `velo`
+  Sights clean_;
   Tracks clean_tracks_;
   std::array<Tracks, kDeaths.size()> clean_by_death_;
 };

@@ -100,13 +100,14 @@ bool would_be_labelled(const Box3& box, const SceneFrame& frame) {
   });
 }
 
-bool is_phantom(const Box3& box, const SceneFrame& frame, DriveVersion version) {
+bool is_phantom(const Box3& box, const DriveScene& scene, std::size_t at, DriveVersion version) {
+  const SceneFrame& frame = scene.frames()[at];
   const auto touches = [&](const Box3& other) { return iou(box.bev, other.bev) > 0; };
   return would_be_labelled(box, frame) &&
          std::none_of(frame.labels.begin(), frame.labels.end(),
                       [&](const Label& label) { return has_box(label) && touches(label.box); }) &&
          (version == DriveVersion::clean ||
-          std::none_of(frame.clean.begin(), frame.clean.end(),
+          std::none_of(scene.clean()[at].begin(), scene.clean()[at].end(),
                        [&](const Detection& detection) { return touches(detection.box); }));
 }
 
@@ -138,7 +139,7 @@ void set_sights(DriveVersion version, const DriveScene& scene, const Followed& f
           sight.track = TrackSight::found;
         else if (sight.track == TrackSight::lost)
           sight.track = TrackSight::coasting;
-      } else if (track.confirmed && is_phantom(track.box, scene.frames()[at], version)) {
+      } else if (track.confirmed && is_phantom(track.box, scene, at, version)) {
         ++sight.phantoms;
         phantoms.insert(track.id);
         const BevBox& where = track.box.bev;
@@ -257,8 +258,6 @@ void judge_vehicles(FrameStore& store, const DriveRequest& request, const DriveS
   for (const Driver& driver : drivers)
     for (const auto& [version, object] : objects) passes.push_back({&driver.riders, object});
   const std::vector<Sights> seen = scene.see(passes, frame_done);
-  Sights as_recorded;
-  for (const SceneFrame& frame : scene.frames()) as_recorded.push_back(frame.clean);
   for (std::size_t k = 0; k < together.size(); ++k) {
     const Followed& followed = *together[k].followed;
     VehicleDrive vehicle = unseen_drive(scene, followed, drivers[k].ride);
@@ -275,7 +274,7 @@ void judge_vehicles(FrameStore& store, const DriveRequest& request, const DriveS
         vehicle.deaths[d].phantom_frames[version] = outcome.phantom_frames;
       }
     };
-    judge(DriveVersion::clean, as_recorded, scene.clean_tracks(),
+    judge(DriveVersion::clean, scene.clean(), scene.clean_tracks(),
           [&](std::size_t d) { return scene.clean_by_death()[d]; });
     for (std::size_t o = 0; o < objects.size(); ++o) {
       const Sights& sights = seen[k * objects.size() + o];
