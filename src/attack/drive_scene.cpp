@@ -15,6 +15,79 @@
 #include "simulation/object_window.h"
 
 namespace mirage {
+namespace {
+
+/// Boxes with identities as tracks: each is confirmed, and coasts where no detection touches it.
+std::vector<TrackState> tracks_of(const std::vector<Detection>& boxes, const std::vector<Detection>& found,
+                                  const DriveScene& scene, const std::string& who) {
+  std::vector<TrackState> tracks;
+  for (const Detection& box : boxes) {
+    if (box.identity < 0)
+      throw InputError(who, "identities", "a box has none",
+                       "answer with one a box, 0 or more, the same for the same object");
+    TrackState state;
+    state.id = box.identity;
+    state.box = scene.upright(box.box);
+    state.confirmed = true;
+    state.score = box.score();
+    for (std::size_t k = 0; k < found.size() && state.detection < 0; ++k)
+      if (iou(found[k].box.bev, box.box.bev) > 0) state.detection = static_cast<int>(k);
+    tracks.push_back(state);
+  }
+  return tracks;
+}
+
+/// By the tracker of these settings.
+Tracks tracks_by(const TrackerSettings& settings, const DriveScene& scene, const Sights& sights) {
+  const std::vector<SceneFrame>& frames = scene.frames();
+  Tracker tracker(settings);
+  Tracks tracks(frames.size());
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const Transform world_from_ego = laid_flat(frames[i].moment.world_from_ego);
+    std::vector<TrackedDetection> found;
+    for (const Detection& detection : sights[i])
+      found.push_back({moved_flat(scene.upright(detection.box), world_from_ego), detection.score()});
+    for (TrackState& state : tracker.step(frames[i].moment.time, found)) {
+      state.box = moved_flat(state.box, world_from_ego.inverse());
+      tracks[i].push_back(state);
+    }
+  }
+  return tracks;
+}
+
+/// By the user's tracker, which reads kDetections.
+Tracks tracks_by(Detector& tracker, const DriveScene& scene, const Sights& sights) {
+  const std::vector<SceneFrame>& frames = scene.frames();
+  Tracks tracks;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    std::vector<float> rows;
+    for (const Detection& detection : sights[i]) {
+      const Box3 box = scene.upright(detection.box);
+      for (const double value : {box.bev.x, box.bev.y, box.bottom + box.height / 2, box.bev.length,
+                                 box.bev.width, box.height, box.bev.yaw, detection.score()})
+        rows.push_back(static_cast<float>(value));
+    }
+    Frame frame;
+    frame.id = frames[i].id;
+    frame.moment = frames[i].moment;
+    frame.calibration = frames[i].calibration;
+    SensorView view;
+    view.frame = &frame;
+    view.calibration = &frame.calibration;
+    view.continues = i > 0;
+    SensorData detections;
+    detections.kind = SensorData::Kind::other;
+    detections.name = kDetections;
+    detections.values = rows;
+    detections.shape = {static_cast<std::int64_t>(sights[i].size()), 8, 0};
+    detections.time = frames[i].moment.time;
+    view.others.push_back(detections);
+    tracks.push_back(tracks_of(tracker.forward(view, 0, false), sights[i], scene, tracker.name()));
+  }
+  return tracks;
+}
+
+}  // namespace
 
 DriveScene::DriveScene(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request,
                        const Sequence& sequence)
@@ -30,7 +103,6 @@ DriveScene::DriveScene(const DetectorPool& detectors, FrameStore& store, const D
   }
   clean_ = recorded();
   clean_tracks_ = follow(clean_);
-  for (std::size_t d = 0; d < kDeaths.size(); ++d) clean_by_death_[d] = follow(clean_, kDeaths[d]);
 }
 
 Sights DriveScene::recorded() const {
@@ -141,88 +213,23 @@ Box3 DriveScene::upright(const Box3& box) const {
   return box.height > 0 ? box : Box3{box.bev, road_, kUnknownHeight};
 }
 
-Tracks DriveScene::follow(const Sights& sights) const {
-  if (request_.tracker) return follow(sights, *request_.tracker);
+VersionTracks DriveScene::follow(const Sights& sights) const {
+  VersionTracks tracks;
+  TrackerSettings settings = request_.settings.tracker;
   const bool named = can_.remembers && std::any_of(sights.begin(), sights.end(), [](const auto& boxes) {
                        return !boxes.empty() && boxes.front().identity >= 0;
                      });
-  if (!named) return follow(sights, request_.settings.tracker);
-  Tracks tracks;
-  for (const auto& boxes : sights) tracks.push_back(tracks_of(boxes, boxes, "--detector"));
-  return tracks;
-}
-
-Tracks DriveScene::follow(const Sights& sights, int death) const {
-  TrackerSettings settings = request_.settings.tracker;
-  settings.death = death;
-  return follow(sights, settings);
-}
-
-/// By the tracker of these settings.
-Tracks DriveScene::follow(const Sights& sights, const TrackerSettings& settings) const {
-  Tracker tracker(settings);
-  Tracks tracks(frames_.size());
-  for (std::size_t i = 0; i < frames_.size(); ++i) {
-    const Transform world_from_ego = laid_flat(frames_[i].moment.world_from_ego);
-    std::vector<TrackedDetection> found;
-    for (const Detection& detection : sights[i])
-      found.push_back({moved_flat(upright(detection.box), world_from_ego), detection.score()});
-    for (TrackState& state : tracker.step(frames_[i].moment.time, found)) {
-      state.box = moved_flat(state.box, world_from_ego.inverse());
-      tracks[i].push_back(state);
-    }
-  }
-  return tracks;
-}
-
-/// By the user's tracker, which reads kDetections.
-Tracks DriveScene::follow(const Sights& sights, Detector& tracker) const {
-  Tracks tracks;
-  for (std::size_t i = 0; i < frames_.size(); ++i) {
-    std::vector<float> rows;
-    for (const Detection& detection : sights[i]) {
-      const Box3 box = upright(detection.box);
-      for (const double value : {box.bev.x, box.bev.y, box.bottom + box.height / 2, box.bev.length,
-                                 box.bev.width, box.height, box.bev.yaw, detection.score()})
-        rows.push_back(static_cast<float>(value));
-    }
-    Frame frame;
-    frame.id = frames_[i].id;
-    frame.moment = frames_[i].moment;
-    frame.calibration = frames_[i].calibration;
-    SensorView view;
-    view.frame = &frame;
-    view.calibration = &frame.calibration;
-    view.continues = i > 0;
-    SensorData detections;
-    detections.kind = SensorData::Kind::other;
-    detections.name = kDetections;
-    detections.values = rows;
-    detections.shape = {static_cast<std::int64_t>(sights[i].size()), 8, 0};
-    detections.time = frames_[i].moment.time;
-    view.others.push_back(detections);
-    tracks.push_back(tracks_of(tracker.forward(view, 0, false), sights[i], tracker.name()));
-  }
-  return tracks;
-}
-
-/// Boxes with identities as tracks: each is confirmed, and coasts where no detection touches it.
-std::vector<TrackState> DriveScene::tracks_of(const std::vector<Detection>& boxes,
-                                              const std::vector<Detection>& found,
-                                              const std::string& who) const {
-  std::vector<TrackState> tracks;
-  for (const Detection& box : boxes) {
-    if (box.identity < 0)
-      throw InputError(who, "identities", "a box has none",
-                       "answer with one a box, 0 or more, the same for the same object");
-    TrackState state;
-    state.id = box.identity;
-    state.box = upright(box.box);
-    state.confirmed = true;
-    state.score = box.score();
-    for (std::size_t k = 0; k < found.size() && state.detection < 0; ++k)
-      if (iou(found[k].box.bev, box.box.bev) > 0) state.detection = static_cast<int>(k);
-    tracks.push_back(state);
+  if (request_.tracker)
+    tracks.own = tracks_by(*request_.tracker, *this, sights);
+  else if (named)
+    for (const auto& boxes : sights) tracks.own.push_back(tracks_of(boxes, boxes, *this, "--detector"));
+  else
+    tracks.own = tracks_by(settings, *this, sights);
+  const bool is_ours = !request_.tracker && !named;
+  for (std::size_t d = 0; d < kDeaths.size(); ++d) {
+    settings.death = kDeaths[d];
+    if (!is_ours || settings.death != request_.settings.tracker.death)
+      tracks.others[d] = tracks_by(settings, *this, sights);
   }
   return tracks;
 }

@@ -29,6 +29,14 @@ using Sights = std::vector<std::vector<Detection>>;
 /// The tracks that live in each frame of a scene, in `velo`.
 using Tracks = std::vector<std::vector<TrackState>>;
 
+/// Tracks through one version of a scene: by whoever tracks in the drive, and by our tracker at each of
+/// kDeaths.
+struct VersionTracks {
+  Tracks own;
+  std::array<Tracks, kDeaths.size()> others;  ///< none where our tracker at this death is `own`
+  const Tracks& at(std::size_t death) const { return others[death].empty() ? own : others[death]; }
+};
+
 /// The vehicle that carries the object in a frame; null where it is not followed.
 struct Rider {
   const Carrier* carrier = nullptr;
@@ -53,9 +61,7 @@ class DriveScene {
   const std::string& name() const { return name_; }
   const std::vector<SceneFrame>& frames() const { return frames_; }
   const Sights& clean() const { return clean_; }  ///< as recorded
-  const Tracks& clean_tracks() const { return clean_tracks_; }
-  /// By our tracker at each of kDeaths.
-  const std::array<Tracks, kDeaths.size()>& clean_by_death() const { return clean_by_death_; }
+  const VersionTracks& clean_tracks() const { return clean_tracks_; }
 
   /// Whether a frame's answer depends on others.
   bool needs_all() const { return can_.remembers || request_.settings.sweeps > 1; }
@@ -63,10 +69,8 @@ class DriveScene {
   /// makes of the frame without an object serves them all. After Ctrl-C, Interrupted.
   std::vector<Sights> see(const std::vector<Pass>& passes, const std::function<void()>& frame_done) const;
 
-  /// By whoever tracks: the detector itself, the user's tracker, or ours.
-  Tracks follow(const Sights& sights) const;
-  /// By our tracker, with that many misses that end a track.
-  Tracks follow(const Sights& sights, int death) const;
+  /// `own` by the detector itself, the user's tracker, or ours.
+  VersionTracks follow(const Sights& sights) const;
   /// Detections that confirm a track on a vehicle: a tracker of the user's confirms by its own rule.
   int birth() const { return request_.tracker || can_.remembers ? 1 : request_.settings.tracker.birth; }
   /// The detection's box; one from above is given a height.
@@ -77,10 +81,6 @@ class DriveScene {
   Sweep merged(std::size_t i, const std::vector<Lazy<Sweep>>& sweeps) const;
   std::vector<Detection> seen(Detector& detector, std::size_t i, const Pass& pass,
                               const std::vector<Lazy<Sweep>>& sweeps, RenderedPictures* pictures) const;
-  std::vector<TrackState> tracks_of(const std::vector<Detection>& boxes, const std::vector<Detection>& found,
-                                    const std::string& who) const;
-  Tracks follow(const Sights& sights, const TrackerSettings& settings) const;
-  Tracks follow(const Sights& sights, Detector& tracker) const;
 
   const DetectorPool& detectors_;
   FrameStore& store_;
@@ -90,8 +90,7 @@ class DriveScene {
   std::vector<SceneFrame> frames_;
   double road_ = 0;  ///< m, its z in `velo`
   Sights clean_;
-  Tracks clean_tracks_;
-  std::array<Tracks, kDeaths.size()> clean_by_death_;
+  VersionTracks clean_tracks_;
 };
 
 /// The box in the flat world, or back with the inverse: `pose` moves x, y and heading alone.

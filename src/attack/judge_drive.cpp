@@ -262,24 +262,21 @@ void judge_vehicles(FrameStore& store, const DriveRequest& request, const DriveS
     const Followed& followed = *together[k].followed;
     VehicleDrive vehicle = unseen_drive(scene, followed, drivers[k].ride);
     nlohmann::json showed;
-    const auto judge = [&](DriveVersion version, const Sights& sights, const Tracks& tracks,
-                           const auto& tracks_at) {
-      set_sights(version, scene, followed, sights, tracks, scene.birth(), vehicle);
-      showed[to_word(version)] = shown(scene, followed, sights, tracks);
+    const auto judge = [&](DriveVersion version, const Sights& sights, const VersionTracks& tracks) {
+      set_sights(version, scene, followed, sights, tracks.own, scene.birth(), vehicle);
+      showed[to_word(version)] = shown(scene, followed, sights, tracks.own);
       VehicleDrive other = vehicle;
       for (std::size_t d = 0; d < kDeaths.size(); ++d) {
-        set_sights(version, scene, followed, sights, tracks_at(d), request.settings.tracker.birth, other);
+        set_sights(version, scene, followed, sights, tracks.at(d), request.settings.tracker.birth, other);
         const DriveOutcome outcome = outcome_of(other, version);
         vehicle.deaths[d].track_gap_s[version] = outcome.track_gap_s;
         vehicle.deaths[d].phantom_frames[version] = outcome.phantom_frames;
       }
     };
-    judge(DriveVersion::clean, scene.clean(), scene.clean_tracks(),
-          [&](std::size_t d) { return scene.clean_by_death()[d]; });
+    judge(DriveVersion::clean, scene.clean(), scene.clean_tracks());
     for (std::size_t o = 0; o < objects.size(); ++o) {
       const Sights& sights = seen[k * objects.size() + o];
-      judge(objects[o].first, sights, scene.follow(sights),
-            [&](std::size_t d) { return scene.follow(sights, kDeaths[d]); });
+      judge(objects[o].first, sights, scene.follow(sights));
     }
     if (const fs::path file = file_of(request, scene, followed.track); !file.empty()) {
       nlohmann::json kept = to_json(vehicle);
@@ -303,7 +300,7 @@ void add_track_frames(const DriveScene& scene, const std::array<double, 4>& regi
         frame.truths.push_back(label.track);
         boxes.push_back(label.box.bev);
       }
-    for (const TrackState& track : scene.clean_tracks()[i]) {
+    for (const TrackState& track : scene.clean_tracks().own[i]) {
       if (!track.confirmed) continue;
       // As the benchmark has it, what nobody would have labelled is no false alarm.
       const bool on_truth = std::any_of(boxes.begin(), boxes.end(),
