@@ -1,5 +1,3 @@
-#include "attack/drive.h"
-
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
@@ -13,6 +11,7 @@
 #include <set>
 #include <utility>
 
+#include "attack/drive.h"
 #include "attack/drive_scene.h"
 #include "base/error.h"
 #include "base/files.h"
@@ -241,26 +240,27 @@ std::optional<VehicleDrive> stored_vehicle(const fs::path& file, const std::stri
   }
 }
 
-/// A vehicle of a scene, and its place in the result.
+/// A vehicle, followed, and as it is judged.
 struct Judged {
-  const Followed* followed = nullptr;
-  VehicleDrive* vehicle = nullptr;
+  Followed followed;
+  VehicleDrive vehicle;
 };
 
-/// Vehicles of one scene, together: each into its place, and kept.
+/// Vehicles of one scene, together; each is kept.
 void judge_vehicles(FrameStore& store, const DriveRequest& request, const DriveScene& scene,
-                    const std::vector<Judged>& together, const std::function<void()>& frame_done) {
+                    const std::vector<Judged*>& together, const std::function<void()>& frame_done) {
   const std::array objects = {std::pair(DriveVersion::attacked, &request.object),
                               std::pair(DriveVersion::random, &request.random)};
   std::vector<Driver> drivers;
-  for (const Judged& judged : together) drivers.push_back(driver_of(store, scene, *judged.followed));
+  for (const Judged* judged : together) drivers.push_back(driver_of(store, scene, judged->followed));
   std::vector<Pass> passes;
   for (const Driver& driver : drivers)
     for (const auto& [version, object] : objects) passes.push_back({&driver.riders, object});
   const std::vector<Sights> seen = scene.see(passes, frame_done);
   for (std::size_t k = 0; k < together.size(); ++k) {
-    const Followed& followed = *together[k].followed;
-    VehicleDrive vehicle = unseen_drive(scene, followed, drivers[k].ride);
+    const Followed& followed = together[k]->followed;
+    VehicleDrive& vehicle = together[k]->vehicle;
+    vehicle = unseen_drive(scene, followed, drivers[k].ride);
     nlohmann::json showed;
     const auto judge = [&](DriveVersion version, const Sights& sights, const VersionTracks& tracks) {
       set_sights(version, scene, followed, sights, tracks.own, scene.birth(), vehicle);
@@ -284,7 +284,6 @@ void judge_vehicles(FrameStore& store, const DriveRequest& request, const DriveS
       kept["shown"] = std::move(showed);
       write_json(file, kept);
     }
-    *together[k].vehicle = std::move(vehicle);
   }
 }
 
@@ -321,8 +320,7 @@ void add_track_frames(const DriveScene& scene, const std::array<double, 4>& regi
 /// Vehicles of one scene that are judged together.
 struct Group {
   const DriveScene* scene = nullptr;
-  std::size_t first = 0;  ///< its first one's place among all vehicles
-  std::vector<Followed> vehicles;
+  std::vector<Judged> vehicles;
 };
 
 }  // namespace
@@ -340,7 +338,7 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
   std::vector<DriveScene> scenes;
   scenes.reserve(request.sequences.size());
   std::vector<Group> groups;
-  std::size_t vehicles = 0, frames = 0, done = 0;
+  std::size_t frames = 0, done = 0;
   for (const Sequence& sequence : request.sequences) {
     const DriveScene& scene = scenes.emplace_back(detectors, store, request, sequence);
     add_track_frames(scene, region, static_cast<int>(scenes.size()) - 1, track_frames);
@@ -350,9 +348,8 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
     for (Followed& vehicle : vehicles_of(scene.frames(), region, request.settings.least_frames)) {
       if (request.only && !request.only->contains({scene.name(), vehicle.track})) continue;
       frames += vehicle.frames.size();
-      if (in_group++ % together == 0) groups.push_back({&scene, vehicles, {}});
-      groups.back().vehicles.push_back(std::move(vehicle));
-      ++vehicles;
+      if (in_group++ % together == 0) groups.push_back({&scene, {}});
+      groups.back().vehicles.push_back({std::move(vehicle), {}});
     }
   }
   const std::string key = request.made_of.identity();
@@ -362,23 +359,22 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
     const std::lock_guard lock(mutex);
     progress.update(++done);
   };
-  result.vehicles.resize(vehicles);
   for (const std::size_t g : order_among_ranks(groups.size())) {
     throw_if_interrupted(kVehiclesKept);
-    const auto& [scene, first, of_group] = groups[g];
-    std::vector<Judged> fresh;
-    for (std::size_t i = 0; i < of_group.size(); ++i) {
-      const Followed& followed = of_group[i];
-      VehicleDrive& vehicle = result.vehicles[first + i];
-      if (auto stored = stored_vehicle(file_of(request, *scene, followed.track), key)) {
-        progress.update(done += 2 * followed.frames.size());
-        vehicle = std::move(*stored);
+    auto& [scene, of_group] = groups[g];
+    std::vector<Judged*> fresh;
+    for (Judged& judged : of_group) {
+      if (auto stored = stored_vehicle(file_of(request, *scene, judged.followed.track), key)) {
+        progress.update(done += 2 * judged.followed.frames.size());
+        judged.vehicle = std::move(*stored);
       } else {
-        fresh.push_back({&followed, &vehicle});
+        fresh.push_back(&judged);
       }
     }
     if (!fresh.empty()) judge_vehicles(store, request, *scene, fresh, frame_done);
   }
+  for (Group& group : groups)
+    for (Judged& judged : group.vehicles) result.vehicles.push_back(std::move(judged.vehicle));
   if (result.vehicles.empty())
     throw InputError(request.data.string(), "labels",
                      fmt::format("no car or van is followed through {} frames in the detector's region",

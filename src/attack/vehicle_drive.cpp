@@ -166,13 +166,6 @@ double longest_run(const std::vector<Stands>& stands, const Lacks& lacks) {
   return longest;
 }
 
-/// The entries of one number a frame.
-std::vector<double> column(const std::vector<DriveFrame>& frames, double DriveFrame::*number) {
-  std::vector<double> values;
-  for (const DriveFrame& frame : frames) values.push_back(frame.*number);
-  return values;
-}
-
 constexpr std::pair<const char*, double DriveFrame::*> kColumns[] = {{"time_s", &DriveFrame::time},
                                                                      {"range_m", &DriveFrame::range},
                                                                      {"nearest_m", &DriveFrame::nearest},
@@ -217,10 +210,10 @@ nlohmann::json to_json(const VehicleDrive& vehicle) {
                          {"roof", {{"fitted", vehicle.roof.fitted}}}};
   for (const auto& [key, number] : kRideNumbers) json["roof"][key] = vehicle.roof.*number;
   auto& strip = json["strip"];
-  strip["index"] = nlohmann::json::array();
-  for (const DriveFrame& frame : vehicle.frames) strip["index"].push_back(frame.index);
-  for (const auto& [key, number] : kColumns) strip[key] = column(vehicle.frames, number);
-  strip["stands_s"] = strip["away"] = nlohmann::json::array();
+  for (const DriveFrame& frame : vehicle.frames) {
+    strip["index"].push_back(frame.index);
+    for (const auto& [key, number] : kColumns) strip[key].push_back(frame.*number);
+  }
   for (const auto& [seconds, away] : stands_of(vehicle.frames)) {
     strip["stands_s"].push_back(seconds);
     strip["away"].push_back(away ? 1 : 0);
