@@ -176,6 +176,7 @@ Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
     const Capabilities can = pool.front()->capabilities();
     settings.matching = can.matching();
     settings.detector_identity = detector_identity(options, can.version);
+    require_shared(store.cache(), "compare", settings.detector_identity);
     settings.kinds = vehicle_kinds(request.data, hosts);
     const CleanDetections clean = clean_detections(pool, store, hosts, settings);
     outcomes.push_back(evaluate(pool, store, hosts, clean, meshes, simulation, settings).hosts);

@@ -229,10 +229,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.settings.detector_identity = detector_identity(result.detector, can.version);
   if (!can.why_whole.empty())
     spdlog::info("every pass of the detector is over the whole frame: {}", can.why_whole);
-  if (rank_count() > 1 && (!result.store->cache().on() || result.settings.detector_identity.empty()))
-    throw InputError("evaluate", "mpirun",
-                     "processes share their work through the disk cache, which is off here",
-                     "set MIRAGE_CACHE to a folder that all of them see, or start it without mpirun");
+  require_shared(result.store->cache(), "evaluate", result.settings.detector_identity);
   CleanDetections seen;
   if (rank() == 0)  // the only one that tells; the others take from its part of the rest meanwhile
     result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, stage.settings,

@@ -4,8 +4,10 @@
 #include <span>
 #include <type_traits>
 
+#include "base/error.h"
 #include "base/files.h"
 #include "base/provenance.h"
+#include "base/ranks.h"
 #include "scene/shape/shape_roof.h"
 
 namespace mirage {
@@ -281,6 +283,20 @@ FoundAttacked FrameCache::attacked(const Provenance& made_of, const std::functio
         if (const auto& box = result.object)
           for (const double value : {box->left, box->top, box->right, box->bottom}) writer.put(value);
       });
+}
+
+void require_shared(const FrameCache& cache, const std::string& command, const std::string& detector) {
+  if (rank_count() == 1) return;
+  if (!cache.on())
+    throw InputError(command, "mpirun",
+                     "processes share their work through the disk cache, which is off here",
+                     "set MIRAGE_CACHE to a folder that all of them see, or start it without mpirun");
+  if (detector.empty())
+    throw InputError(
+        command, "mpirun",
+        "processes share their work through the disk cache, which cannot keep what this detector "
+        "says: its weights are fresh, or it tells no version",
+        "start it without mpirun");
 }
 
 std::string lidar_identity(const LidarModel& lidar) {

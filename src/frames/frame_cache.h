@@ -67,6 +67,11 @@ class FrameCache {
   std::string depth_, rooftop_, lidar_;
 };
 
+/// InputError, naming the command, where there are several processes (base/ranks.h) and they cannot share
+/// their work through this cache: it is off, or the detector's answers may not be kept (detector_identity()
+/// is empty).
+void require_shared(const FrameCache& cache, const std::string& command, const std::string& detector);
+
 /// Hash of every number of the model that says where rays go.
 std::string lidar_identity(const LidarModel& lidar);
 /// "box", or the name and content of the shape model.

@@ -1,6 +1,5 @@
 // `mpirun -n N mirage attack`: the same bits for any number of processes, and what is left when one dies;
-// `mirage generate` and `evaluate`, which share frames and vehicles, and `mirage reproduce`, whose steps they
-// take side by side.
+// commands that share frames and vehicles, and `mirage reproduce`, whose steps they take side by side.
 #include <chrono>
 #include <thread>
 
@@ -42,6 +41,46 @@ class Ranks : public test::Program {
     const nlohmann::json on_one = json("one/result.json").at(report);
     EXPECT_EQ(json("two/result.json").at(report), on_one);
     return on_one;
+  }
+  static nlohmann::json without_times(nlohmann::json of) {
+    if (of.is_object())
+      for (const char* key : {"seconds", "seconds_per_frame"}) of.erase(key);
+    for (nlohmann::json& part : of)
+      if (part.is_structured()) part = without_times(std::move(part));
+    return of;
+  }
+  /// result.json but for its times and where it comes from.
+  nlohmann::json result(const std::string& out) const {
+    nlohmann::json read = json(out + "/result.json");
+    read.erase("provenance");
+    return without_times(std::move(read));
+  }
+  int with_cache(const std::string& line) const {
+    return shell("export MIRAGE_CACHE=" + at("cache") + "; " + line);
+  }
+  /// How many answers of a kind the cache keeps.
+  std::size_t kept(const std::string& kind) const {
+    const fs::path folder = folder_ / "cache" / kind;
+    return fs::exists(folder) ? static_cast<std::size_t>(std::distance(fs::directory_iterator(folder), {}))
+                              : 0;
+  }
+  /// Runs a command on one process and on three, and once more where one of the answers of this kind that
+  /// they keep is missing: it goes on. All give one result, and this is it.
+  nlohmann::json same_on_one_and_three(const std::string& line, const std::string& kind) const {
+    const auto to = [&](const std::string& out) { return line + " --threads 1 --out " + at(out); };
+    EXPECT_EQ(mirage(to("alone")), 0) << said();
+    const nlohmann::json alone = result("alone");
+    EXPECT_EQ(with_cache(on_ranks(3, to("three"))), 0) << said();
+    EXPECT_EQ(result("three"), alone);
+    const std::size_t all = kept(kind);
+    if (all < 2)
+      ADD_FAILURE() << all << " answers were kept";
+    else
+      fs::remove(*fs::directory_iterator(folder_ / "cache" / kind));
+    EXPECT_EQ(with_cache(command(to("again"))), 0) << said();
+    EXPECT_EQ(result("again"), alone);
+    EXPECT_EQ(kept(kind), all);
+    return alone;
   }
   /// Two attacks and their evaluations.
   std::string reproduce(const std::string& out) const {
@@ -122,38 +161,21 @@ TEST_F(Ranks, StepsOfAReproductionAreTakenSideBySide) {
 
 TEST_F(Ranks, AnEvaluationIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
   ASSERT_EQ(mirage(attack("run", 2) + " --detector lidar"), 0);
-  const auto judge = [&](const std::string& out) {
-    return "evaluate --threads 1 --hosts all --random-meshes 1 --run " + at("run") + " --out " + at(out);
-  };
-  const auto result = [&](const std::string& out) {
-    nlohmann::json read = json(out + "/result.json");
-    read.erase("provenance");
-    return read;
-  };
-  const auto with_cache = [&](const std::string& name, const std::string& line) {
-    return shell("export MIRAGE_CACHE=" + at(name) + "; " + line);
-  };
-  const auto kept = [&](const std::string& name) {
-    std::size_t files = 0;
-    for (const auto& entry : fs::recursive_directory_iterator(folder_ / name / "attacked"))
-      files += entry.is_regular_file();
-    return files;
-  };
-  ASSERT_EQ(mirage(judge("alone")), 0) << said();
-  const nlohmann::json alone = result("alone");
-  ASSERT_EQ(with_cache("cache", on_ranks(3, judge("three"))), 0) << said();
-  EXPECT_EQ(result("three"), alone);
-  const auto looked = alone.at("hosts").get<std::size_t>() * alone.at("arms").size();
-  EXPECT_EQ(kept("cache"), looked);  // each mesh on each host, once
-  // What is there is read again, and what is missing is made.
-  fs::remove_all(*fs::directory_iterator(folder_ / "cache/attacked"));
-  EXPECT_LT(kept("cache"), looked);
-  ASSERT_EQ(with_cache("cache", command(judge("again"))), 0) << said();
-  EXPECT_EQ(result("again"), alone);
-  EXPECT_EQ(kept("cache"), looked);
+  const std::string judge = "evaluate --hosts all --random-meshes 1 --run " + at("run");
+  const nlohmann::json alone = same_on_one_and_three(judge, "attacked");
+  // Each mesh on each host, once.
+  EXPECT_EQ(kept("attacked"), alone.at("hosts").get<std::size_t>() * alone.at("arms").size());
   // They share their work through the cache alone.
-  EXPECT_EQ(mirage_on(2, judge("none")), 2);
+  EXPECT_EQ(mirage_on(2, judge + " --out " + at("none")), 2);
   EXPECT_THAT(said(), HasSubstr("set MIRAGE_CACHE"));
+}
+
+TEST_F(Ranks, AComparisonIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
+  const nlohmann::json alone =
+      same_on_one_and_three("compare --detectors lidar --defense none ceiling:2 --data " + at("data") +
+                                " --mesh " MIRAGE_SOURCE "/scenes/objects/ellipsoid.glb",
+                            "attacked");
+  EXPECT_EQ(kept("attacked"), 2 * alone.at("compare").at("hosts").get<std::size_t>());
 }
 
 TEST_F(Ranks, FramesAreGeneratedSideBySideAndOtherCommandsRunInOneProcess) {
