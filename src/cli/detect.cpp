@@ -12,6 +12,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/names.h"
+#include "base/ranks.h"
 #include "cli/options.h"
 #include "cli/table.h"
 #include "detection/kitti_ap.h"
@@ -124,6 +125,7 @@ void add_options(CLI::App& app, DetectOptions& options) {
   app.add_option("--kitti", options.kitti,
                  "also write KITTI result files ID.txt into this folder (heights come from the "
                  "sweep)");
+  tell_of_cache(app);
 }
 
 nlohmann::json run(const DetectOptions& options, const Common& common) {
@@ -139,7 +141,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   for (const auto& each : pool) detectors.push_back(each.get());
   Detector* const detector = detectors.front();
   const LabelCensus census = count_labels(options.data, frames, options.classes);
-  warn_of_labels(census);
+  if (rank() == 0) warn_of_labels(census);
   if (!options.kitti.empty()) make_output_folder(options.kitti);
   const Capabilities can = detector->capabilities();
   std::vector<KittiFrame> kitti(frames.size());
@@ -156,12 +158,14 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
     if (!options.kitti.empty())
       write_results(options.kitti / (frame.id + ".txt"), kitti[place].detections, frame.calibration);
   };
+  const DetectionRun run = detect_data_set(
+      detectors, recorded_frames(options, detector_identity(detector_options, can.version), "detect"),
+      options.frames, progress_of("detect", common), seen);
+  if (rank() > 0) return nlohmann::json::object();  // the first tells
   add_detector(*common.made_of, detector_options);
   common.made_of->set("classes", options.classes);
   common.made_of->input("sensors", sensors_identity(options.sensors));
   add_data(*common.made_of, options.data, frames, options.cameras);
-  const DetectionRun run = detect_data_set(detectors, recorded_frames(options), options.frames,
-                                           progress_of("detect", common), seen);
   write_json(common.out / "detections.json", detections_json(run, can));
   std::vector<ScoredStratum> parts(1);
   parts[0].stratum.name = "all";
@@ -240,6 +244,7 @@ Command detect_command() {
           "detector of that alone)",
       .default_out = "out/detect",
       .example = "mirage detect --data path/to/kitti --detector fusion",
+      .many_ranks = true,
   });
 }
 

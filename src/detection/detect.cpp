@@ -3,17 +3,20 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <future>
 #include <iterator>
 #include <mutex>
+#include <optional>
 
 #include "base/error.h"
 #include "base/interrupt.h"
 #include "base/json_rows.h"
 #include "base/names.h"
 #include "base/parallel.h"
+#include "base/ranks.h"
 #include "detection/car_in_picture.h"
 #include "detection/points_in_view.h"
 #include "scene/data/layouts.h"
@@ -55,6 +58,21 @@ void check_readable(std::span<const Detection> detections, Matching matching, co
   }
 }
 
+/// A frame's detections, and what they took, s.
+struct Look {
+  std::vector<Detection> detections;
+  double seconds = 0;
+};
+
+Look look_at(Detector& detector, const Frame& frame, Matching matching) {
+  using Clock = std::chrono::steady_clock;
+  const std::vector<LidarPoint> points = RecordedFrames::points(frame);
+  const auto start = Clock::now();
+  auto detections =
+      suppress(detector.forward(view_of(frame, frame.image, points), kScoreThresholdForAp, false), matching);
+  return {std::move(detections), std::chrono::duration<double>(Clock::now() - start).count()};
+}
+
 }  // namespace
 
 Frame RecordedFrames::read(const std::string& id) const {
@@ -72,46 +90,69 @@ DetectionRun detect_data_set(
     std::span<Detector* const> detectors, const RecordedFrames& frames, std::size_t limit,
     const std::function<void(std::size_t, std::size_t)>& progress,
     const std::function<void(std::size_t, const Frame&, const std::vector<Detection>&)>& seen) {
-  using Clock = std::chrono::steady_clock;
   DetectionRun run;
   run.matching = detectors.front()->capabilities().matching();
   run.ids = first_frames(frames.data, limit);
   run.frames.resize(run.ids.size());
-  const auto policy = thread_count() > 1 ? std::launch::async : std::launch::deferred;
-  const auto read = [&](std::size_t i) {
-    if (i >= run.ids.size()) return std::future<Frame>();
-    return std::async(policy, [&frames, id = run.ids[i]] { return frames.read(id); });
+  const bool tells = rank() == 0;  // the others fill what is kept, and read nothing that is there
+  const std::vector<std::size_t> order = order_among_ranks(run.ids.size());
+  std::atomic<std::size_t> next = 0;
+  const auto policy = tells && thread_count() > 1 ? std::launch::async : std::launch::deferred;
+  struct Reading {
+    std::size_t place;  ///< of the frame; past the end: none is left
+    std::future<Frame> frame = {};
+  };
+  const auto take = [&]() -> Reading {
+    const std::size_t k = next++;
+    if (k >= order.size()) return {order.size()};
+    return {order[k], std::async(policy, [&frames, id = run.ids[order[k]]] { return frames.read(id); })};
   };
   double seconds = 0;
   std::mutex mutex;
-  std::size_t done = 0;
+  std::size_t done = 0, looked = 0;
+  const auto look = [&](Detector& detector, const Frame& frame) {
+    Look at = look_at(detector, frame, run.matching);
+    const std::lock_guard lock(mutex);
+    seconds += at.seconds;
+    ++looked;
+    return std::move(at.detections);
+  };
   parallel_for(detectors.size(), [&](std::size_t worker) {
     Detector& detector = *detectors[worker];
-    std::future<Frame> next = read(worker);
-    for (std::size_t i = worker; i < run.ids.size(); i += detectors.size()) {
-      throw_if_interrupted("no results were written yet");
-      const Frame frame = next.get();
-      next = read(i + detectors.size());
-      const std::vector<LidarPoint> points = RecordedFrames::points(frame);
-      const auto start = Clock::now();
-      auto detections = suppress(
-          detector.forward(view_of(frame, frame.image, points), kScoreThresholdForAp, false), run.matching);
-      const double took = std::chrono::duration<double>(Clock::now() - start).count();
+    for (Reading reading = take(); reading.place < order.size();) {
+      throw_if_interrupted(frames.kept ? "run it again: it goes on" : "no results were written yet");
+      const std::size_t i = reading.place;
+      std::optional<Frame> frame;
+      if (tells) frame = reading.frame.get();
+      Reading ahead = take();
+      const auto now = [&] {
+        if (!frame) frame = reading.frame.get();
+        return look(detector, *frame);
+      };
+      std::vector<Detection> detections = frames.kept ? frames.kept(run.ids[i], now) : now();
       check_readable(detections, run.matching, detector.name() + ", frame " + run.ids[i]);
       const std::lock_guard lock(mutex);
-      seconds += took;
-      if (seen) seen(i, frame, detections);
-      run.frames[i] = scored(std::move(detections), ground_truth(frame, detector.region()),
-                             frame.calibration.camera.fy, run.matching);
+      if (tells) {
+        if (seen) seen(i, *frame, detections);
+        run.frames[i] = scored(std::move(detections), ground_truth(*frame, detector.region()),
+                               frame->calibration.camera.fy, run.matching);
+      }
       if (progress) progress(++done, run.ids.size());
+      reading = std::move(ahead);
     }
   });
+  if (!tells) return run;
+  if (looked == 0 && !run.ids.empty()) {  // all was kept; a network's first pass is slower than others
+    const Frame frame = frames.read(run.ids.front());
+    look_at(*detectors.front(), frame, run.matching);
+    look(*detectors.front(), frame);
+  }
   run.at50 = average_precision(run.frames, 0.5);
   run.at70 = average_precision(run.frames, 0.7);
   for (const Stratum& stratum : standard_strata())
     run.strata.push_back(
         {stratum, average_precision(run.frames, 0.5, stratum), average_precision(run.frames, 0.7, stratum)});
-  run.seconds_per_frame = run.ids.empty() ? 0 : seconds / static_cast<double>(run.ids.size());
+  run.seconds_per_frame = seconds / static_cast<double>(std::max<std::size_t>(1, looked));
   return run;
 }
 

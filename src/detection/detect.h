@@ -44,7 +44,7 @@ struct DetectionRun {
   std::vector<ScoredFrame> frames;
   PrecisionRecall at50, at70;
   std::vector<ScoredStratum> strata;  ///< standard_strata()
-  double seconds_per_frame = 0;       ///< of the detector alone
+  double seconds_per_frame = 0;       ///< of the detector alone, where its answers were not kept
   Matching matching;                  ///< how it was judged
 };
 
@@ -57,6 +57,10 @@ struct RecordedFrames {
   Cameras cameras = Cameras::first;  ///< which are looked at
   /// Adds what sensors measured that are neither cameras nor LiDARs; empty: there are none.
   std::function<void(Frame&)> add_measurements = {};
+  /// What the detector at hand finds in a frame as recorded, down to kScoreThresholdForAp: what is kept, or
+  /// else compute()'s, which is then kept (frames/frame_store.h). Empty: nothing is.
+  std::function<std::vector<Detection>(const std::string& id, const std::function<std::vector<Detection>()>&)>
+      kept = {};
 
   /// The frame, whole, its labels marked.
   Frame read(const std::string& id) const;
@@ -70,7 +74,8 @@ std::vector<std::string> first_frames(const std::filesystem::path& data, std::si
 /// Runs the detector on each frame of `data` (or on the first `limit`); the next frame is read meanwhile when
 /// there is more than one thread. `detectors`: instances of it, at least one; each works on a thread of its
 /// own. `progress(done, total)` and `seen(place of the frame, it, its detections)` may be empty; one call at
-/// a time. Throws Interrupted between frames.
+/// a time. Throws Interrupted between frames. A call of all ranks (base/ranks.h), who share the frames
+/// through RecordedFrames::kept; all but the first get the frames' ids alone.
 DetectionRun detect_data_set(
     std::span<Detector* const> detectors, const RecordedFrames& frames, std::size_t limit = 0,
     const std::function<void(std::size_t, std::size_t)>& progress = {},

@@ -51,6 +51,13 @@ std::size_t bytes_of(const PreparedFrame& prepared, const std::vector<Carrier>& 
   return bytes;
 }
 
+/// `sensors`: sensors_identity().
+std::string content_of(const std::filesystem::path& data, const std::string& id, Cameras cameras,
+                       const std::string& sensors) {
+  const std::string hash = frame_hash(data, id, cameras);
+  return sensors.empty() ? hash : content_hash(hash + sensors);
+}
+
 }  // namespace
 
 FrameStore::FrameStore(std::filesystem::path data, const LidarModel& lidar,
@@ -84,8 +91,7 @@ FrameStore::~FrameStore() {
 }
 
 std::string FrameStore::content(const std::string& id) const {
-  const std::string hash = frame_hash(data_, id, cameras_);
-  return sensors_content_.empty() ? hash : content_hash(hash + sensors_content_);
+  return content_of(data_, id, cameras_, sensors_content_);
 }
 
 std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id) const {
@@ -253,6 +259,23 @@ RecordedFrames recorded_frames(const FrameSource& source) {
   frames.cameras = source.cameras;
   if (const auto sensors = load_sensors(source.sensors); !sensors.empty())
     frames.add_measurements = [sensors, data = source.data](Frame& frame) { record(sensors, data, frame); };
+  return frames;
+}
+
+RecordedFrames recorded_frames(const FrameSource& source, const std::string& detector,
+                               const std::string& command) {
+  RecordedFrames frames = recorded_frames(source);
+  const auto cache =
+      std::make_shared<FrameCache>(DiskCache::from_environment(), depth_identity({source.depth}),
+                                   rooftop_identity(source.rooftop), lidar_of(source.data, source.rig));
+  require_shared(*cache, command, detector);
+  if (!cache->on() || detector.empty()) return frames;
+  const auto content = [source, sensors = sensors_identity(source.sensors)](const std::string& id) {
+    return content_of(source.data, id, source.cameras, sensors);
+  };
+  frames.kept = [cache, content, detector](const std::string& id, const auto& compute) {
+    return cache->detections(content(id), detector, kScoreThresholdForAp, compute);
+  };
   return frames;
 }
 

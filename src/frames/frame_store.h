@@ -130,6 +130,10 @@ class FrameStore {
 
 /// Those of the source as a detector reads them without an object: its cameras, classes and sensors.
 RecordedFrames recorded_frames(const FrameSource& source);
+/// The same, with the answers of a detector, by its detector_identity(), kept on disk where both can be.
+/// `command`: for the error of require_shared.
+RecordedFrames recorded_frames(const FrameSource& source, const std::string& detector,
+                               const std::string& command);
 
 // Clean detections, kept on disk.
 

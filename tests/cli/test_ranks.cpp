@@ -178,6 +178,15 @@ TEST_F(Ranks, AComparisonIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
   EXPECT_EQ(kept("attacked"), 2 * alone.at("compare").at("hosts").get<std::size_t>());
 }
 
+TEST_F(Ranks, ADetectionIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
+  same_on_one_and_three("detect --detector lidar --kitti " + at("kitti") + " --data " + at("data"), "found");
+  EXPECT_EQ(kept("found"), 3u);
+  EXPECT_EQ(text("three/detections.json"), text("alone/detections.json"));
+  EXPECT_EQ(text("again/detections.json"), text("alone/detections.json"));
+  for (const char* frame : {"000000", "000001", "000002"})
+    EXPECT_TRUE(exists(std::string("kitti/") + frame + ".txt")) << frame;
+}
+
 TEST_F(Ranks, FramesAreGeneratedSideBySideAndOtherCommandsRunInOneProcess) {
   ASSERT_EQ(mirage_on(2, "generate --threads 1 --frames 3 --seed 5 --out " + at("two")), 0) << said();
   for (const auto& entry : fs::recursive_directory_iterator(folder_ / "data/training"))
@@ -189,7 +198,7 @@ TEST_F(Ranks, FramesAreGeneratedSideBySideAndOtherCommandsRunInOneProcess) {
   for (const char* count : {"frames", "cars", "others", "points"})
     EXPECT_EQ(both.at(count), alone.at(count)) << count;
   // Commands that share nothing run in one process.
-  EXPECT_EQ(mirage_on(2, "detect --data " + at("data")), 2);
+  EXPECT_EQ(mirage_on(2, "demo --out " + at("demo")), 2);
   EXPECT_THAT(said(), HasSubstr("start it without mpirun"));
 }
 
