@@ -4,7 +4,7 @@
 #include <memory>
 #include <vector>
 
-#include "base/parallel.h"
+#include "base/hand_out.h"
 #include "detection/detector.h"
 
 namespace mirage {
@@ -23,9 +23,7 @@ void add_shared(DetectorPool& pool, int most);
 /// disjoint places.
 template <class Body>
 void for_each_with_detector(const DetectorPool& pool, std::size_t n, const Body& body) {
-  parallel_for(pool.size(), [&](std::size_t worker) {
-    for (std::size_t i = worker; i < n; i += pool.size()) body(*pool[worker], i);
-  });
+  hand_out(pool.size(), n, [&](std::size_t worker, std::size_t i) { body(*pool[worker], i); });
 }
 
 }  // namespace mirage

@@ -5,6 +5,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/logging.h"
+#include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/options.h"
 #include "cli/table.h"
@@ -61,6 +62,7 @@ void add_options(CLI::App& app, AuditOptions& options) {
   app.add_option("--claim", options.claim,
                  "put the gate's answer under the weights' name into this file "
                  "(plugins/detectors/fusion/weights/reliance.json is what the tests check)");
+  tell_of_cache(app);
 }
 
 /// What is lost as what is won.
@@ -76,7 +78,7 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
   const std::vector<std::string> ids = spread_evenly(list_frames(options.data), options.frames);
   const LabelCensus census = count_labels(options.data, ids, options.classes);
   require_cars(census, "an audit");
-  warn_of_labels(census);
+  if (rank() == 0) warn_of_labels(census);
   const DetectorPool pool = load_detector_pool(asked, static_cast<int>(ids.size()));
   std::vector<Detector*> detectors;
   for (const auto& detector : pool) detectors.push_back(detector.get());
@@ -86,8 +88,10 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
     std::erase_if(changes, [](const AuditChange& change) { return change.input() == AuditInput::picture; });
   Audit audit;
   if (!changes.empty())
-    audit = run_audit(detectors, recorded_frames(options), ids, changes, lidar_of(options.data, options.rig),
-                      common.seed, progress_of("audit", common));
+    audit =
+        run_audit(detectors, recorded_frames(options, detector_identity(asked, can.version), "audit"), ids,
+                  changes, lidar_of(options.data, options.rig), common.seed, progress_of("audit", common));
+  if (rank() > 0) return nlohmann::json::object();  // the first tells
   add_detector(*common.made_of, asked);
   common.made_of->set("classes", options.classes);
   common.made_of->input("sensors", sensors_identity(options.sensors));
@@ -127,6 +131,7 @@ Command audit_command() {
       .help = "measures what a detector loses when its picture, its sweep or its calibration is wrong",
       .default_out = "out/audit",
       .example = "mirage audit --data path/to/kitti --detector fusion",
+      .many_ranks = true,
   });
 }
 

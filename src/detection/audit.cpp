@@ -15,10 +15,12 @@
 #include "base/angles.h"
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/hand_out.h"
 #include "base/image_io.h"
 #include "base/interrupt.h"
-#include "base/parallel.h"
+#include "base/lazy.h"
 #include "base/random.h"
+#include "base/ranks.h"
 #include "detection/detect.h"
 #include "detection/points_in_view.h"
 #include "scene/data/read_frames.h"
@@ -46,14 +48,22 @@ struct FrameAnswers {
   std::vector<std::optional<Answers>> changed;
 };
 
-Answers answers(Detector& detector, const SensorView& view, const GroundTruth& truth) {
+/// What is kept of them: the detections, and the speakers of the labelled cars.
+ViewAnswers answers_to(Detector& detector, const SensorView& view, const GroundTruth& truth) {
   const Matching matching = detector.capabilities().matching();
   const std::vector<Detection> proposals = detector.forward(view, kFaintScore, false);
+  ViewAnswers found = {suppress(scored_over(proposals, kScoreThresholdForAp), matching), {}};
+  for (const ObjectBoxes& car : scored({}, truth, 0, matching).truth.boxes)
+    found[1].push_back(speaker(proposals, car, matching));
+  return found;
+}
+
+/// `found`: answers_to's.
+Answers answers(ViewAnswers found, const GroundTruth& truth, double focal_length, Matching matching) {
   Answers result;
-  result.scored = scored(suppress(scored_over(proposals, kScoreThresholdForAp), matching), truth,
-                         view.calibration->camera.fy, matching);
+  result.scored = scored(std::move(found.at(0)), truth, focal_length, matching);
+  result.cars = std::move(found.at(1));
   for (const ObjectBoxes& car : result.scored.truth.boxes) {
-    result.cars.push_back(speaker(proposals, car, matching));
     result.found.push_back(std::any_of(
         result.scored.detections.begin(), result.scored.detections.end(), [&](const Detection& detection) {
           return detection.score() > kScoreThreshold && matching.overlap(detection, car) >= kIou;
@@ -205,6 +215,34 @@ std::unique_ptr<ChangedView> changed_view(const AuditChange& change, const Scene
       break;
   }
   return changed;
+}
+
+/// What the change shows of the frame at that place.
+ShownView shown_view(const AuditChange& change, const DataSet& data, const PicturePair& pair,
+                     std::size_t index, std::uint64_t seed) {
+  ShownView view = {{pair.frame}, {static_cast<int>(change.kind), change.amount}};
+  if (change.kind == Kind::other_picture || change.kind == Kind::other_sweep)
+    view.frames.push_back(pair.other);
+  if (change.kind == Kind::late_picture)
+    if (const auto earlier = data.beside(pair.frame, -static_cast<int>(change.amount)))
+      view.frames.push_back(*earlier);
+  if (change.kind == Kind::thinned_sweep) view.change.insert(view.change.end(), {seed, index});
+  return view;
+}
+
+/// A frame as it is shown.
+struct Shown {
+  Frame frame;
+  std::vector<LidarPoint> points;
+  GroundTruth truth;
+};
+
+Shown read_shown(const RecordedFrames& source, const std::string& id, const std::array<double, 4>& region) {
+  Shown shown;
+  shown.frame = source.read(id);
+  shown.points = RecordedFrames::points(shown.frame);
+  shown.truth = ground_truth(shown.frame, region);
+  return shown;
 }
 
 /// The frames that have one change, with the right inputs and with it.
@@ -419,37 +457,54 @@ Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& sour
   std::vector<std::string> refused(changes.size());
   std::mutex mutex;
   std::size_t done = 0;
-  parallel_for(detectors.size(), [&](std::size_t worker) {
+  const bool tells = rank() == 0;  // the others fill what is kept, and read nothing that is there
+  const std::vector<std::size_t> order = order_among_ranks(pairs.size());
+  hand_out(detectors.size(), pairs.size(), [&](std::size_t worker, std::size_t k) {
+    throw_if_interrupted(source.kept_views ? "run it again: it goes on" : "the audit is measured anew");
     Detector& detector = *detectors[worker];
-    for (std::size_t f = worker; f < pairs.size(); f += detectors.size()) {
-      throw_if_interrupted("the audit is measured anew");
-      const Frame frame = source.read(pairs[f].frame);
-      const std::vector<LidarPoint> points = RecordedFrames::points(frame);
-      const GroundTruth truth = ground_truth(frame, detector.region());
-      frames[f].right = answers(detector, view_of(frame, frame.image, points), truth);
-      frames[f].changed.resize(changes.size());
-      const Capabilities can = detector.capabilities();
-      const Scene scene{*set, pairs[f], f, frame, points, can, lidar, seed};
-      for (std::size_t c = 0; c < changes.size(); ++c) {
+    const std::size_t f = order[k];
+    const Capabilities can = detector.capabilities();
+    const Lazy<Shown> shown([&] { return read_shown(source, pairs[f].frame, detector.region()); });
+    const auto told = [&](ViewAnswers found) {
+      return answers(std::move(found), shown.get().truth, shown.get().frame.calibration.camera.fy,
+                     can.matching());
+    };
+    const auto kept = [&](const ShownView& view, const std::function<ViewAnswers()>& compute) {
+      return source.kept_views ? source.kept_views(view, compute) : compute();
+    };
+    ViewAnswers found = kept({{pairs[f].frame}, "none"}, [&] {
+      const Frame& frame = shown.get().frame;
+      return answers_to(detector, view_of(frame, frame.image, shown.get().points), shown.get().truth);
+    });
+    if (tells) frames[f].right = told(std::move(found));
+    frames[f].changed.resize(changes.size());
+    for (std::size_t c = 0; c < changes.size(); ++c) {
+      const auto look = [&]() -> ViewAnswers {
+        const Scene scene{*set, pairs[f], f, shown.get().frame, shown.get().points, can, lidar, seed};
         const std::unique_ptr<ChangedView> changed = changed_view(changes[c], scene);
-        if (!changed) continue;
-        const auto refuse = [&](const std::exception& error) {
-          if (!changes[c].takes_away()) throw;
-          const std::lock_guard lock(mutex);
-          refused[c] = error.what();
-        };
-        try {
-          frames[f].changed[c] = answers(detector, changed->view, truth);
-        } catch (const Failure& error) {
-          refuse(error);
-        } catch (const InputError& error) {
-          refuse(error);
-        }
+        if (!changed) return {};
+        return answers_to(detector, changed->view, shown.get().truth);
+      };
+      const auto refuse = [&](const std::exception& error) {
+        if (!changes[c].takes_away()) throw;
+        const std::lock_guard lock(mutex);
+        refused[c] = error.what();
+      };
+      try {
+        found = kept(shown_view(changes[c], *set, pairs[f], f, seed), look);
+      } catch (const Failure& error) {
+        refuse(error);
+        continue;
+      } catch (const InputError& error) {
+        refuse(error);
+        continue;
       }
-      const std::lock_guard lock(mutex);
-      if (progress) progress(++done, pairs.size());
+      if (tells && !found.empty()) frames[f].changed[c] = told(std::move(found));
     }
+    const std::lock_guard lock(mutex);
+    if (progress) progress(++done, pairs.size());
   });
+  if (!tells) return {};
   Audit audit;
   audit.frames = static_cast<int>(pairs.size());
   audit.left_out = static_cast<int>(ids.size() - pairs.size());

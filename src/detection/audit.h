@@ -134,7 +134,8 @@ struct Audit {
 /// thinned_sweep, which is left out without it. `seed` draws the beams. `progress(done, total)` may be empty.
 /// A changed picture is that of every camera that the detector reads; a changed calibration is the first's.
 /// What takes an input away is `refused` if the detector fails on any frame without it. Its other errors come
-/// through, and those of read_frame; Interrupted between frames.
+/// through, and those of read_frame; Interrupted between frames. A call of all ranks (base/ranks.h), who
+/// share the frames through RecordedFrames::kept_views; all but the first get nothing.
 Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& source,
                 const std::vector<std::string>& ids, const std::vector<AuditChange>& changes,
                 const std::optional<LidarModel>& lidar = {}, std::uint64_t seed = 0,

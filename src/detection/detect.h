@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <functional>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
 #include <string>
@@ -48,6 +49,14 @@ struct DetectionRun {
   Matching matching;                  ///< how it was judged
 };
 
+/// What a detector is shown of one frame, changed or not: names for keeping its answers.
+struct ShownView {
+  std::vector<std::string> frames;  ///< of which something is shown, the frame itself first
+  nlohmann::json change;            ///< what is shown of them
+};
+/// A detector's answers to a view, and whatever else is told of them.
+using ViewAnswers = std::vector<std::vector<Detection>>;
+
 /// Frames of a data set as recorded, without an object, and how they are read.
 struct RecordedFrames {
   RecordedFrames(std::filesystem::path of, std::string sought = kCars)
@@ -61,6 +70,8 @@ struct RecordedFrames {
   /// else compute()'s, which is then kept (frames/frame_store.h). Empty: nothing is.
   std::function<std::vector<Detection>(const std::string& id, const std::function<std::vector<Detection>()>&)>
       kept = {};
+  /// The same of answers to other views of them.
+  std::function<ViewAnswers(const ShownView& view, const std::function<ViewAnswers()>&)> kept_views = {};
 
   /// The frame, whole, its labels marked.
   Frame read(const std::string& id) const;

@@ -267,6 +267,26 @@ std::vector<Detection> FrameCache::detections(const std::string& frame, const st
   return kept<std::vector<Detection>>(disk_.get(), "found", made_of, compute, decode_all, encode_all);
 }
 
+FrameAnswers FrameCache::answers(const char* kind, const Provenance& made_of,
+                                 const std::function<FrameAnswers()>& compute) {
+  return kept<FrameAnswers>(
+      disk_.get(), kind, made_of, compute,
+      [](Reader& reader) {
+        FrameAnswers answers;
+        answers.found.resize(reader.get_count(sizeof(std::uint64_t)));
+        for (auto& found : answers.found) found = decode_all(reader);
+        answers.numbers.resize(reader.get_count(sizeof(double)));
+        reader.get_all(std::span<double>(answers.numbers));
+        return answers;
+      },
+      [](Writer& writer, const FrameAnswers& answers) {
+        writer.put<std::uint64_t>(answers.found.size());
+        for (const auto& found : answers.found) encode_all(writer, found);
+        writer.put<std::uint64_t>(answers.numbers.size());
+        writer.put_all(std::span<const double>(answers.numbers));
+      });
+}
+
 FoundAttacked FrameCache::attacked(const Provenance& made_of, const std::function<FoundAttacked()>& compute) {
   return kept<FoundAttacked>(
       disk_.get(), "attacked", made_of, compute,

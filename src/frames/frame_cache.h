@@ -12,6 +12,7 @@
 
 #include "base/disk_cache.h"
 #include "base/provenance.h"
+#include "detection/detect.h"
 #include "detection/detector.h"
 #include "simulation/insertion.h"
 
@@ -28,6 +29,12 @@ struct HostView {
 struct FoundAttacked {
   std::vector<Detection> detections;
   std::optional<PictureBox> object;  ///< its outline in the picture, where that is asked for
+};
+
+/// What some work with a detector on one frame found, in an order of its own.
+struct FrameAnswers {
+  ViewAnswers found = {};
+  std::vector<double> numbers = {};
 };
 
 /// The entries of one data set's frames. `frame` is frame_hash() of scene/data/kitti.h. Several threads may
@@ -56,6 +63,9 @@ class FrameCache {
   std::vector<Detection> detections(const std::string& frame, const std::string& detector,
                                     double score_threshold,
                                     const std::function<std::vector<Detection>()>& compute);
+  /// Of work on one frame that `made_of` tells whole; `kind`: the work's name.
+  FrameAnswers answers(const char* kind, const Provenance& made_of,
+                       const std::function<FrameAnswers()>& compute);
   /// Of an insertion that `made_of` tells whole: prepared(), the object, how it is drawn, and the detector.
   FoundAttacked attacked(const Provenance& made_of, const std::function<FoundAttacked()>& compute);
   /// What a prepared frame is made of: the frame, its depth and its roofs.

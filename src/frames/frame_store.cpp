@@ -1,5 +1,7 @@
 #include "frames/frame_store.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 
 #include "base/files.h"
@@ -270,11 +272,30 @@ RecordedFrames recorded_frames(const FrameSource& source, const std::string& det
                                    rooftop_identity(source.rooftop), lidar_of(source.data, source.rig));
   require_shared(*cache, command, detector);
   if (!cache->on() || detector.empty()) return frames;
-  const auto content = [source, sensors = sensors_identity(source.sensors)](const std::string& id) {
-    return content_of(source.data, id, source.cameras, sensors);
+  struct Contents {  // a frame is shown in many views
+    std::mutex mutex;
+    std::map<std::string, std::string> known;
+  };
+  const auto content = [source, sensors = sensors_identity(source.sensors),
+                        contents = std::make_shared<Contents>()](const std::string& id) {
+    const std::lock_guard lock(contents->mutex);
+    std::string& hash = contents->known[id];
+    if (hash.empty()) hash = content_of(source.data, id, source.cameras, sensors);
+    return hash;
   };
   frames.kept = [cache, content, detector](const std::string& id, const auto& compute) {
     return cache->detections(content(id), detector, kScoreThresholdForAp, compute);
+  };
+  frames.kept_views = [cache, content, detector, lidar = lidar_identity(lidar_of(source.data, source.rig)),
+                       classes = source.classes](const ShownView& view, const auto& compute) {
+    Provenance made_of;
+    for (std::size_t i = 0; i < view.frames.size(); ++i)
+      made_of.input(fmt::format("frame_{}", i), content(view.frames[i]));
+    made_of.input("detector", detector);
+    made_of.input("lidar", lidar);
+    made_of.set("classes", classes);  // the cars that the answers are told of
+    made_of.set("change", view.change);
+    return cache->answers("audited", made_of, [&] { return FrameAnswers{compute()}; }).found;
   };
   return frames;
 }

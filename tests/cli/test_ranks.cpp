@@ -187,6 +187,12 @@ TEST_F(Ranks, ADetectionIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
     EXPECT_TRUE(exists(std::string("kitti/") + frame + ".txt")) << frame;
 }
 
+TEST_F(Ranks, AnAuditIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
+  const nlohmann::json alone =
+      same_on_one_and_three("audit --detector lidar --data " + at("data"), "audited");
+  EXPECT_EQ(kept("audited"), 3 * (1 + alone.at("audit").size()));  // as recorded, and with each change
+}
+
 TEST_F(Ranks, FramesAreGeneratedSideBySideAndOtherCommandsRunInOneProcess) {
   ASSERT_EQ(mirage_on(2, "generate --threads 1 --frames 3 --seed 5 --out " + at("two")), 0) << said();
   for (const auto& entry : fs::recursive_directory_iterator(folder_ / "data/training"))
