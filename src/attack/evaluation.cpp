@@ -106,6 +106,30 @@ std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& da
   return kinds;
 }
 
+bool kept_on_disk(FrameStore& store, const EvaluationSettings& settings) {
+  return store.cache().on() && !settings.detector_identity.empty();
+}
+
+const char* how_to_go_on(FrameStore& store, const EvaluationSettings& settings) {
+  return kept_on_disk(store, settings) ? "run it again: it goes on"
+                                       : "nothing is kept without MIRAGE_CACHE; run it again";
+}
+
+std::string hash_of(const TexturedMesh& textured) {
+  const auto& [mesh, atlas] = textured;
+  std::string bytes;
+  const auto put = [&](const auto* values, std::size_t count) {
+    bytes.append(reinterpret_cast<const char*>(&count), sizeof count);
+    bytes.append(reinterpret_cast<const char*>(values), count * sizeof *values);
+  };
+  static_assert(sizeof(Vec3d) == 3 * sizeof(double) && sizeof(Face) == 3 * sizeof(int));
+  put(mesh.vertices.data(), mesh.vertices.size());
+  put(mesh.faces.data(), mesh.faces.size());
+  put(&atlas.resolution, 1);
+  put(atlas.texels.data(), atlas.texels.size());
+  return content_hash(bytes);
+}
+
 namespace {
 
 /// Best IoU with the host, and that detection's score.
@@ -123,32 +147,6 @@ double nearest_centre(const std::vector<Detection>& detections, const HostTruth&
   for (const Detection& d : detections)
     nearest = std::min(nearest, truth.matching().distance(d, truth.host()));
   return nearest;
-}
-
-/// Whether answers go to disk: then a second run goes on, and ranks share their work.
-bool kept_on_disk(FrameStore& store, const EvaluationSettings& settings) {
-  return store.cache().on() && !settings.detector_identity.empty();
-}
-
-const char* how_to_go_on(FrameStore& store, const EvaluationSettings& settings) {
-  return kept_on_disk(store, settings) ? "run it again: it goes on"
-                                       : "nothing is kept without MIRAGE_CACHE; run it again";
-}
-
-/// content_hash of every coordinate, index and texel.
-std::string hash_of(const TexturedMesh& textured) {
-  const auto& [mesh, atlas] = textured;
-  std::string bytes;
-  const auto put = [&](const auto* values, std::size_t count) {
-    bytes.append(reinterpret_cast<const char*>(&count), sizeof count);
-    bytes.append(reinterpret_cast<const char*>(values), count * sizeof *values);
-  };
-  static_assert(sizeof(Vec3d) == 3 * sizeof(double) && sizeof(Face) == 3 * sizeof(int));
-  put(mesh.vertices.data(), mesh.vertices.size());
-  put(mesh.faces.data(), mesh.faces.size());
-  put(&atlas.resolution, 1);
-  put(atlas.texels.data(), atlas.texels.size());
-  return content_hash(bytes);
 }
 
 /// One mesh on one host: drawn, and shown to the detector.

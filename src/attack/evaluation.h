@@ -100,6 +100,13 @@ struct Evaluation {
   ClusterCount clusters;  ///< of the hosts detected clean
 };
 
+/// Whether answers go to disk: then a second run goes on, and ranks share their work.
+bool kept_on_disk(FrameStore& store, const EvaluationSettings& settings);
+/// For Interrupted.
+const char* how_to_go_on(FrameStore& store, const EvaluationSettings& settings);
+/// content_hash of every coordinate, index and texel.
+std::string hash_of(const TexturedMesh& textured);
+
 /// Detections of one view: proposals over the threshold after suppression.
 std::vector<Detection> detections(Detector& detector, const SensorView& view,
                                   const EvaluationSettings& settings);

@@ -4,6 +4,7 @@
 #include "attack/zoo.h"
 #include "base/error.h"
 #include "base/names.h"
+#include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/options.h"
 #include "cli/table.h"
@@ -115,9 +116,10 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
   if (options.frames > 0 && frames.size() > options.frames) frames.resize(options.frames);
   const LabelCensus census = count_labels(options.data, frames, options.classes, options.cameras);
   require_cars(census, "a certificate");
-  warn_of_labels(census);
+  if (rank() == 0) warn_of_labels(census);
   const DetectorPool detectors = load_detector_pool(asked, static_cast<int>(frames.size()));
-  settings.evaluation.detector_identity = detector_identity(asked);
+  settings.evaluation.detector_identity = detector_identity(asked, detectors.front()->capabilities().version);
+  require_shared(store.cache(), "certify", settings.evaluation.detector_identity);
   std::vector<HostId> hosts;
   for (const Host& host : find_all_hosts(store, frames, detectors.front()->region(), settings.simulation,
                                          options.min_view, common.quiet))
@@ -126,6 +128,7 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
     throw InputError(options.data.string(), "labels", "no car has the adversary in view",
                      "give more frames or lower --min-view");
   const CertificateResult result = certify(detectors, store, hosts, lidar, settings);
+  if (rank() > 0) return nlohmann::json::object();  // the first tells
   common.made_of->add(settings.simulation);
   add_frames(*common.made_of, options, frames);
   add_detector(*common.made_of, asked);
@@ -150,6 +153,7 @@ Command certify_command() {
       .help = "counts cars that no object within a box on their roof can hide",
       .default_out = "out/certify",
       .example = "mirage certify --data generated --detector lidar",
+      .many_ranks = true,
   });
 }
 

@@ -14,6 +14,7 @@
 #include "base/intervals.h"
 #include "base/progress.h"
 #include "base/random.h"
+#include "base/ranks.h"
 #include "detection/detect.h"
 #include "simulation/object_window.h"
 
@@ -22,7 +23,6 @@ namespace {
 
 /// IoU over which a car is found, whatever is asked.
 constexpr double kStrictest = 0.7;
-constexpr const char* kNothingWritten = "a certification writes nothing until it is done; run it again";
 
 void check_certificate(const CertificateSettings& settings) {
   check_fields(settings);
@@ -36,7 +36,6 @@ struct Sight {
   Detector& detector;
   const PreparedFrame& prepared;
   EvaluationSettings by;  ///< down to the scores that AP asks for
-  GroundTruth truth;
   std::vector<Detection> clean;
   std::optional<CleanView> recorded;  ///< where the detector computes only what a mask changes
   std::vector<HostTruth> hosts = {};
@@ -53,9 +52,6 @@ struct Sight {
       view.clean = &*recorded;
     }
     return detections(detector, view, by);
-  }
-  ScoredFrame score(std::vector<Detection> detected) const {
-    return scored(std::move(detected), truth, prepared.frame.calibration.camera.fy, by.matching);
   }
 };
 
@@ -94,11 +90,31 @@ using AttackedIou = std::map<HostId, std::vector<double>>;
 struct FrameWork {
   std::string id;
   std::vector<std::size_t> hosts;  ///< places in the result
-  ScoredFrame clean;
-  std::vector<ScoredFrame> united;      ///< by size
+  std::vector<Detection> clean;
+  ViewAnswers united;                   ///< of the whole lattice, by size
   std::vector<std::size_t> masks;       ///< by size
   std::vector<std::size_t> violations;  ///< by size
 };
+
+/// Every number that is found of a frame and its hosts.
+template <class Use>
+void for_each_number(FrameWork& work, std::vector<CertifiedHost>& hosts, std::size_t sizes, const Use& use) {
+  work.violations.resize(sizes);
+  for (std::size_t& count : work.violations) use(count);
+  std::size_t with_masks = work.masks.size();
+  use(with_masks);
+  work.masks.resize(with_masks);
+  for (std::size_t& count : work.masks) use(count);
+  for (const std::size_t place : work.hosts) {
+    CertifiedHost& host = hosts[place];
+    host.sizes.resize(sizes);
+    use(host.track), use(host.range), use(host.clean_iou), use(host.control_iou);
+    for (auto& [known, lattice, attacked, survived, covered, removed, hidden] : host.sizes) {
+      for (double* iou : {&known, &lattice, &attacked, &survived}) use(*iou);
+      use(covered), use(removed), use(hidden);
+    }
+  }
+}
 
 class Certifier {
  public:
@@ -107,6 +123,54 @@ class Certifier {
       : settings_(settings), store_(store), attacked_(attacked), ground_(-lidar.height) {
     margin_ = {settings.mask_pixels, settings.mask_metres, beam_origin_spread(lidar)};
     for (double size : settings.sizes) limits_.push_back(limits_of_size(size));
+    for (const TexturedMesh& adversary : settings.adversaries) adversaries_.push_back(hash_of(adversary));
+  }
+
+  /// What is kept of the frame, or else what is found now, which is then kept.
+  void work_on(Detector& detector, FrameWork& work, std::vector<CertifiedHost>& hosts) const {
+    const auto now = [&] {
+      FrameAnswers answers;
+      certify_frame(detector, work, hosts);
+      answers.found = work.united;
+      answers.found.push_back(work.clean);
+      for_each_number(work, hosts, limits_.size(),
+                      [&](const auto& number) { answers.numbers.push_back(static_cast<double>(number)); });
+      return answers;
+    };
+    if (!kept_on_disk(store_, settings_.evaluation)) {
+      now();
+      return;
+    }
+    FrameAnswers answers = store_.cache().answers("certified", made_of(work, hosts), now);
+    work.clean = std::move(answers.found.back());
+    answers.found.pop_back();
+    work.united = std::move(answers.found);
+    std::size_t i = 0;
+    for_each_number(work, hosts, limits_.size(), [&](auto& number) {
+      number = static_cast<std::decay_t<decltype(number)>>(answers.numbers.at(i++));
+    });
+  }
+
+ private:
+  Provenance made_of(const FrameWork& work, const std::vector<CertifiedHost>& hosts) const {
+    Provenance made_of = store_.made_of(hosts[work.hosts.front()].id);
+    nlohmann::json all;
+    for (const std::size_t place : work.hosts) {
+      const HostId& id = hosts[place].id;
+      all.push_back(
+          {host_name(id), settings_.adversaries.empty() ? std::vector<double>() : attacked_.at(id)});
+    }
+    made_of.set("hosts", std::move(all));
+    made_of.add(settings_);
+    made_of.set("sizes", settings_.sizes);
+    made_of.set("seed", settings_.seed);
+    made_of.set("roof_low", settings_.lattice.roof_low);
+    made_of.set("roof_high", settings_.lattice.roof_high);
+    made_of.set("simulation", to_json(settings_.simulation));
+    made_of.set("adversaries", adversaries_);
+    made_of.set("score_threshold", settings_.evaluation.score_threshold);
+    made_of.input("detector", settings_.evaluation.detector_identity);
+    return made_of;
   }
 
   void certify_frame(Detector& detector, FrameWork& work, std::vector<CertifiedHost>& hosts) const {
@@ -117,15 +181,10 @@ class Certifier {
     EvaluationSettings by = settings_.evaluation;
     by.matching = detector.capabilities().matching();
     by.score_threshold = std::min(kScoreThresholdForAp, settings_.evaluation.score_threshold);
-    Sight sight{detector,
-                prepared,
-                by,
-                ground_truth(frame, detector.region()),
-                detections(detector, view_of(frame), by),
-                std::nullopt};
+    Sight sight{detector, prepared, by, detections(detector, view_of(frame), by), std::nullopt};
     if (detector.capabilities().why_whole.empty()) sight.recorded = clean_view(prepared, {});
     const double score = settings_.evaluation.score_threshold;
-    work.clean = sight.score(sight.clean);
+    work.clean = sight.clean;
     work.violations.assign(limits_.size(), 0);
     for (std::size_t place : work.hosts) {
       CertifiedHost& host = hosts[place];
@@ -140,7 +199,7 @@ class Certifier {
     }
     for (std::size_t s = 0; s < limits_.size(); ++s) {
       for (std::size_t h = 0; h < work.hosts.size(); ++h) {
-        throw_if_interrupted(kNothingWritten);
+        throw_if_interrupted(how_to_go_on(store_, settings_.evaluation));
         CertifiedHost& host = hosts[work.hosts[h]];
         Certificate& certificate = host.sizes[s];
         const Box3 box = object_box(sight.roofs[h].velo_from_adversary, limits_[s]);
@@ -159,7 +218,6 @@ class Certifier {
     }
   }
 
- private:
   /// For every adversary that stays in the box: what is found of the host under it.
   template <class Look>
   void for_those_in(const AdversaryLimits& limits, const HostId& id, const Look& look) const {
@@ -193,7 +251,7 @@ class Certifier {
     const std::vector<Box3> masks =
         lattice(sight.prepared.frame.calibration, limits_[s], ground_, settings_.lattice);
     for (const Box3& mask : masks) {
-      throw_if_interrupted(kNothingWritten);
+      throw_if_interrupted(how_to_go_on(store_, settings_.evaluation));
       const auto holds = [&](const Box3& object) { return covers(mask, object); };
       bool asked = settings_.whole_lattice;  // else of cars that no mask before has certified
       for (std::size_t h = 0; h < objects.size() && !asked; ++h)
@@ -212,7 +270,7 @@ class Certifier {
     }
     work.masks.push_back(masks.size());
     if (!settings_.whole_lattice) return;
-    work.united.push_back(sight.score(suppress(std::move(whole), sight.by.matching)));
+    work.united.push_back(suppress(std::move(whole), sight.by.matching));
     for (std::size_t h = 0; h < objects.size(); ++h) {
       CertifiedHost& host = hosts[work.hosts[h]];
       Certificate& certificate = host.sizes[s];
@@ -242,7 +300,7 @@ class Certifier {
     };
     std::ranges::stable_sort(masks, {}, away);
     for (const Box3& mask : masks) {
-      throw_if_interrupted(kNothingWritten);
+      throw_if_interrupted(how_to_go_on(store_, settings_.evaluation));
       if (best > kStrictest) break;
       if (covers(mask, object)) continue;
       const auto proposals = sight.found(
@@ -258,6 +316,7 @@ class Certifier {
   double ground_;
   MaskMargin margin_;
   std::vector<AdversaryLimits> limits_;
+  std::vector<std::string> adversaries_;  ///< by content
 };
 
 CertifiedShares shares_of(const std::vector<CertifiedHost>& hosts, std::size_t s) {
@@ -377,16 +436,31 @@ CertificateResult certify(const DetectorPool& detectors, FrameStore& store, cons
   Progress progress("certify", frames.size(), settings.evaluation.quiet);
   std::mutex mutex;
   std::size_t done = 0;
-  for_each_with_detector(detectors, frames.size(), [&](Detector& detector, std::size_t i) {
-    certifier.certify_frame(detector, frames[i], result.hosts);
+  const std::vector<std::size_t> order = order_among_ranks(frames.size());
+  for_each_with_detector(detectors, frames.size(), [&](Detector& detector, std::size_t k) {
+    throw_if_interrupted(how_to_go_on(store, settings.evaluation));
+    FrameWork& work = frames[order[k]];
+    certifier.work_on(detector, work, result.hosts);
     const std::lock_guard lock(mutex);
-    progress.update(++done, frames[i].id);
+    progress.update(++done, work.id);
   });
+  if (rank() > 0) return {};
   Clusters clusters;
   for (const CertifiedHost& host : result.hosts) clusters.add(host.id.frame, host.track);
   result.clusters = clusters.count();
   std::vector<ScoredFrame> clean;
-  for (const FrameWork& frame : frames) clean.push_back(frame.clean);
+  std::vector<std::vector<ScoredFrame>> united(settings.sizes.size());
+  const Matching matching = detectors.front()->capabilities().matching();
+  for (FrameWork& work : frames) {
+    const auto prepared = store.get(work.id);
+    const Frame& frame = prepared->frame;
+    const GroundTruth truth = ground_truth(frame, detectors.front()->region());
+    const auto score = [&](std::vector<Detection>& found) {
+      return scored(std::move(found), truth, frame.calibration.camera.fy, matching);
+    };
+    clean.push_back(score(work.clean));
+    for (std::size_t s = 0; s < work.united.size(); ++s) united[s].push_back(score(work.united[s]));
+  }
   result.clean_ap70 = average_precision(clean, 0.7).average_precision;
   for (std::size_t s = 0; s < settings.sizes.size(); ++s) {
     CertifiedShares shares = shares_of(result.hosts, s);
@@ -397,15 +471,14 @@ CertificateResult certify(const DetectorPool& detectors, FrameStore& store, cons
         }));
     if (settings.objects > 0)
       shares.objects = result.hosts.size() * static_cast<std::size_t>(settings.objects + shares.adversaries);
-    std::vector<ScoredFrame> whole;
     std::size_t masks = 0;
     for (const FrameWork& frame : frames) {
       shares.violations += frame.violations[s];
       if (settings.with_lattice) masks += frame.masks[s];
-      if (settings.with_lattice && settings.whole_lattice) whole.push_back(frame.united[s]);
     }
     if (settings.with_lattice) result.masks.push_back(masks / frames.size());
-    if (!whole.empty()) result.lattice_ap70.push_back(average_precision(whole, 0.7).average_precision);
+    if (!united[s].empty())
+      result.lattice_ap70.push_back(average_precision(united[s], 0.7).average_precision);
     result.shares.push_back(shares);
   }
   return result;

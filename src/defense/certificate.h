@@ -157,7 +157,8 @@ struct CertificateResult {
 };
 
 /// Certifies every host. FieldError for settings out of range and for outcomes that lack a host or an
-/// adversary; Interrupted between hosts.
+/// adversary; Interrupted between hosts. A call of all ranks (base/ranks.h), who share the frames through the
+/// store's cache; all but the first get nothing.
 CertificateResult certify(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                           const LidarModel& lidar, const CertificateSettings& settings);
 

@@ -193,6 +193,14 @@ TEST_F(Ranks, AnAuditIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
   EXPECT_EQ(kept("audited"), 3 * (1 + alone.at("audit").size()));  // as recorded, and with each change
 }
 
+TEST_F(Ranks, ACertificateIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
+  same_on_one_and_three(
+      "certify --detector lidar --sizes 0.4 --objects 1 --lattice --whole-lattice --step 10 "
+      "--farthest 20 --mesh " MIRAGE_SOURCE "/scenes/objects/ellipsoid.glb --data " +
+          at("data"),
+      "certified");
+}
+
 TEST_F(Ranks, FramesAreGeneratedSideBySideAndOtherCommandsRunInOneProcess) {
   ASSERT_EQ(mirage_on(2, "generate --threads 1 --frames 3 --seed 5 --out " + at("two")), 0) << said();
   for (const auto& entry : fs::recursive_directory_iterator(folder_ / "data/training"))
