@@ -11,14 +11,19 @@
 #include "base/field_json.h"
 #include "base/files.h"
 #include "base/interrupt.h"
+#include "base/json_fields.h"
+#include "base/logging.h"
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/progress.h"
+#include "base/provenance.h"
+#include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/table.h"
 #include "exchange/mesh_files.h"
 #include "frames/data_check.h"
+#include "frames/frame_cache.h"
 #include "generator/car_family.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/label_census.h"
@@ -28,7 +33,8 @@
 namespace mirage::cli {
 namespace {
 
-constexpr double kMostLabelNoise = 10;  // beyond 13 times a drawn size could be negative
+constexpr std::size_t kMostVehicles = 100'000;  // of a frame
+constexpr double kMostLabelNoise = 10;          // beyond 13 times a drawn size could be negative
 
 struct FitOptions {
   std::filesystem::path data, model, build_model, meshes;
@@ -92,6 +98,81 @@ void print_report(const FitReport& report) {
   std::fflush(stdout);
 }
 
+constexpr const char* kFitAgain = "delete the file";
+
+/// The fits of one frame after the other, each kept in OUT/frames as soon as it is there.
+struct FitWork {
+  const FitOptions& options;
+  const std::filesystem::path& out;
+  const ShapeRoofFinder& finder;
+  const LidarModel& lidar;
+  const FitFrameSettings& settings;
+  const std::optional<generator::StreetSource>& source;
+  Provenance made_of;  ///< but for the frame
+
+  std::filesystem::path file_of(const std::string& id) const {
+    return out / "frames" / (escape_name(id) + ".json");
+  }
+  std::filesystem::path mesh_of(const std::string& id, int label) const {
+    return out / "meshes" / fmt::format("{}_{}.{}", escape_name(id), label, options.format);
+  }
+
+  /// What to_json says of the frame's vehicles.
+  nlohmann::json fit(const std::string& id) const {
+    Provenance of_frame = made_of;
+    of_frame.input("frame", frame_hash(options.data, id));
+    const std::string key = of_frame.identity();
+    if (auto stored = stored_fits(id, key)) return std::move(*stored);
+    const Frame frame = read_frame(options.data, id);
+    std::vector<generator::TrueVehicle> truth;
+    const auto index = source ? generator::index_of(id) : std::nullopt;
+    if (index) truth = generator::true_vehicles(source->seed, *index, lidar.height, source->look);
+    const std::vector<FittedVehicle> fits =
+        fit_frame(finder, frame, lidar, settings, index ? &truth : nullptr);
+    if (options.format != "none")
+      for (const FittedVehicle& v : fits)
+        if (v.fit.fitted) write_mesh(mesh_of(v.frame, v.label), v.fit.mesh);
+    nlohmann::json rows = list_json(fits);
+    write_json(file_of(id), {{"key", key}, {"vehicles", rows}});
+    return rows;
+  }
+
+ private:
+  /// None where the file is missing, damaged or of something else, or a mesh of it is missing.
+  std::optional<nlohmann::json> stored_fits(const std::string& id, const std::string& key) const {
+    const std::filesystem::path file = file_of(id);
+    if (!std::filesystem::exists(file)) return std::nullopt;
+    try {
+      nlohmann::json stored = read_json(file);
+      const JsonFields fields(file, stored, kFitAgain);
+      if (fields.text("key") != key) return std::nullopt;
+      for (const nlohmann::json& row : fields.list("vehicles", kMostVehicles)) {
+        const FittedVehicle v = read_fitted_vehicle(fields.inner("vehicles", row));
+        if (options.format != "none" && v.fit.fitted && !std::filesystem::exists(mesh_of(v.frame, v.label)))
+          return std::nullopt;
+      }
+      return std::move(stored["vehicles"]);
+    } catch (const InputError& damaged) {
+      spdlog::warn("{}", damaged.what());
+      return std::nullopt;
+    }
+  }
+};
+
+Provenance made_of_fit(const FitOptions& options, const std::filesystem::path& model, const LidarModel& lidar,
+                       const FitFrameSettings& settings,
+                       const std::optional<generator::StreetSource>& source) {
+  Provenance made_of;
+  made_of.file("model", model);
+  made_of.input("lidar", lidar_identity(lidar));
+  made_of.set("min_points", options.min_points);
+  made_of.set("types", settings.types);
+  made_of.set("label_noise", settings.label_noise);
+  made_of.set("seed", settings.seed);
+  if (source) made_of.set("street", {source->seed, name_of(source->look)});
+  return made_of;
+}
+
 nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   const auto model_file = options.model.empty() ? shipped_file("scenes/shapes/cars.shape") : options.model;
   const LidarModel lidar = lidar_of(options.data, options.rig);
@@ -107,34 +188,37 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   for (std::string& type : frame_settings.types) type = kitti_type(type);
   const LabelCensus census = count_labels(options.data, ids);
   require_types(census, frame_settings.types, "--types");
-  warn_of_labels(census);
+  if (rank() == 0) warn_of_labels(census);
   frame_settings.seed = common.seed;
 
-  std::vector<std::vector<FittedVehicle>> fits(ids.size());
+  const FitWork work{options,
+                     common.out,
+                     finder,
+                     lidar,
+                     frame_settings,
+                     source,
+                     made_of_fit(options, model_file, lidar, frame_settings, source)};
+  std::vector<nlohmann::json> fits(ids.size());
   Progress progress("fit", ids.size(), common.quiet);
   std::mutex mutex;
   std::size_t done = 0;
-  parallel_for(ids.size(), [&](std::size_t i) {
+  const std::vector<std::size_t> order = order_among_ranks(ids.size());
+  parallel_for(ids.size(), [&](std::size_t k) {
     if (interrupted()) return;
-    const Frame frame = read_frame(options.data, ids[i]);
-    std::vector<generator::TrueVehicle> truth;
-    const auto index = source ? generator::index_of(ids[i]) : std::nullopt;
-    if (index) truth = generator::true_vehicles(source->seed, *index, lidar.height, source->look);
-    fits[i] = fit_frame(finder, frame, lidar, frame_settings, index ? &truth : nullptr);
-    if (options.format != "none")
-      for (const FittedVehicle& v : fits[i])
-        if (v.fit.fitted)
-          write_mesh(
-              common.out / "meshes" / fmt::format("{}_{}.{}", escape_name(v.frame), v.label, options.format),
-              v.fit.mesh);
+    fits[order[k]] = work.fit(ids[order[k]]);
     const std::scoped_lock lock(mutex);
     progress.update(++done);
   });
-  throw_if_interrupted("meshes written so far are kept");
+  throw_if_interrupted("run it again: it goes on");
+  if (rank() > 0) return nlohmann::json::object();  // the first tells
   std::vector<FittedVehicle> all;
-  for (auto& frame : fits)
-    all.insert(all.end(), std::make_move_iterator(frame.begin()), std::make_move_iterator(frame.end()));
-  write_json(common.out / "vehicles.json", {{"vehicles", list_json(all)}});
+  nlohmann::json rows = nlohmann::json::array();
+  for (std::size_t i = 0; i < ids.size(); ++i)
+    for (nlohmann::json& row : fits[i]) {
+      all.push_back(read_fitted_vehicle({work.file_of(ids[i]), row, kFitAgain}));
+      rows.push_back(std::move(row));
+    }
+  write_json(common.out / "vehicles.json", {{"vehicles", std::move(rows)}});
   const FitReport report = summarise_fits(all);
   print_report(report);
   nlohmann::json said = to_json(report);
@@ -185,7 +269,12 @@ void add_options(CLI::App& app, FitOptions& options) {
 }
 
 nlohmann::json run(const FitOptions& options, const Common& common) {
-  if (!options.build_model.empty()) return build_model(options, common);
+  if (!options.build_model.empty()) {
+    if (rank_count() > 1)
+      throw InputError("--build-model", "mpirun", "a model is learned in one process",
+                       "start it without mpirun");
+    return build_model(options, common);
+  }
   if (options.data.empty())
     throw InputError("mirage fit", "--data", "missing", "give a data set, or --build-model FILE");
   return fit_data_set(options, common);
@@ -199,6 +288,7 @@ Command fit_command() {
       .help = "fits the vehicle shape manifold: meshes, rooftops, fitting error",
       .default_out = "out/fit",
       .example = "mirage fit --data generated --mesh-format glb",
+      .many_ranks = true,
   });
 }
 

@@ -215,6 +215,52 @@ nlohmann::json to_json(const FittedVehicle& v) {
 
 namespace {
 
+constexpr double kFarthestFit = 1e9;
+constexpr int kMostOfFit = 1'000'000'000;
+constexpr std::size_t kLongestCode = 1000;
+
+Vec3d read_list(const JsonFields& json, const char* key) {
+  return Eigen::Map<const Vec3d>(json.numbers(key, 3, -kFarthestFit, kFarthestFit).data());
+}
+
+}  // namespace
+
+FittedVehicle read_fitted_vehicle(const JsonFields& json) {
+  const auto number = [](const JsonFields& of, const char* key) {
+    return of.number(key, -kFarthestFit, kFarthestFit);
+  };
+  FittedVehicle v;
+  v.frame = json.text("frame");
+  v.label = json.count("label");
+  v.range = number(json, "range_m");
+  v.seconds = number(json, "seconds");
+  v.fit.points = json.count("returns");
+  v.carrier.from_box = json.truth("from_box");
+  v.carrier.velo_from_roof.translation() = read_list(json, "roof_velo");
+  v.carrier.velo_from_roof.linear() =
+      Eigen::AngleAxisd(number(json, "heading_rad"), Vec3d::UnitZ()).toRotationMatrix();
+  v.fit.fitted = !json.has("reason");
+  if (!v.fit.fitted) {
+    v.fit.reason = json.text("reason");
+    return v;
+  }
+  v.fit.size = read_list(json, "size_m");
+  v.fit.velo_from_vehicle.translation() = read_list(json, "centre_velo");
+  const auto code = json.numbers("code", kLongestCode, -kFarthestFit, kFarthestFit, 0);
+  v.fit.shape.code = Eigen::Map<const Eigen::VectorXd>(code.data(), std::ssize(code));
+  v.residual = number(json, "residual_m");
+  v.roof_over_box = number(json, "roof_over_box_m");
+  v.roof_over_returns = number(json, "roof_over_returns_m");
+  v.fit.iterations = json.count("iterations", kMostOfFit);
+  if (!json.has("error")) return v;
+  const JsonFields error = json.object("error");
+  v.error = {read_list(error, "roof_m"), read_list(error, "box_m"), number(error, "yaw_rad"),
+             number(error, "fitted_to_true_m"), number(error, "true_to_fitted_m")};
+  return v;
+}
+
+namespace {
+
 using Vehicles = std::vector<const FittedVehicle*>;
 
 /// Of what `value` says of each.

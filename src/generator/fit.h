@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "base/json_fields.h"
 #include "generator/look.h"
 #include "geometry/box.h"
 #include "geometry/mesh.h"
@@ -94,6 +95,9 @@ double lower_quantile(std::vector<double> values, double p);
 
 /// One vehicle: pose, size, roof, code, residual, errors.
 nlohmann::json to_json(const FittedVehicle& vehicle);
+/// What to_json wrote, as far as summarise_fits and to_json ask: without meshes and returns, the roof
+/// upright. InputError naming file and field.
+FittedVehicle read_fitted_vehicle(const JsonFields& json);
 
 // How well the vehicles of a data set were fitted.
 

@@ -201,6 +201,34 @@ TEST_F(Ranks, ACertificateIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
       "certified");
 }
 
+TEST_F(Ranks, FitsAreTheSameOnAnyNumberOfProcessesAndGoOn) {
+  const auto fit = [&](const std::string& out) {
+    return "fit --threads 1 --data " + at("data") + " --out " + at(out);
+  };
+  ASSERT_EQ(mirage(fit("one")), 0) << said();
+  ASSERT_EQ(mirage_on(2, fit("two")), 0) << said();
+  const nlohmann::json alone = result("one"), vehicles = without_times(json("one/vehicles.json"));
+  EXPECT_EQ(result("two"), alone);
+  EXPECT_EQ(without_times(json("two/vehicles.json")), vehicles);
+  std::vector<fs::path> meshes;
+  for (const auto& entry : fs::directory_iterator(folder_ / "one/meshes")) {
+    meshes.push_back(entry.path().filename());
+    EXPECT_EQ(text("two/meshes" / meshes.back()), read_file(entry.path())) << entry.path();
+  }
+  ASSERT_FALSE(meshes.empty());
+  // What is there is read again, its times too; what is missing is made.
+  const std::string kept = text("two/frames/000000.json");
+  fs::remove(folder_ / "two/frames/000001.json");
+  for (const fs::path& mesh : meshes)
+    if (mesh.string().starts_with("000002")) fs::remove(folder_ / "two/meshes" / mesh);
+  ASSERT_EQ(mirage(fit("two")), 0) << said();
+  EXPECT_EQ(text("two/frames/000000.json"), kept);
+  EXPECT_TRUE(exists("two/frames/000001.json"));
+  for (const fs::path& mesh : meshes) EXPECT_TRUE(exists("two/meshes" / mesh)) << mesh;
+  EXPECT_EQ(result("two"), alone);
+  EXPECT_EQ(without_times(json("two/vehicles.json")), vehicles);
+}
+
 TEST_F(Ranks, FramesAreGeneratedSideBySideAndOtherCommandsRunInOneProcess) {
   ASSERT_EQ(mirage_on(2, "generate --threads 1 --frames 3 --seed 5 --out " + at("two")), 0) << said();
   for (const auto& entry : fs::recursive_directory_iterator(folder_ / "data/training"))
