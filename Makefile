@@ -12,6 +12,8 @@ TEST_PACKAGES := python3-matplotlib python3-dev pybind11-dev python3-torch pytho
   libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format clang-tidy strace nodejs npm chromium \
   mkdocs mkdocs-material
 PACKAGES := $(DEMO_PACKAGES) $(TEST_PACKAGES)
+# What Debian 13 has and 12 has not: --detector onnx and its tests.
+NEWER_PACKAGES := libonnxruntime-dev python3-onnx
 
 # Parts of the sources that clang-format owns.
 SOURCES := $(shell git ls-files '*.h' '*.cpp' 2>/dev/null)
@@ -23,13 +25,17 @@ export MIRAGE_KITTI ?= $(CURDIR)/../shared/kitti
 export MIRAGE_GOLDEN ?= $(CURDIR)/../shared/golden/softras.json
 
 # Installs what is missing, and nothing when nothing is. A node that did not come from Debian will do.
+INSTALLED = dpkg-query -W -f='$${Status}' $$p 2>/dev/null | grep -q 'install ok installed'
 setup:
 	@missing=""; for p in $(PACKAGES); do \
-	  dpkg-query -W -f='$${Status}' $$p 2>/dev/null | grep -q 'install ok installed' && continue; \
+	  $(INSTALLED) && continue; \
 	  case $$p in nodejs) command -v node >/dev/null && continue;; npm) command -v npm >/dev/null && continue;; esac; \
 	  missing="$$missing $$p"; done; \
+	[ -z "$$missing" ] || apt-get update -q; \
+	for p in $(NEWER_PACKAGES); do \
+	  apt-cache show $$p >/dev/null 2>&1 || break; $(INSTALLED) || missing="$$missing $$p"; done; \
 	if [ -n "$$missing" ]; then echo "installing:$$missing"; \
-	  apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $$missing; fi
+	  DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $$missing; fi
 
 CONFIGURE := cmake --preset release
 build: setup
@@ -49,6 +55,7 @@ python: setup
 
 # Installs and builds only what the demo runs: no tests, no Python module. `make test` configures the same folder for all of it.
 demo: PACKAGES := $(DEMO_PACKAGES)
+demo: NEWER_PACKAGES :=
 demo: setup
 	cmake --preset demo
 	cmake --build --preset demo
@@ -105,7 +112,7 @@ site: setup
 metrics:
 	@python3 -B src/guide/metrics.py .
 
-.PHONY: deb deb-test system-test manual docs
+.PHONY: deb deb-test system-test portable manual docs
 
 # Debian packages in build/, checked by lintian; and one of them installed in a fresh Debian (as root, by debootstrap).
 DEB := mirage-simulator_0.1.0_$(shell dpkg --print-architecture 2>/dev/null).deb
@@ -118,11 +125,28 @@ deb-test: deb
 	@$(MAKE) --no-print-directory setup PACKAGES="debootstrap"
 	src/packaging/package_test.sh build/$(DEB)
 
-# make demo and make test of the last commit in a bare Debian SUITE (as root, by debootstrap): a table of seconds and failures.
+# make demo and make test of the last commit in a bare Debian SUITE (as root, by debootstrap): a table of seconds and failures. With
+# ARCH=arm64 `make portable` alone, run by qemu.
 SUITE ?= trixie
 system-test:
-	@$(MAKE) --no-print-directory setup PACKAGES="debootstrap"
-	src/packaging/system_test.sh $(SUITE)
+	@$(MAKE) --no-print-directory setup NEWER_PACKAGES= PACKAGES="debootstrap $(if $(ARCH),qemu-user-static binfmt-support dpkg-dev)"
+	src/packaging/system_test.sh $(SUITE) "" $(ARCH)
+
+# The simulator without detectors, and its tests. With ARCH and CROSS (arm64, aarch64-linux-gnu) for that processor, by this machine's
+# cross compiler; then its programs must run here, as qemu lets them.
+PORTABLE := base geometry sensors
+ANY_PROCESSOR := cmake ninja-build libeigen3-dev nlohmann-json3-dev librandom123-dev libcli11-dev
+PORTABLE_PACKAGES := $(filter-out g++ ccache blender libtorch-dev python3-%,$(DEMO_PACKAGES)) libgtest-dev libgmock-dev librapidcheck-dev
+portable: NEWER_PACKAGES :=
+portable: PACKAGES = $(filter $(ANY_PROCESSOR),$(PORTABLE_PACKAGES)) g++$(CROSS:%=-%) \
+  $(patsubst %,%$(ARCH:%=:%),$(filter-out $(ANY_PROCESSOR),$(PORTABLE_PACKAGES)))
+portable: setup
+	cmake --preset release -DMIRAGE_DETECTORS=OFF -DMIRAGE_PYTHON=OFF -DMIRAGE_BENCHMARKS=OFF $(if $(CROSS),\
+	  -DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=$(firstword $(subst -, ,$(CROSS))) -DCMAKE_C_COMPILER=$(CROSS)-gcc \
+	  -DCMAKE_CXX_COMPILER=$(CROSS)-g++ -DMPI_SKIP_COMPILER_WRAPPER=ON -DMPI_C_HEADER_DIR=/usr/lib/$(CROSS)/openmpi/include \
+	  -DMPI_C_LIB_NAMES=mpi -DMPI_mpi_LIBRARY=/usr/lib/$(CROSS)/libmpi.so)
+	cmake --build --preset release --target mirage $(PORTABLE:%=test_%)
+	for layer in $(PORTABLE); do MIRAGE_CACHE=off build/release/test_$$layer || exit; done
 
 # Pages for `man`, from --help; the API's pages, from the public headers.
 manual: build
