@@ -89,9 +89,6 @@ void check_settings(const AttackSettings& settings) {
     throw FieldError("parts", "size", "is an ellipsoid, which has no flat base", "give --free");
   if (settings.buildable.on) check_buildable(settings.buildable, settings.limits);
   check_search(settings);
-  if (settings.objective_of == ObjectiveOf::gap && settings.batch < 2)
-    throw FieldError("batch", std::to_string(settings.batch), "--objective gap needs the frames of a window",
-                     "use 2 or more");
 }
 
 /// The files of the mesh that was learned, and what a result says of a run however it was learned. `steps`:

@@ -48,13 +48,6 @@ constexpr auto words_of(HostsFrom) {
   return std::to_array<const char*>({"labels", "detections"});
 }
 
-/// What a step's loss is of. frame: each host by itself, their mean. gap: of a window, frames of one vehicle
-/// in order of time, the longest run through which it stays found (attack/windows.h, attack/objective.h).
-enum class ObjectiveOf { frame, gap };
-constexpr auto words_of(ObjectiveOf) {
-  return std::to_array<const char*>({"frame", "gap"});
-}
-
 class ObjectRenderer;
 
 /// What run.json calls the simulation's own pictures.
@@ -77,7 +70,6 @@ struct AttackSettings : FrameSource {
   AttackSearch attack = AttackSearch::plain;
   AttackTarget target = AttackTarget::both;
   AttackParts parts = AttackParts::both;
-  ObjectiveOf objective_of = ObjectiveOf::frame;
   Expectation expectation;
   BuildableSettings buildable;
   int iterations = 200;
@@ -89,7 +81,7 @@ struct AttackSettings : FrameSource {
   int validation_every = 20;  ///< steps between two checks of that objective
   /// > 0: iterations end after so many seconds, which makes the result depend on the machine.
   double seconds = 0;
-  int batch = 8;  ///< hosts an iteration (of a window, at most); their losses are averaged
+  int batch = 8;  ///< hosts an iteration; their losses are averaged
   std::uint64_t seed = 0;
   /// Adam's. Tu et al. learn for thousands of steps at 1e-3 and 4e-3. These find their meshes in hundreds,
   /// and need the batch (src/README.md, Adversary).
@@ -123,11 +115,6 @@ void visit_fields(Visitor& visit, S& s) {
       s.target);
   visit({.name = "parts", .help = "what to learn; size: the start's three half lengths alone (a control)"},
         s.parts);
-  visit({.name = "objective",
-         .help = "frame: a step's vehicles are judged one by one; gap: a step is 0.5 to 2 s of one vehicle, "
-                 "and the longest run counts through which it stays found",
-         .lacking = "frame"},
-        s.objective_of);
   visit.list({.name = "limits",
               .help = "L: the mesh stays within ±L along and across the roof and ±5/8 L in height, m",
               .option = "size"},

@@ -124,28 +124,6 @@ HostStep judge_host(Detector& detector, const StepHost& host, const TexturedMesh
   return run_host(detector, seen, adversary, false);
 }
 
-namespace {
-
-std::function<std::vector<std::size_t>(long)> batches(const AttackSettings& settings,
-                                                      const std::vector<Host>& hosts) {
-  const auto of = [](auto order) { return [order](long iteration) { return order.batch(iteration); }; };
-  if (settings.objective_of == ObjectiveOf::frame) return of(HostOrder(hosts, settings.batch, settings.seed));
-  return of(WindowOrder(followed(settings.data, hosts), settings.batch, settings.seed));
-}
-
-/// What a batch's hosts, in its order, come to, and by how much each of them counts.
-WindowLoss loss_of_batch(const std::vector<HostStep>& steps, ObjectiveOf of) {
-  const double share = 1.0 / static_cast<double>(steps.size());
-  std::vector<double> hide(steps.size());
-  std::ranges::transform(steps, hide.begin(), &HostStep::hide);
-  if (of == ObjectiveOf::gap) return window_loss(hide);
-  WindowLoss mean{0, std::vector<double>(steps.size(), share)};
-  for (const double h : hide) mean.value += h * share;
-  return mean;
-}
-
-}  // namespace
-
 AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
                              const std::vector<Host>& hosts, const Mesh& mesh,
                              std::shared_ptr<CleanSights> sights)
@@ -153,7 +131,7 @@ AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool&
       detectors_(detectors),
       store_(store),
       hosts_(hosts),
-      batch_(batches(settings, hosts)),
+      order_(hosts, settings.batch, settings.seed),
       parts_(settings.parts),
       laplacian_(mesh),
       unit_(initial_adversary({Vec3d::Ones()}, 1).mesh.vertices),
@@ -218,11 +196,11 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
     state.rendered = {state.iteration, state.adversary};
   StageSeconds stages;
   Stopwatch clock;
-  const auto batch = batch_(state.iteration);
+  const auto batch = order_.batch(state.iteration);
   const std::vector<std::string> names = frames_of(batch);
   std::vector<std::shared_ptr<const PreparedFrame>> frames(names.size());
   parallel_for(names.size(), [&](std::size_t i) { frames[i] = store_.get(names[i]); });
-  store_.prefetch(frames_of(batch_(state.iteration + 1)));
+  store_.prefetch(frames_of(order_.batch(state.iteration + 1)));
   stages.input = clock.lap();
 
   std::vector<Vec3d> d_vertices(state.adversary.mesh.vertices.size(), Vec3d::Zero());
@@ -253,17 +231,14 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
   stages.hosts = clock.lap();
   share_steps(steps, state.adversary);
   stages.exchange = clock.lap();
-  const WindowLoss loss = loss_of_batch(steps, settings.objective_of);
-  row.hide = loss.value;
-  for (std::size_t k = 0; k < steps.size(); ++k) {
-    const HostStep& step = steps[k];
-    row.false_positive += step.false_positive / static_cast<double>(steps.size());
+  for (const HostStep& step : steps) {
+    row.hide += step.hide / settings.batch;
+    row.false_positive += step.false_positive / settings.batch;
     row.found += step.found;
     row.hidden += step.hidden;
     for (std::size_t i = 0; i < d_vertices.size(); ++i)
-      d_vertices[i] += loss.weights[k] * step.gradient.vertices[i];
-    for (std::size_t i = 0; i < d_texels.size(); ++i)
-      d_texels[i] += loss.weights[k] * step.gradient.texels[i];
+      d_vertices[i] += step.gradient.vertices[i] / settings.batch;
+    for (std::size_t i = 0; i < d_texels.size(); ++i) d_texels[i] += step.gradient.texels[i] / settings.batch;
   }
   const double weight = settings.objective.lambda_laplacian;
   row.laplacian = weight * laplacian_.energy(state.adversary.mesh.vertices, weight, d_vertices);

@@ -1,7 +1,6 @@
 // What one host adds to a step of the attack.
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -13,7 +12,6 @@
 #include "attack/clean_sights.h"
 #include "attack/detector_pool.h"
 #include "attack/observation.h"
-#include "attack/windows.h"
 #include "frames/hosts.h"
 #include "geometry/laplacian.h"
 #include "simulation/simulation.h"
@@ -58,21 +56,19 @@ HostStep judge_host(Detector& detector, const StepHost& host, const TexturedMesh
 class AttackStepper {
  public:
   /// `mesh`: the adversary's, for its faces. `sights`: what other steppers of the same detector have seen.
-  /// InputError for a target or parts of another word, and as followed()'s.
+  /// InputError for a target or parts of another word.
   AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
                 const std::vector<Host>& hosts, const Mesh& mesh,
                 std::shared_ptr<CleanSights> sights = std::make_shared<CleanSights>());
   /// Renews state.rendered where the mesh has moved from it. Then the
   /// mean gradient over the hosts of state.iteration (spread over detectors and ranks, summed in the batch's
-  /// order), Adam, projection; ++state.iteration, and its row of losses is kept. Of a window the gradient is
-  /// the sum by the weights of window_loss, hide and false positives of a frame together, and the row has
-  /// that loss for hide. Failure if a gradient is not finite: it would poison the optimiser's state and, with
-  /// it, the checkpoint. The frames of the next iteration are read meanwhile. What it takes is added to
-  /// `spent`.
+  /// order), Adam, projection; ++state.iteration, and its row of losses is kept. Failure if a gradient is not
+  /// finite: it would poison the optimiser's state and, with it, the checkpoint. The frames of the next
+  /// iteration are read meanwhile. What it takes is added to `spent`.
   LossRow step(AttackState& state, StageSeconds* spent = nullptr) const;
-  /// A mesh as it is: means of these hosts' losses, one by one, and the smoothness. The same on every rank,
-  /// and for the same mesh in any iteration: what --expect draws is world `first_world` + k for host k, and a
-  /// renderer draws this very mesh. What it takes is added to `spent`.
+  /// A mesh as it is: means of these hosts' losses, and the smoothness. The same on every rank, and for the
+  /// same mesh in any iteration: what --expect draws is world `first_world` + k for host k, and a renderer
+  /// draws this very mesh. What it takes is added to `spent`.
   LossRow judge(const TexturedMesh& adversary, const std::vector<Host>& hosts, std::uint64_t first_world,
                 StageSeconds* spent = nullptr) const;
   /// The objective on hosts that are not learned on, in worlds beyond those of any step.
@@ -86,7 +82,7 @@ class AttackStepper {
   const DetectorPool& detectors_;
   FrameStore& store_;
   const std::vector<Host>& hosts_;
-  std::function<std::vector<std::size_t>(long)> batch_;  ///< indices into the hosts, of an iteration
+  HostOrder order_;
   AttackParts parts_;
   Laplacian laplacian_;
   std::vector<Vec3d> unit_;  ///< --parts size: the start's vertices in a box of half lengths 1

@@ -86,9 +86,12 @@ void check_identity(const std::filesystem::path& file, nlohmann::json written, c
   complete(written, identity.lacking);
   const nlohmann::json& asked = identity.json;
   const auto compare = [&](const std::string& key) {
-    if (written.value(key, nlohmann::json()) != asked.value(key, nlohmann::json()))
-      throw InputError(file.string(), key, "the folder holds a run with another value",
-                       "use another --out folder or the run's own settings");
+    if (written.value(key, nlohmann::json()) == asked.value(key, nlohmann::json())) return;
+    if (!asked.contains(key))
+      throw InputError(file.string(), key, "the folder holds a run with this setting, which yours has not",
+                       "use another --out folder");
+    throw InputError(file.string(), key, "the folder holds a run with another value",
+                     "use another --out folder or the run's own settings");
   };
   const std::string hosts = "train";  // follows from the settings, so the setting is named where one differs
   for (const nlohmann::json* all :

@@ -13,7 +13,7 @@
 
 namespace mirage {
 
-/// Loss terms of one iteration, means over its hosts; `hide` of a window is that of window_loss.
+/// Loss terms of one iteration, means over its hosts.
 struct LossRow {
   double hide = 0, false_positive = 0, laplacian = 0;
   int found = 0, hidden = 0;  ///< hosts found as recorded, and of them those hidden (HostStep)

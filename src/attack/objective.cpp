@@ -61,23 +61,4 @@ ObjectiveValue objective(std::span<const Detection> proposals, const HostTruth& 
   return value;
 }
 
-WindowLoss window_loss(std::span<const double> hide) {
-  const std::size_t n = hide.size();
-  WindowLoss loss{0, std::vector<double>(n)};
-  std::vector<double> run(n);
-  for (std::size_t t = 0; t < n; ++t) run[t] = hide[t] - (t > 0 ? std::expm1(-hide[t]) * run[t - 1] : 0);
-  const double longest = *std::max_element(run.begin(), run.end());
-  double sum = 0;
-  for (const double r : run) sum += std::exp((r - longest) / kRunSoftness);
-  const auto frames = static_cast<double>(n);
-  loss.value = (longest + kRunSoftness * std::log(sum / frames)) / frames;
-  double d_run = 0;  // dL / dr_t, also by way of the frames after it
-  for (std::size_t t = n; t-- > 0;) {
-    d_run = std::exp((run[t] - longest) / kRunSoftness) / (sum * frames) +
-            (t + 1 < n ? -std::expm1(-hide[t + 1]) * d_run : 0);
-    loss.weights[t] = d_run * (1 + (t > 0 ? std::exp(-hide[t]) * run[t - 1] : 0));
-  }
-  return loss;
-}
-
 }  // namespace mirage

@@ -59,26 +59,4 @@ ObjectiveValue objective(std::span<const Detection> proposals, const HostTruth& 
 /// log(1 + exp(x)) without overflow.
 double softplus(double x);
 
-// The loss of a window: frames of one vehicle in order of time (`--objective gap`, attack/windows.h), of
-// which the longest run counts through which it stays found. With h_t ≥ 0 what ObjectiveValue::hide is in
-// frame t of n, and since exp(−h_t) is the chance that no proposal finds the vehicle,
-//     p_t = 1 − exp(−h_t)                  it is found in frame t
-//     r_t = h_t + p_t r_{t−1}, r_{−1} = 0  loss of the run that ends there: carried on while it stays found
-//     L   = τ/n log(1/n Σ_t exp(r_t / τ))  the largest of them, softly
-// With p_t for the first h_t, r_t would be the expected length of the run of finds that ends there (Feller,
-// An Introduction to Probability Theory, vol. 1, XIII.7); h_t has a gradient where the vehicle is surely
-// found. Found in every frame, it has L near the mean of h_t, the loss without windows, so that rates and
-// other terms keep their meaning. A frame that hides it cuts the run in two.
-
-/// τ: about what one found frame adds to a run, so that runs that differ by less share the gradient.
-inline constexpr double kRunSoftness = 1;
-
-/// A window's loss, and its derivative with respect to each frame's h_t.
-struct WindowLoss {
-  double value = 0;
-  std::vector<double> weights;
-};
-/// `hide`: at least one value, each 0 or more.
-WindowLoss window_loss(std::span<const double> hide);
-
 }  // namespace mirage

@@ -20,9 +20,6 @@ void check_search(const AttackSettings& settings) {
     refuse("target", "random", "nothing is learned", "leave --attack out");
   if (black_box && settings.target != AttackTarget::both)
     refuse("target", to_word(settings.target), "no sensor has a gradient", "leave --target out");
-  if (settings.objective_of != ObjectiveOf::frame)
-    refuse("objective", to_word(settings.objective_of), "it judges a mesh by vehicles one by one",
-           "leave --objective out");
   if (settings.until_plateau > 0)
     refuse("until_plateau", std::to_string(settings.until_plateau),
            black_box ? "it spends all of its --queries" : "it spends all of its --iterations",

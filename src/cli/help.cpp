@@ -61,7 +61,7 @@ const std::vector<std::pair<std::string, std::vector<std::string>>>& headings() 
                     "--adversary-batch", "--crop",
                     "--scatter",         "--shift",
                     "--without-picture", "--queries",
-                    "--no-adaptive",     "--objective"}},
+                    "--no-adaptive"}},
       {"Run",
        {"--out", "--seed", "--threads", "--quiet", "--config", "--checkpoint-every", "--checkpoint-seconds",
         "--pictures", "--animation", "--fail-above", "--help"}},

@@ -188,5 +188,19 @@ TEST(Settings, ARunOfAnEarlierProgramGoesOnWithTheSameSettingsAndNoOthers) {
       StartsWith("checkpoint.json: simulation: "));
 }
 
+TEST(Settings, ASettingThatIsGoneIsIgnoredByReadersAndRefusedByWhatGoesOn) {
+  AttackSettings settings;
+  settings.rooftop = "box";
+  nlohmann::json written = identity(settings).json;
+  written["objective"] = "gap";
+  AttackSettings read;
+  read_fields(JsonFields("run.json", written, "restore it"), read);
+  EXPECT_EQ(fields_json(read), fields_json(settings));
+  EXPECT_THAT(
+      test::error_text<InputError>([&] { check_identity("checkpoint.json", written, identity(settings)); }),
+      StartsWith(
+          "checkpoint.json: objective: the folder holds a run with this setting, which yours has not"));
+}
+
 }  // namespace
 }  // namespace mirage
