@@ -29,25 +29,27 @@ started=$SECONDS
   echo "$suite $arch, commit $(git -C "$source" rev-parse --short HEAD), $(date -u +%F), $(nproc) cores"
   printf '\n| step | s | outcome |\n|---|---|---|\n| root | %d | ok |\n' $((SECONDS - started))
 } | tee "$out/table.md"
-rm -rf "$root/mirage"
-git clone -q --depth 1 "file://$source" "$root/mirage"
+# No path that others hold in theirs: a test looks for it in installed files.
+sources=/srv/sources
+rm -rf "$root$sources"
+git clone -q --depth 1 "file://$source" "$root$sources"
 if [ -n "$arch" ]; then
   inside dpkg --add-architecture "$arch"
   inside apt-get update -q >> "$out/root.log" 2>&1
   step prepare inside apt-get install -y -q --no-install-recommends make
-  step portable inside make -C /mirage portable ARCH="$arch" CROSS="$(dpkg-architecture -a"$arch" -qDEB_HOST_GNU_TYPE 2> /dev/null)"
+  step portable inside make -C $sources portable ARCH="$arch" CROSS="$(dpkg-architecture -a"$arch" -qDEB_HOST_GNU_TYPE 2> /dev/null)"
 else
   step prepare inside apt-get install -y -q --no-install-recommends make git ca-certificates
-  step setup inside make -C /mirage setup
-  step demo inside make -C /mirage demo
-  step build inside make -C /mirage build
-  step test inside make -C /mirage test
+  step setup inside make -C $sources setup
+  step demo inside make -C $sources demo
+  step build inside make -C $sources build
+  step test inside make -C $sources test
 fi
-(cd "$root/mirage" && find out -name result.json -exec cp --parents {} "$out" \;) 2> /dev/null || true
+(cd "$root$sources" && find out -name result.json -exec cp --parents {} "$out" \;) 2> /dev/null || true
 {
   echo
   inside sh -c 'dpkg-query -W -f "\${Package} \${Version}\n" g++ cmake libembree-dev libtorch-dev blender python3 clang-format' 2> /dev/null || true
   grep -h "tests passed\|PASSED" "$out"/{test,portable}.log 2> /dev/null || true
-  sed 's/^/failed: /' "$root/mirage/build/release/Testing/Temporary/LastTestsFailed.log" 2> /dev/null || true
+  sed 's/^/failed: /' "$root$sources/build/release/Testing/Temporary/LastTestsFailed.log" 2> /dev/null || true
 } | tee -a "$out/table.md"
 exit $failed
