@@ -15,7 +15,7 @@ struct Lighting {
   Vec3d to_sun_velo = Vec3d(0.4, 0.5, 0.77).normalized();  ///< unit vector towards the sun, `velo`
   Vec3d sun = Vec3d(0.55, 0.53, 0.48);
   Vec3d ambient = Vec3d(0.10, 0.10, 0.11);     ///< same from everywhere
-  Vec3d hemisphere = Vec3d(0.20, 0.22, 0.26);  ///< more from above (src/README.md, The hemisphere term)
+  Vec3d hemisphere = Vec3d(0.20, 0.22, 0.26);  ///< times (1 + n·up) / 2: more from above
 };
 
 }  // namespace mirage

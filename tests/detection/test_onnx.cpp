@@ -173,12 +173,12 @@ TEST(Onnx, AnswersAsTheSameNetworkInTorchScript) {
   ASSERT_EQ(first.size(), second.size());
   double most = -10, least = 10;
   for (std::size_t i = 0; i < first.size(); ++i) {
-    ASSERT_NEAR(first[i].logit, second[i].logit, 1e-3);
+    ASSERT_NEAR(first[i].logit, second[i].logit, 1e-4);
     ASSERT_NEAR(first[i].box.bev.x, second[i].box.bev.x, 1e-4);
     ASSERT_NEAR(first[i].box.bev.yaw, second[i].box.bev.yaw, 1e-4);
     most = std::max(most, first[i].logit), least = std::min(least, first[i].logit);
   }
-  EXPECT_GT(most - least, 0.5);  // and says something
+  EXPECT_GT(most - least, 0.1);  // and says something
 }
 
 }  // namespace

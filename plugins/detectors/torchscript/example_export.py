@@ -62,7 +62,8 @@ class ExampleDetector(nn.Module):
                 weight = (1 - (x - c).abs()) * (1 - (y - r).abs())
                 inside = (c >= 0) & (c < self.columns) & (r >= 0) & (r < self.rows)
                 place = (r * self.columns + c).long()[inside]
-                grid = grid.index_add(0, place, features[inside] * weight[inside].unsqueeze(1))
+                # Not index_add: its ONNX forgets all but one of the points in a cell.
+                grid = grid.scatter_add(0, place.unsqueeze(1).expand(-1, 16), features[inside] * weight[inside].unsqueeze(1))
         maps = self.head(self.grid(torch.log1p(grid).t().reshape(1, 16, self.rows, self.columns)))[0].flatten(1)
         cells = torch.arange(self.rows * self.columns, device=points.device)
         centre_x = ((cells % self.columns).float() + 0.5) * self.cell
