@@ -139,12 +139,12 @@ ANY_PROCESSOR := cmake ninja-build libeigen3-dev nlohmann-json3-dev librandom123
 PORTABLE_PACKAGES := $(filter-out g++ ccache blender libtorch-dev python3-%,$(DEMO_PACKAGES)) libgtest-dev libgmock-dev librapidcheck-dev
 portable: NEWER_PACKAGES :=
 portable: PACKAGES = $(filter $(ANY_PROCESSOR),$(PORTABLE_PACKAGES)) g++$(CROSS:%=-%) \
-  $(patsubst %,%$(ARCH:%=:%),$(filter-out $(ANY_PROCESSOR),$(PORTABLE_PACKAGES)))
+  $(patsubst %,%$(ARCH:%=:%),$(filter-out $(ANY_PROCESSOR) $(CROSS:%=libopenmpi-dev),$(PORTABLE_PACKAGES)))
 portable: setup
 	cmake --preset release -DMIRAGE_DETECTORS=OFF -DMIRAGE_PYTHON=OFF -DMIRAGE_BENCHMARKS=OFF $(if $(CROSS),\
 	  -DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=$(firstword $(subst -, ,$(CROSS))) -DCMAKE_C_COMPILER=$(CROSS)-gcc \
 	  -DCMAKE_CXX_COMPILER=$(CROSS)-g++ -DMPI_SKIP_COMPILER_WRAPPER=ON -DMPI_C_HEADER_DIR=/usr/lib/$(CROSS)/openmpi/include \
-	  -DMPI_C_LIB_NAMES=mpi -DMPI_mpi_LIBRARY=/usr/lib/$(CROSS)/libmpi.so)
+	  -DMPI_C_LIB_NAMES=mpi -DMPI_mpi_LIBRARY=/usr/lib/$(CROSS)/openmpi/lib/libmpi.so)
 	cmake --build --preset release --target mirage $(PORTABLE:%=test_%)
 	for layer in $(PORTABLE); do MIRAGE_CACHE=off build/release/test_$$layer || exit; done
 

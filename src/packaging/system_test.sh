@@ -36,8 +36,12 @@ git clone -q --depth 1 "file://$source" "$root$sources"
 if [ -n "$arch" ]; then
   inside dpkg --add-architecture "$arch"
   inside apt-get update -q >> "$out/root.log" 2>&1
-  step prepare inside apt-get install -y -q --no-install-recommends make
-  step portable inside make -C $sources portable ARCH="$arch" CROSS="$(dpkg-architecture -a"$arch" -qDEB_HOST_GNU_TYPE 2> /dev/null)"
+  triplet=$(dpkg-architecture -a"$arch" -qDEB_HOST_GNU_TYPE 2> /dev/null)
+  # MPI's package for developers asks for a Fortran compiler of the other processor, and with it comes its GCC, to be emulated.
+  mpi=$(inside apt-cache depends "libopenmpi-dev:$arch" | sed -n 's/^ *Depends: \(libopenmpi[0-9].*\)/\1/p')
+  step prepare inside sh -c "apt-get install -y -q --no-install-recommends make g++-$triplet $mpi && cd /tmp &&
+    apt-get download -q libopenmpi-dev:$arch && dpkg -x libopenmpi-dev_*.deb /"
+  step portable inside make -C $sources portable ARCH="$arch" CROSS="$triplet"
 else
   step prepare inside apt-get install -y -q --no-install-recommends make git ca-certificates
   step setup inside make -C $sources setup

@@ -335,6 +335,17 @@ namespace pencil {
 HWY_EXPORT(Project);
 HWY_EXPORT(MeetAll);
 
+namespace {
+
+// Called from this namespace, as Highway asks where there is one instruction set alone.
+void project(Faces& faces) {
+  HWY_DYNAMIC_DISPATCH(Project)(faces);
+}
+void meet_all(const Faces& faces, std::span<const Vec3f> points, std::span<RayPencil::Met> met, Rays& rays) {
+  HWY_DYNAMIC_DISPATCH(MeetAll)(faces, points, met, rays);
+}
+
+}  // namespace
 }  // namespace pencil
 
 struct RayPencil::State : pencil::Faces {
@@ -345,7 +356,7 @@ struct RayPencil::State : pencil::Faces {
     const Vec3f axes[3] = {x, y, z};
     for (std::size_t a = 0; a < 3; ++a)
       for (std::size_t c = 0; c < 3; ++c) view.axes[a][c] = axes[a][static_cast<Eigen::Index>(c)];
-    HWY_DYNAMIC_DISPATCH(pencil::Project)(*this);
+    pencil::project(*this);
   }
 };
 
@@ -394,7 +405,7 @@ void RayPencil::intersect(std::span<const Vec3f> points, std::span<Met> met) con
   if (points.size() != met.size())
     throw Failure("ray pencil", "as many hits as rays are needed", "give each ray a place for its hit");
   if (points.empty()) return;
-  HWY_DYNAMIC_DISPATCH(pencil::MeetAll)(*state_, points, met, state_->rays);
+  pencil::meet_all(*state_, points, met, state_->rays);
 }
 
 }  // namespace mirage
