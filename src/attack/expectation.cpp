@@ -91,7 +91,8 @@ WorldDraw::WorldDraw(const Expectation& expectation, std::uint64_t seed, std::ui
 Placement WorldDraw::placement(const Placement& known) const {
   RandomStream random(seed_, "expected roof", draw_);
   const double s = expectation_.roof_shift;
-  const Vec3d shift(random.normal() * s, random.normal() * s, random.normal() * s / 5);
+  const double up = random.normal() * s / 5, across = random.normal() * s, along = random.normal() * s;
+  const Vec3d shift(along, across, up);
   const double turn = random.normal() * expectation_.roof_yaw;
   const double roll = random.normal() * expectation_.tilt, pitch = random.normal() * expectation_.tilt;
   const auto move = [&](Transform& pose) {

@@ -251,7 +251,8 @@ Actor make_pedestrian(RandomStream& random) {
 Actor make_cyclist(RandomStream& random) {
   Actor actor;
   actor.type = "Cyclist";
-  add_person(actor, random.uniform(1.6, 1.85), random.uniform(0.15, 0.3), 0.95, random);
+  const double lean = random.uniform(0.15, 0.3), height = random.uniform(1.6, 1.85);
+  add_person(actor, height, lean, 0.95, random);
   Mesh bicycle;
   const double r = 0.34;
   const auto bar = [&](const Vec3d& a, const Vec3d& b, double radius) { add_limb(bicycle, a, b, radius); };

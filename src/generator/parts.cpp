@@ -62,7 +62,8 @@ void add_leaves(Mesh& mesh, const Vec3d& centre, const Vec3d& radii, int count, 
                 RandomStream& random) {
   for (int i = 0; i < count; ++i) {
     const auto direction = [&] {
-      return Vec3d(random.normal(), random.normal(), random.normal()).normalized();
+      const double z = random.normal(), y = random.normal(), x = random.normal();
+      return Vec3d(x, y, z).normalized();
     };
     const double r = std::cbrt(random.uniform(0.25, 1.0));
     const Vec3d out = direction(), p = centre + r * out.cwiseProduct(radii);

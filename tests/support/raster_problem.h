@@ -77,11 +77,13 @@ inline RasterProblem random_problem(std::uint64_t seed, int faces, double sigma,
   ScreenMesh<double>& mesh = problem.mesh;
   mesh.resolution = 3;
   for (int f = 0; f < faces; ++f) {
-    const Vec2d centre(random.uniform(-.4, .4), random.uniform(-.2, .2));
+    const double row = random.uniform(-.2, .2), column = random.uniform(-.4, .4);
+    const Vec2d centre(column, row);
     std::array<Vec3d, 3> face;
-    for (auto& v : face)
-      v = Vec3d(centre.x() + random.uniform(-.35, .35), centre.y() + random.uniform(-.25, .25),
-                random.uniform(4, 7));
+    for (auto& v : face) {
+      const double z = random.uniform(4, 7), y = random.uniform(-.25, .25), x = random.uniform(-.35, .35);
+      v = Vec3d(centre.x() + x, centre.y() + y, z);
+    }
     mesh.faces.push_back(face);
     for (const Vec3d& texel : random_colors(9, random)) mesh.texels.push_back(texel);
   }
