@@ -89,11 +89,12 @@ TEST(SoftRasterizerGradient, EveryCombinationOfOptions) {
                            << int(silhouette) << " background " << int(background) << " texture "
                            << int(texture) << " perspective " << perspective);
               const auto gradient = rasterize_vjp(mesh, settings, target, upstream);
-              worst = std::max(
-                  worst,
-                  check_gradient([&](const auto& x) { return test::loss(problem, unflatten(x, mesh)); },
-                                 flatten(mesh), flatten(gradient), 1e-7, 2e-5, 1e-1)
-                      .worst);
+              worst = std::max(worst, check_gradient(
+                                          [&, &mesh = mesh](const auto& x) {
+                                            return test::loss(problem, unflatten(x, mesh));
+                                          },
+                                          flatten(mesh), flatten(gradient), 1e-7, 2e-5, 1e-1)
+                                          .worst);
               ++combinations;
             }
   std::printf("%d combinations, worst relative gradient error %.2e\n", combinations, worst);
@@ -110,8 +111,8 @@ TEST(SoftRasterizerGradient, DepthLimitAndPartsOfFaces) {
   RandomStream random(43, "depth limit");
   test::fill_random(target.depth_limit, random, 4, 7);
   const auto gradient = rasterize_vjp(mesh, settings, target, upstream);
-  check_gradient([&](const auto& x) { return test::loss(problem, unflatten(x, mesh)); }, flatten(mesh),
-                 flatten(gradient), 1e-8, 1e-4, 1e-1);
+  check_gradient([&, &mesh = mesh](const auto& x) { return test::loss(problem, unflatten(x, mesh)); },
+                 flatten(mesh), flatten(gradient), 1e-8, 1e-4, 1e-1);
 }
 
 /// A face cut in two reads the same texels as the whole one.
