@@ -14,6 +14,10 @@ class BadFile : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+[[noreturn]] inline void bad(const std::string& field, const std::string& problem, const std::string& fix) {
+  throw BadFile(field + ": " + problem + "; " + fix);
+}
+
 /// The first line: LibTorch appends a stack trace to its messages.
 inline void report(const std::string& what, char* error, std::size_t error_size) {
   if (error && error_size > 0)

@@ -1,5 +1,4 @@
 #include <fmt/format.h>
-#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <array>
@@ -16,6 +15,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
+#include "base/kept_json.h"
 #include "base/progress.h"
 #include "base/ranks.h"
 #include "detection/average_precision.h"
@@ -228,16 +228,8 @@ fs::path file_of(const DriveRequest& request, const DriveScene& scene, int track
 
 /// The vehicle's stored result if it is of the same key and whole; none otherwise.
 std::optional<VehicleDrive> stored_vehicle(const fs::path& file, const std::string& key) {
-  if (file.empty() || !fs::exists(file)) return std::nullopt;
-  try {
-    const nlohmann::json stored = read_json(file);
-    const JsonFields fields(file, stored, "delete the file");
-    if (fields.text("key") != key) return std::nullopt;
-    return read_vehicle_drive(fields);
-  } catch (const InputError& damaged) {
-    spdlog::warn("{}", damaged.what());
-    return std::nullopt;
-  }
+  return read_kept(file, key,
+                   [](const JsonFields& fields) { return std::optional(read_vehicle_drive(fields)); });
 }
 
 /// A vehicle, followed, and as it is judged.

@@ -11,8 +11,7 @@
 #include "base/field_json.h"
 #include "base/files.h"
 #include "base/interrupt.h"
-#include "base/json_fields.h"
-#include "base/logging.h"
+#include "base/kept_json.h"
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/progress.h"
@@ -98,8 +97,6 @@ void print_report(const FitReport& report) {
   std::fflush(stdout);
 }
 
-constexpr const char* kFitAgain = "delete the file";
-
 /// The fits of one frame after the other, each kept in OUT/frames as soon as it is there.
 struct FitWork {
   const FitOptions& options;
@@ -138,24 +135,17 @@ struct FitWork {
   }
 
  private:
-  /// None where the file is missing, damaged or of something else, or a mesh of it is missing.
+  /// None as of read_kept, and where a mesh is missing.
   std::optional<nlohmann::json> stored_fits(const std::string& id, const std::string& key) const {
-    const std::filesystem::path file = file_of(id);
-    if (!std::filesystem::exists(file)) return std::nullopt;
-    try {
-      nlohmann::json stored = read_json(file);
-      const JsonFields fields(file, stored, kFitAgain);
-      if (fields.text("key") != key) return std::nullopt;
-      for (const nlohmann::json& row : fields.list("vehicles", kMostVehicles)) {
+    return read_kept(file_of(id), key, [&](const JsonFields& fields) -> std::optional<nlohmann::json> {
+      const nlohmann::json& rows = fields.list("vehicles", kMostVehicles);
+      for (const nlohmann::json& row : rows) {
         const FittedVehicle v = read_fitted_vehicle(fields.inner("vehicles", row));
         if (options.format != "none" && v.fit.fitted && !std::filesystem::exists(mesh_of(v.frame, v.label)))
           return std::nullopt;
       }
-      return std::move(stored["vehicles"]);
-    } catch (const InputError& damaged) {
-      spdlog::warn("{}", damaged.what());
-      return std::nullopt;
-    }
+      return rows;
+    });
   }
 };
 
@@ -215,7 +205,7 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   nlohmann::json rows = nlohmann::json::array();
   for (std::size_t i = 0; i < ids.size(); ++i)
     for (nlohmann::json& row : fits[i]) {
-      all.push_back(read_fitted_vehicle({work.file_of(ids[i]), row, kFitAgain}));
+      all.push_back(read_fitted_vehicle({work.file_of(ids[i]), row, kKeptAgain}));
       rows.push_back(std::move(row));
     }
   write_json(common.out / "vehicles.json", {{"vehicles", std::move(rows)}});

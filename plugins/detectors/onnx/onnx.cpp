@@ -8,7 +8,6 @@
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -19,6 +18,7 @@
 
 namespace {
 
+using mirage::bad;
 using mirage::BadFile;
 using mirage::guarded;
 
@@ -27,10 +27,6 @@ constexpr const char* kTakes =
 constexpr const char* kReturns = "name the outputs boxes [M,5] (or [M,4], in the picture) and logits [M]";
 constexpr const char* kNoTraining =
     "an ONNX model is not trained here; train it where it came from and export it again";
-
-[[noreturn]] void bad(const std::string& field, const std::string& problem, const std::string& fix) {
-  throw BadFile(field + ": " + problem + "; " + fix);
-}
 
 /// ONNX Runtime's reasons run over several lines.
 std::string one_line(std::string text) {

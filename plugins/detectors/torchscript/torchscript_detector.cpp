@@ -26,10 +26,6 @@ constexpr const char* kReturnsInPicture = "(boxes [M,4], logits [M])";
 constexpr const char* kWrite = "write it with torch.jit.script(model).save(FILE)";
 constexpr const char* kGuide = "see src/guide/attack.md";
 
-[[noreturn]] void bad(const std::string& field, const std::string& problem, const std::string& fix) {
-  throw BadFile(field + ": " + problem + "; " + fix);
-}
-
 /// The line that says why: the last one of a TorchScript trace, or else the first. As _copy.py's.
 std::string reason(const std::string& what) {
   std::string line, last;
