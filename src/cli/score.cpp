@@ -153,6 +153,7 @@ Command score_command() {
       .default_out = "out/score",
       .example = "mirage score --detector fusion --out out/score",
       .afterwards = [](const Common& common) { write_page(common.out); },
+      .many_ranks = true,
   });
 }
 

@@ -191,7 +191,8 @@ TexturedMesh random_load(std::uint64_t seed, std::uint64_t index, const Adversar
   Vec3d half;
   for (int axis = 0; axis < 3; ++axis) half[axis] = random.uniform(0.5, 1) * limits.half[axis];
   fit_bounds(mesh.mesh, Eigen::AlignedBox3d(-half, half));
-  paint_patches(mesh, 1 + random.below(40), random.next_u32());
+  const std::uint32_t paint = random.next_u32();
+  paint_patches(mesh, 1 + random.below(40), paint);
   return mesh;
 }
 

@@ -185,19 +185,21 @@ Actor make_truck(RandomStream& random) {
 
 Vec3f random_cloth(RandomStream& random) {
   const float tone = static_cast<float>(random.uniform(0.015, 0.5));
-  return Vec3f(tone * static_cast<float>(random.uniform(0.5, 1.2)),
-               tone * static_cast<float>(random.uniform(0.5, 1.1)),
-               tone * static_cast<float>(random.uniform(0.5, 1.3)))
-      .cwiseMin(0.8f);
+  const float blue = static_cast<float>(random.uniform(0.5, 1.3)),
+              green = static_cast<float>(random.uniform(0.5, 1.1)),
+              red = static_cast<float>(random.uniform(0.5, 1.2));
+  return (tone * Vec3f(red, green, blue)).cwiseMin(0.8f);
 }
 
 Material green(RandomStream& random) {
   Material m;
   m.pattern = Pattern::foliage;
   const auto u = [&](double a, double b) { return static_cast<float>(random.uniform(a, b)); };
-  m.albedo = Vec3f(u(0.025, 0.06), u(0.045, 0.10), u(0.01, 0.025));
-  m.second = random.uniform() < 0.15 ? Vec3f(u(0.15, 0.25), u(0.09, 0.13), 0.02f)
-                                     : Vec3f(u(0.05, 0.11), u(0.08, 0.14), u(0.015, 0.035));
+  const float blue = u(0.01, 0.025), green = u(0.045, 0.10), red = u(0.025, 0.06);
+  m.albedo = Vec3f(red, green, blue);
+  const bool dry = random.uniform() < 0.15;
+  const float blue2 = dry ? 0.02f : u(0.015, 0.035), green2 = dry ? u(0.09, 0.13) : u(0.08, 0.14);
+  m.second = Vec3f(dry ? u(0.15, 0.25) : u(0.05, 0.11), green2, blue2);
   m.variant = random.next_u32();
   m.lidar = 0.35f;
   return m;
@@ -314,10 +316,11 @@ Actor make_clutter(RandomStream& random) {
       const double l = u(2, 7), w = u(0.6, 1.8), h = u(0.7, 1.9);
       add_box(a, {-0.46 * l, -0.42 * w, 0}, {0.46 * l, 0.42 * w, 0.93 * h});
       for (int i = 0; i < static_cast<int>(l * 200); ++i) {
-        const Vec3d p(u(-0.5, 0.5) * l, (random.uniform() < 0.5 ? 0.5 : -0.5) * w * u(0.8, 1.05),
-                      u(0.02, 1) * h);
-        const Vec3d q = random.uniform() < 0.3 ? Vec3d(p.x(), u(-0.5, 0.5) * w, h * u(0.92, 1.04)) : p;
-        add_leaves(b, q, {0.05, 0.05, 0.05}, 1, 0.08, random);
+        double z = u(0.02, 1) * h, y = (random.uniform() < 0.5 ? 0.5 : -0.5) * w;
+        y *= u(0.8, 1.05);
+        const double x = u(-0.5, 0.5) * l;
+        if (random.uniform() < 0.3) z = h * u(0.92, 1.04), y = u(-0.5, 0.5) * w;
+        add_leaves(b, {x, y, z}, {0.05, 0.05, 0.05}, 1, 0.08, random);
       }
       const Material m = green(random);
       Material core = m;
@@ -326,7 +329,8 @@ Actor make_clutter(RandomStream& random) {
       break;
     }
     case 5: {  // bush
-      const Vec3d r(u(0.5, 1.6), u(0.5, 1.6), u(0.5, 1.2));
+      const double r_z = u(0.5, 1.2), r_y = u(0.5, 1.6), r_x = u(0.5, 1.6);
+      const Vec3d r(r_x, r_y, r_z);
       add_leaves(b, {0, 0, 0.8 * r.z()}, r, static_cast<int>(900 * r.x() * r.y() + 400), 0.09, random);
       actor.surfaces = {surface(b, green(random))};
       break;
@@ -336,7 +340,8 @@ Actor make_clutter(RandomStream& random) {
         add_box(a, {-0.25, -0.6, 0}, {0.25, u(0.3, 0.9), u(1.0, 1.6)});
         actor.surfaces = {surface(a, plain(tone(0.25, 0.5), 0.4f))};
       } else {
-        append(a, cylinder(u(0.5, 0.7), u(2.4, 3.2), 20), Transform::Identity());
+        const double tall = u(2.4, 3.2), radius = u(0.5, 0.7);
+        append(a, cylinder(radius, tall, 20), Transform::Identity());
         Material m = plain(tone(0.3, 0.6), 0.4f);
         m.second = random_cloth(random), m.variant = random.next_u32();
         actor.surfaces = {surface(a, m)};

@@ -292,8 +292,9 @@ Material paint_of(RandomStream& random) {
       break;
     }
   }
-  Material m = plain(paint->color * static_cast<float>(random.uniform(0.8, 1.15)),
-                     0.24f * paint->lidar * static_cast<float>(std::exp(random.uniform(-1.2, 1.2))), 0.045f);
+  const float scatter = static_cast<float>(std::exp(random.uniform(-1.2, 1.2))),
+              tone = static_cast<float>(random.uniform(0.8, 1.15));
+  Material m = plain(tone * paint->color, 0.24f * paint->lidar * scatter, 0.045f);
   if (random.uniform() < 0.25) m.gloss = 0.02f;  // dusty
   return m;
 }

@@ -81,7 +81,8 @@ Material tarpaulin(RandomStream& random) {
   const Vec3f colors[8] = {{0.03f, 0.09f, 0.04f}, {0.03f, 0.08f, 0.30f}, {0.25f, 0.26f, 0.27f},
                            {0.10f, 0.10f, 0.06f}, {0.50f, 0.17f, 0.02f}, {0.45f, 0.40f, 0.30f},
                            {0.60f, 0.60f, 0.58f}, {0.05f, 0.05f, 0.055f}};
-  Material m = plain(colors[random.below(8)] * static_cast<float>(random.uniform(0.7, 1.3)), 0);
+  const float tone = static_cast<float>(random.uniform(0.7, 1.3));
+  Material m = plain(tone * colors[random.below(8)], 0);
   m.pattern = Pattern::cloth, m.variant = random.next_u32();
   return m;
 }
@@ -121,7 +122,7 @@ Actor bin(const Vec3d& size, RandomStream& random) {
   add_box(lid, {-0.8 * l, -0.7 * w, rim}, {0.8 * l, 0.7 * w, h});
   const Vec3f colors[6] = {{0.02f, 0.10f, 0.05f}, {0.03f, 0.08f, 0.28f}, {0.25f, 0.26f, 0.26f},
                            {0.50f, 0.33f, 0.03f}, {0.25f, 0.09f, 0.03f}, {0.05f, 0.05f, 0.05f}};
-  const Material steel = veiled(paint_of(random), plain(colors[random.below(6)], 0));
+  const Material tint = plain(colors[random.below(6)], 0), steel = veiled(paint_of(random), tint);
   Material top = steel;
   top.albedo = random.uniform() < 0.5 ? Vec3f(0.7f * steel.albedo) : Vec3f(0.12f, 0.10f, 0.08f);
   actor.surfaces = {surface(tub, steel), surface(ribs, steel), surface(lid, top)};

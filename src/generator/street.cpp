@@ -47,9 +47,11 @@ void StreetSite::add_fence(double s0, double s1, double d) {
       for (double side : {-0.3, 0.3}) {
         add_quad(mesh, on_ground(s, d + side), on_ground(e, d + side), on_ground(e, d + side, h - 0.06),
                  on_ground(s, d + side, h - 0.06));
-        for (int i = 0; i < (away(s) < 30 ? 160 : 50); ++i)
-          add_leaves(leaves, on_ground(u(s, e), d + side * u(0.9, 1.15), u(0.02, 1.02) * h),
-                     {0.04, 0.04, 0.04}, 1, away(s) < 30 ? 0.06 : 0.11, random_);
+        for (int i = 0; i < (away(s) < 30 ? 160 : 50); ++i) {
+          const double up = u(0.02, 1.02) * h, across = d + side * u(0.9, 1.15);
+          add_leaves(leaves, on_ground(u(s, e), across, up), {0.04, 0.04, 0.04}, 1,
+                     away(s) < 30 ? 0.06 : 0.11, random_);
+        }
       }
       add_quad(mesh, on_ground(s, d - 0.3, h - 0.06), on_ground(e, d - 0.3, h - 0.06),
                on_ground(e, d + 0.3, h - 0.06), on_ground(s, d + 0.3, h - 0.06));
@@ -113,7 +115,8 @@ void StreetSite::add_earth() {
 void StreetSite::add_manhole_covers(int count) {
   Mesh covers;
   for (int i = 0; i < count; ++i) {
-    const Vec3d p = on_ground(u(4, 40), u(-half_[0], half_[1]) * 0.8, 0.006);
+    const double d = 0.8 * u(-half_[0], half_[1]);
+    const Vec3d p = on_ground(u(4, 40), d, 0.006);
     append(covers, cylinder(0.32, 0.004, 18), at(p.x(), p.y(), p.z()));
   }
   surfaces_.push_back(surface(covers, plain(Vec3f::Constant(0.045f), 0.2f)));

@@ -87,8 +87,15 @@ class StreetSite {
         }
   }
 
-  // Stands an actor at (s, d), heading `turn` from the street's; false where it would overlap another.
-  bool put(Actor actor, double s, double d, double turn, double margin = 0.25) {
+  /// Heading `turn` (radians) from the street's. The order of the members is the order of their random draws,
+  /// which a list of a function's arguments leaves to the compiler.
+  struct Stand {
+    double turn, d, s;
+  };
+
+  /// False where it would overlap another.
+  bool put(Actor actor, const Stand& stand, double margin = 0.25) {
+    const auto [turn, d, s] = stand;
     const Vec2d p = xy(s, d);
     const double heading = yaw(s) + turn, z = ground_z(s, d);
     const BevBox box{p.x(), p.y(), actor.size.x() + 2 * margin, actor.size.y() + 2 * margin, heading};

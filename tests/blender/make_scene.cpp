@@ -18,7 +18,7 @@ int main(int count, char** arguments) {
   for (Vec3d& v : adversary.mesh.vertices)
     v = v.cwiseProduct(Vec3d(0.7, 0.6, 0.4)) * random.uniform(0.85, 1.15);
   adversary.atlas.texels.resize(adversary.mesh.faces.size() * adversary.atlas.per_face());
-  for (Vec3d& t : adversary.atlas.texels) t = Vec3d(random.uniform(), random.uniform(), random.uniform());
+  for (Vec3d& t : adversary.atlas.texels) t = Vec3d{random.uniform(), random.uniform(), random.uniform()};
   Frame frame;
   frame.image = ImageF(320, 120, 3);
   for (int v = 0; v < 120; ++v)

@@ -201,6 +201,11 @@ TEST_F(Ranks, ACertificateIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
       "certified");
 }
 
+TEST_F(Ranks, AScoreIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
+  same_on_one_and_three("score --detector lidar --frames 2 --learn-frames 2 --sizes 0.4 --iterations 2",
+                        "attacked");
+}
+
 TEST_F(Ranks, FitsAreTheSameOnAnyNumberOfProcessesAndGoOn) {
   const auto fit = [&](const std::string& out) {
     return "fit --threads 1 --data " + at("data") + " --out " + at(out);

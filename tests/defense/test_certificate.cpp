@@ -37,14 +37,14 @@ TEST(RoofMask, TakesEveryRayThatMeetsTheBoxAndFewOthers) {
     margin.metres = 0.01;
     margin.beam_origin = 0.25;
     const Transform box_from_velo = velo_from_box(box).inverse();
-    const Vec3d aim = velo_from_box(box) * Vec3d(random.uniform(-1.2, 1.2) * box.bev.length,
+    const Vec3d aim = velo_from_box(box) * Vec3d{random.uniform(-1.2, 1.2) * box.bev.length,
                                                  random.uniform(-1.2, 1.2) * box.bev.width,
-                                                 random.uniform(-0.5, 1.5) * box.height);
+                                                 random.uniform(-0.5, 1.5) * box.height};
     const Vec3d point = aim * random.uniform(0.9, 2);
     // The closest that any beam comes: beams from all around the unit, at many places on their way.
     double closest = 1e9;
     for (int beam = 0; beam < 12; ++beam) {
-      Vec3d from(random.normal(), random.normal(), random.normal());
+      Vec3d from{random.normal(), random.normal(), random.normal()};
       from *= margin.beam_origin / from.norm();
       for (int k = 0; k <= 200; ++k) {
         const Vec3d q = box_from_velo * (from + (point - from) * (k / 200.0));

@@ -36,7 +36,7 @@ TexturedMesh noisy_adversary(int resolution = 5) {
   for (Vec3d& v : textured.mesh.vertices)
     v = v.cwiseProduct(Vec3d(0.7, 0.6, 0.4)) * (1 + 0.2 * random.normal() / 3) + Vec3d(1e-17, 1.0 / 3, 0.1);
   textured.atlas.texels.resize(textured.mesh.faces.size() * textured.atlas.per_face());
-  for (Vec3d& t : textured.atlas.texels) t = Vec3d(random.uniform(), random.uniform(), random.uniform());
+  for (Vec3d& t : textured.atlas.texels) t = Vec3d{random.uniform(), random.uniform(), random.uniform()};
   return textured;
 }
 
@@ -127,7 +127,7 @@ TEST(Tessellation, CoversTheFaceOnceWithTheRasterisersTexels) {
       EXPECT_NEAR(cross(t.corners[1] - t.corners[0], t.corners[2] - t.corners[0]),
                   1.0 / (resolution * resolution), 1e-12);
     for (int i = 0; i < 2000; ++i) {
-      Vec2d b(random.uniform(), random.uniform());
+      Vec2d b{random.uniform(), random.uniform()};
       if (b.sum() > 1) b = Vec2d::Ones() - b;
       int found = -1, count = 0;
       for (const AtlasTriangle& t : triangles) {

@@ -57,7 +57,7 @@ TEST(MeshFiles, AMeshIsReadByItsContentAndWrittenByItsEndingInAnyCase) {
   const test::TemporaryFolder folder;
   TexturedMesh mesh = grey_ellipsoid({0.6, 0.5, 0.4});
   RandomStream random(1, "texels");
-  for (Vec3d& t : mesh.atlas.texels) t = Vec3d(random.uniform(), random.uniform(), random.uniform());
+  for (Vec3d& t : mesh.atlas.texels) t = Vec3d{random.uniform(), random.uniform(), random.uniform()};
   for (const char* name : {"a.glb", "A.GLB"}) {
     write_textured_mesh(folder / name, mesh);
     for (const char* as : {"b.glb", "b.GLTF", "b.obj", "b"}) {

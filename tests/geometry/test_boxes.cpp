@@ -64,7 +64,7 @@ TEST(Box3Iou, AgreesWithCountedPoints) {
         b{random_box(random, 1.5), random.uniform(-1, 1), random.uniform(0.5, 2)};
     int in_both = 0, in_any = 0;
     for (int k = 0; k < kPoints; ++k) {  // the boxes lie within 1.5 + 3.4 m of the middle
-      const Vec3d p(random.uniform(-5, 5), random.uniform(-5, 5), random.uniform(-1, 3));
+      const Vec3d p{random.uniform(-5, 5), random.uniform(-5, 5), random.uniform(-1, 3)};
       const bool in_a = contains(a, p), in_b = contains(b, p);
       in_both += in_a && in_b, in_any += in_a || in_b;
     }
@@ -241,7 +241,7 @@ TEST(CutPolygon, CoversSimplePolygonsOfAnyShapeAndPlane) {
     for (int k = 0; k < 8; ++k) {
       SCOPED_TRACE(s);
       const Eigen::Matrix3d turn =
-          Eigen::Quaterniond(random.normal(), random.normal(), random.normal(), random.normal())
+          Eigen::Quaterniond{random.normal(), random.normal(), random.normal(), random.normal()}
               .normalized()
               .toRotationMatrix();
       std::vector<Vec2d> shape = shapes[s];

@@ -74,7 +74,7 @@ TEST(SelfIntersection, DoesNotDependOnPlaceAndTurn) {
     mesh.vertices[2] *= random.uniform(-2, 1);
     const std::size_t pairs = intersecting_faces(mesh).size();
     const Eigen::AngleAxisd turn(random.uniform(0, 6),
-                                 Vec3d(random.normal(), random.normal(), 1).normalized());
+                                 Vec3d{random.normal(), random.normal(), 1}.normalized());
     for (Vec3d& v : mesh.vertices) v = turn * v + Vec3d(40, -20, 3);
     EXPECT_EQ(intersecting_faces(mesh).size(), pairs) << i;
   }
@@ -125,7 +125,7 @@ TEST(WindingNumber, OneInsideAndZeroOutsideAClosedMesh) {
   const WindingNumber w(icosphere(3));
   RandomStream random(1, "winding");
   for (int i = 0; i < 300; ++i) {
-    const Vec3d p(random.uniform(-2, 2), random.uniform(-2, 2), random.uniform(-2, 2));
+    const Vec3d p{random.uniform(-2, 2), random.uniform(-2, 2), random.uniform(-2, 2)};
     if (std::abs(p.norm() - 1) < 0.02) continue;
     EXPECT_NEAR(w.at(p, true), p.norm() < 1, 1e-9);
     EXPECT_NEAR(w.at(p), p.norm() < 1, 0.03);
@@ -142,7 +142,7 @@ TEST(WindingNumber, AHoleLeavesTheSignRight) {
   const WindingNumber w(mesh);
   RandomStream random(2, "winding");
   for (int i = 0; i < 300; ++i) {
-    const Vec3d p(random.uniform(-1.5, 1.5), random.uniform(-1.5, 1.5), random.uniform(-1.5, 1.5));
+    const Vec3d p{random.uniform(-1.5, 1.5), random.uniform(-1.5, 1.5), random.uniform(-1.5, 1.5)};
     if (std::abs(p.norm() - 1) < 0.05 || p.z() > 0.7) continue;
     EXPECT_EQ(w.at(p) > 0.5, p.norm() < 1) << p.transpose();
   }
@@ -231,7 +231,7 @@ TEST(DistanceGrid, InterpolatesLinearFunctionsExactlyAndGoesOnOutside) {
   const DistanceGrid grid = sampled([](const Vec3d& p) { return 0.3 * p.x() - 0.2 * p.y() + p.z(); }, 5, 1);
   RandomStream random(2, "grid");
   for (int i = 0; i < 100; ++i) {
-    const Vec3d p(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
+    const Vec3d p{random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1)};
     EXPECT_NEAR(grid.at(p), 0.3 * p.x() - 0.2 * p.y() + p.z(), 1e-6);
     const GridCell cell = cell_at(grid.layout, p);
     Vec3d gradient = Vec3d::Zero();

@@ -124,8 +124,8 @@ inline Extreme perturbed(const Extreme& extreme, int scale, RandomStream& random
   const double shift = scale * kShift * 2 / (std::max(target.width, target.height) * target.supersampling);
   for (auto& face : mesh.faces)
     for (Vec3d& v : face)
-      v = Vec3d(v.x() + random.uniform(-shift, shift), v.y() + random.uniform(-shift, shift),
-                v.z() * (1 + scale * random.uniform(-kDepth, kDepth)));
+      v = Vec3d{v.x() + random.uniform(-shift, shift), v.y() + random.uniform(-shift, shift),
+                v.z() * (1 + scale * random.uniform(-kDepth, kDepth))};
   // And the place in the texture, which on a large face moves by less than that.
   if (mesh.texture == Texture::atlas && mesh.texel_face.empty()) {
     for (std::size_t f = 0; f < mesh.faces.size(); ++f) mesh.texel_face.push_back(static_cast<int>(f));

@@ -53,7 +53,7 @@ double log_spread(RandomStream& random, double low, double high) {
 /// partly behind the camera, or with its corners on the borders of pixels.
 std::array<Vec3d, 3> odd_face(int kind, const PinholeCamera& size, RandomStream& random) {
   std::array<Vec3d, 3> face;
-  for (Vec3d& v : face) v = Vec3d(random.uniform(-.8, .8), random.uniform(-.8, .8), random.uniform(3, 9));
+  for (Vec3d& v : face) v = Vec3d{random.uniform(-.8, .8), random.uniform(-.8, .8), random.uniform(3, 9)};
   const double unit = 2.0 / std::max(size.width, size.height);
   switch (kind) {
     case 1:
@@ -62,7 +62,7 @@ std::array<Vec3d, 3> odd_face(int kind, const PinholeCamera& size, RandomStream&
     case 2:
       face[2].head<2>() =
           (face[0] + random.uniform(-.5, 1.5) * (face[1] - face[0])).head<2>() +
-          log_spread(random, 1e-16, 1e-3) * Vec2d(random.uniform(-1, 1), random.uniform(-1, 1));
+          log_spread(random, 1e-16, 1e-3) * Vec2d{random.uniform(-1, 1), random.uniform(-1, 1)};
       break;
     case 3:
       face[1] = face[2] = face[0];
@@ -117,7 +117,7 @@ TEST(ExactExtremes, RandomFacesOfEveryKind) {
         problem.mesh.texel_face.push_back(static_cast<int>(random.below(faces)));
         std::array<Vec3d, 3> corners;
         for (Vec3d& b : corners) {
-          b = Vec3d(random.uniform(), random.uniform(), random.uniform());
+          b = Vec3d{random.uniform(), random.uniform(), random.uniform()};
           b /= b.sum();
         }
         problem.mesh.corner_barycentrics.push_back(corners);
@@ -197,7 +197,7 @@ TEST(ExactExtremes, FoldedMeshesAgreeWithManySamples) {
   RasterProblem problem = exact_ball({.3, -.4, 6}, .9, 1);
   RandomStream random(3, "fold");
   for (auto& face : problem.mesh.faces) {  // every face by itself, through all others
-    const Vec3d shift(random.uniform(-.05, .05), random.uniform(-.05, .05), random.uniform(-.6, .6));
+    const Vec3d shift{random.uniform(-.05, .05), random.uniform(-.05, .05), random.uniform(-.6, .6)};
     for (Vec3d& v : face) v += shift;
   }
   problem.settings.coverage = Coverage::hard;

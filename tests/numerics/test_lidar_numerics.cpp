@@ -142,9 +142,11 @@ TEST(LidarExtremes, FacesWithoutAreaAndNeedles) {
   // Needles of 1e6 : 1 straight in front of a ray, turned to all sides.
   RandomStream random(1, "needles");
   for (int i = 0; i < 300; ++i) {
-    const LidarRay ray = prepared.lidar.ray(random.below(32), random.below(400) + 40);
+    const LidarRay ray = [&](int beam) {
+      return prepared.lidar.ray(beam, random.below(400) + 40);
+    }(random.below(32));
     const Vec3d centre = ray.origin + random.uniform(2, 60) * ray.direction;
-    const Vec3d along = Vec3d(random.normal(), random.normal(), random.normal()).normalized(),
+    const Vec3d along = Vec3d{random.normal(), random.normal(), random.normal()}.normalized(),
                 side = along.unitOrthogonal();
     TexturedMesh needle;
     needle.mesh = one_face(centre - along, centre + along, centre + 2e-6 * side);

@@ -33,11 +33,11 @@ RandomCase random_case(std::uint64_t seed) {
   RandomStream random(seed, "LiDAR property");
   RandomCase c;
   const double far = std::pow(10, random.uniform(-1, 5));
-  c.origin = far * Vec3d(random.normal(), random.normal(), random.normal());
-  c.direction = Vec3d(random.normal(), random.normal(), random.normal()).normalized();
+  c.origin = far * Vec3d{random.normal(), random.normal(), random.normal()};
+  c.direction = Vec3d{random.normal(), random.normal(), random.normal()}.normalized();
   const double size = std::pow(10, random.uniform(-3, 1)), range = std::pow(10, random.uniform(-0.5, 2.7));
   const Vec3d centre = c.origin + range * c.direction;
-  for (Vec3d& v : c.face) v = centre + size * Vec3d(random.normal(), random.normal(), random.normal());
+  for (Vec3d& v : c.face) v = centre + size * Vec3d{random.normal(), random.normal(), random.normal()};
   switch (random.below(8)) {
     case 0:
       c.face[1] = c.face[0];
@@ -131,7 +131,7 @@ TEST(LidarProperties, InsertionsOfRandomMeshesAreFiniteAndCountTheirPoints) {
   for (std::uint64_t seed = 0; seed < static_cast<std::uint64_t>(kCases / 500); ++seed) {
     RandomStream random(seed, "random insertion");
     TexturedMesh object = dented_ball(
-        Vec3d(std::pow(10, random.uniform(-0.5, 2)), random.uniform(-3, 3), random.uniform(-2, 1)),
+        Vec3d{std::pow(10, random.uniform(-0.5, 2)), random.uniform(-3, 3), random.uniform(-2, 1)},
         std::pow(10, random.uniform(-2, 0.5)), seed);
     for (int i = random.below(6); i > 0; --i)  // folded, repeated and torn
       object.mesh.vertices[static_cast<std::size_t>(random.below(42))] =
@@ -142,7 +142,7 @@ TEST(LidarProperties, InsertionsOfRandomMeshesAreFiniteAndCountTheirPoints) {
     if (random.below(2)) effects.drop_out = 0.1;
     if (random.below(2)) effects.divergence = Vec2d(3e-3, 1e-3);
     if (random.below(2)) effects.albedo = true;
-    if (random.below(2)) effects.velocity = Vec3d(random.normal() * 10, random.normal(), 0);
+    if (random.below(2)) effects.velocity = Vec3d{random.normal() * 10, random.normal(), 0};
     const Outcome outcome = insert(prepared, object, effects);
     const Simulated& s = outcome.simulated;
     ASSERT_EQ(s.sweep.size(), wall.size() - static_cast<std::size_t>(s.removed_points) +

@@ -125,7 +125,7 @@ Extreme with_face(const std::array<Vec3d, 3>& face, std::uint64_t seed = 3) {
   Extreme extreme;
   for (int f = 0; f < 10; ++f) {
     std::array<Vec3d, 3> other;
-    for (Vec3d& v : other) v = Vec3d(random.uniform(-.3, .3), random.uniform(-.3, .3), random.uniform(9, 11));
+    for (Vec3d& v : other) v = Vec3d{random.uniform(-.3, .3), random.uniform(-.3, .3), random.uniform(9, 11)};
     extreme.mesh.faces.push_back(other);
   }
   extreme.mesh.faces[4] = face;
@@ -191,8 +191,8 @@ TEST(RasterExtremes, FoldedAndSelfIntersectingMeshes) {
     RandomStream random(seed, "fold");
     for (auto& face : extreme.mesh.faces)  // turned inside out, and through each other
       for (Vec3d& v : face)
-        v = Vec3d(-.5 * v.x() + random.uniform(-.05, .05), v.y() + random.uniform(-.05, .05),
-                  20 - v.z() + random.uniform(-.5, .5));
+        v = Vec3d{-.5 * v.x() + random.uniform(-.05, .05), v.y() + random.uniform(-.05, .05),
+                  20 - v.z() + random.uniform(-.5, .5)};
     for (std::size_t f = 0; f + 1 < extreme.mesh.faces.size(); f += 7)
       extreme.mesh.faces[f + 1] = extreme.mesh.faces[f];  // twice the same face
     refit(extreme);

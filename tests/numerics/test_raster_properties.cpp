@@ -46,7 +46,7 @@ double log_uniform(RandomStream& random, double low, double high) {
 
 std::array<Vec3d, 3> face_of(Kind kind, RandomStream& random) {
   const auto corner = [&] {
-    return Vec3d(random.uniform(-.8, .8), random.uniform(-.8, .8), random.uniform(3, 9));
+    return Vec3d{random.uniform(-.8, .8), random.uniform(-.8, .8), random.uniform(3, 9)};
   };
   std::array<Vec3d, 3> face{corner(), corner(), corner()};
   const auto scale = [&](double factor) {
@@ -62,7 +62,7 @@ std::array<Vec3d, 3> face_of(Kind kind, RandomStream& random) {
     case Kind::edge_on:
       face[2].head<2>() =
           (face[0] + random.uniform(-.5, 1.5) * (face[1] - face[0])).head<2>() +
-          log_uniform(random, 1e-14, 1e-3) * Vec2d(random.uniform(-1, 1), random.uniform(-1, 1));
+          log_uniform(random, 1e-14, 1e-3) * Vec2d{random.uniform(-1, 1), random.uniform(-1, 1)};
       break;
     case Kind::point:
       face[1] = face[2] = face[0];
@@ -85,7 +85,7 @@ std::array<Vec3d, 3> face_of(Kind kind, RandomStream& random) {
       face[random.below(3)].z() *= -random.uniform();
       break;
     case Kind::offset:
-      for (Vec3d& v : face) v.head<2>() += 1e5 * Vec2d(random.uniform(-1, 1), random.uniform(-1, 1));
+      for (Vec3d& v : face) v.head<2>() += 1e5 * Vec2d{random.uniform(-1, 1), random.uniform(-1, 1)};
       break;
   }
   return face;
@@ -106,7 +106,7 @@ Extreme scene_of(const Case& c) {
       mesh.texel_face.push_back(random.below(static_cast<int>(mesh.faces.size())));
       std::array<Vec3d, 3> corners;
       for (Vec3d& b : corners) {
-        b = Vec3d(random.uniform(), random.uniform(), random.uniform());
+        b = Vec3d{random.uniform(), random.uniform(), random.uniform()};
         b /= b.sum();
       }
       mesh.corner_barycentrics.push_back(corners);

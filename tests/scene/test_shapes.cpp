@@ -103,7 +103,7 @@ TEST(ShapeFit, ReturnsInTheCabinDoNotPullTheRoofDown) {
   // A tenth as many returns from seats as from the body.
   for (int i = 0; i < 200; ++i) {
     const Vec3d p = velo_from_box(s.label.box) *
-                    Vec3d(random.uniform(-1, 0.4), random.uniform(-0.5, 0.5), random.uniform(0.6, 1.1));
+                    Vec3d{random.uniform(-1, 0.4), random.uniform(-0.5, 0.5), random.uniform(0.6, 1.1)};
     s.frame.sweep.push_back({float(p.x()), float(p.y()), float(p.z()), 0.1f});
   }
   const Carrier roof = ShapeRoofFinder(test::small_shape_model(), lidar()).find(s.frame, s.label);
@@ -246,7 +246,7 @@ TEST(ShapeModel, DerivativesAgreeWithCentralDifferences) {
     q.head<3>() *= 0.1;
     q[3] *= 0.2;
     q.segment<3>(4) *= 0.05;
-    const Vec3d p(random.uniform(-2, 2), random.uniform(-1, 1), random.uniform(0, 1.7));
+    const Vec3d p{random.uniform(-2, 2), random.uniform(-1, 1), random.uniform(0, 1.7)};
     // Trilinear slopes jump at the cells' faces and at the mirror: keep off them.
     const ShapeParameters s = ShapeParameters::unpacked(q);
     const Vec3d x = (-s.log_size.array())

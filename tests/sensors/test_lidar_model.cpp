@@ -104,8 +104,8 @@ struct Problem {
 Problem random_problem(std::uint64_t seed, double tilt) {
   RandomStream random(seed, "return");
   Problem problem;
-  problem.origin = Vec3d(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
-  problem.direction = Vec3d(1, random.uniform(-.3, .3), random.uniform(-.3, .3)).normalized();
+  problem.origin = Vec3d{random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1)};
+  problem.direction = Vec3d{1, random.uniform(-.3, .3), random.uniform(-.3, .3)}.normalized();
   const Vec3d centre = problem.origin + random.uniform(3, 30) * problem.direction;
   const Vec3d side = problem.direction.unitOrthogonal(), up = problem.direction.cross(side);
   const Vec3d along = (side * tilt + problem.direction * std::sqrt(1 - tilt * tilt));

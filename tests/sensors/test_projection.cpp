@@ -73,10 +73,10 @@ Scene crossing_scene(std::uint64_t seed, int behind, Texture texture, bool persp
   Scene scene;
   for (int k = 0; k < 3; ++k) {
     const bool seen = k >= behind;
-    scene.p_camera.push_back(Vec3d(random.uniform(-1, 1), random.uniform(-1, 1),
-                                   seen ? random.uniform(1.5, 3) : random.uniform(-1.5, 0.3)));
+    scene.p_camera.push_back(Vec3d{random.uniform(-1, 1), random.uniform(-1, 1),
+                                   seen ? random.uniform(1.5, 3) : random.uniform(-1.5, 0.3)});
   }
-  scene.p_camera.push_back(Vec3d(random.uniform(-1, 1), random.uniform(-.5, .5), 2.5));
+  scene.p_camera.push_back(Vec3d{random.uniform(-1, 1), random.uniform(-.5, .5), 2.5});
   scene.faces = {{0, 1, 2}, {2, 1, 3}};
   scene.texture = texture;
   scene.texels = test::random_colors(texture == Texture::atlas ? 2 : 6, random);
@@ -94,7 +94,7 @@ TEST(Projection, PartsOfACrossingFaceCoverExactlyWhatIsInFront) {
   for (int trial = 0; trial < 200; ++trial) {
     std::vector<Vec3d> p;
     for (int k = 0; k < 3; ++k)
-      p.push_back(Vec3d(random.uniform(-2, 2), random.uniform(-2, 2), random.uniform(-2, 3)));
+      p.push_back(Vec3d{random.uniform(-2, 2), random.uniform(-2, 2), random.uniform(-2, 3)});
     const Face face{0, 1, 2};
     const ProjectedMesh projected =
         project_mesh(p, {face}, kCamera, kNear, Texture::atlas, 1, {Vec3d::Zero()});

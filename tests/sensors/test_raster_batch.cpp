@@ -39,7 +39,7 @@ Ball ball(std::uint64_t seed, double distance, double sigma, double gamma, int s
       corners[k] << ndc_from_pixel(pixel.x(), pixel.y(), camera.width, camera.height), p[face[k]].z();
     }
     mesh.faces.push_back(corners);
-    const Vec3d color(random.uniform(), random.uniform(), random.uniform());
+    const Vec3d color{random.uniform(), random.uniform(), random.uniform()};
     for (int t = 0; t < 4; ++t) mesh.texels.push_back(color);
   }
   mesh.resolution = 2;

@@ -112,8 +112,8 @@ TEST(RayCaster, BatchEqualsSingleRaysForAnyThreadCount) {
   RandomStream random(1, "rays");
   std::vector<Ray> rays;
   for (int i = 0; i < 20000; ++i) {
-    const Vec3d from = 3 * Vec3d(random.normal(), random.normal(), random.normal()).normalized();
-    const Vec3d to = 1.2 * Vec3d(random.normal(), random.normal(), random.normal()).normalized();
+    const Vec3d from = 3 * Vec3d{random.normal(), random.normal(), random.normal()}.normalized();
+    const Vec3d to = 1.2 * Vec3d{random.normal(), random.normal(), random.normal()}.normalized();
     rays.push_back({from.cast<float>(), (to - from).cast<float>()});
   }
   int found = 0;

@@ -16,7 +16,7 @@ namespace {
 
 Vec3d random_direction(RandomStream& random) {
   Vec3d direction;
-  do direction = Vec3d(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
+  do direction = Vec3d{random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1)};
   while (direction.norm() < 0.1 || direction.norm() > 1);
   return direction.normalized();
 }

@@ -43,7 +43,7 @@ TEST(Shading, GradientAgainstCentralDifferences) {
 }
 
 Vec3d random_direction(RandomStream& random) {
-  return Vec3d(random.normal(), random.normal(), random.normal()).normalized();
+  return Vec3d{random.normal(), random.normal(), random.normal()}.normalized();
 }
 
 TEST(Gloss, FresnelAtItsEnds) {
@@ -135,7 +135,7 @@ TEST(MeshDistance, BoxAgainstTheAnalyticDistance) {
   const MeshDistance distance(box_mesh({4, 2, 1}));
   RandomStream random(1, "mesh distance");
   for (int i = 0; i < 500; ++i) {
-    const Vec3d p(random.uniform(-4, 4), random.uniform(-3, 3), random.uniform(-2, 2));
+    const Vec3d p{random.uniform(-4, 4), random.uniform(-3, 3), random.uniform(-2, 2)};
     const Vec3d q = p.cwiseAbs() - Vec3d(2, 1, 0.5);
     const double expected = q.cwiseMax(0).norm() + std::min(0.0, q.maxCoeff());
     EXPECT_NEAR(distance.signed_distance(p), expected, 1e-5);

@@ -51,7 +51,7 @@ Pair pair_of(std::uint64_t seed, double near, double sigma) {
     resolutions.push_back(kCoarse * (1 + static_cast<int>(random.uniform() * 3)));
   const TexelGrid grid(resolutions);
   std::vector<Vec3d> colors(static_cast<std::size_t>(grid.first.back()));
-  for (Vec3d& color : colors) color = Vec3d(random.uniform(), random.uniform(), random.uniform());
+  for (Vec3d& color : colors) color = Vec3d{random.uniform(), random.uniform(), random.uniform()};
   Pair pair;
   std::vector<Vec3d> fine;
   for (std::size_t f = 0; f < shape.faces.size(); ++f)

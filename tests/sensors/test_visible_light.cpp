@@ -24,7 +24,7 @@ TexturedMesh ball(std::uint64_t seed, double crumpled, int subdivisions = 1, int
   RandomStream random(seed, "ball");
   for (Vec3d& v : textured.mesh.vertices) v = v * (0.5 + crumpled * random.uniform(-1, 1)) + Vec3d(0, 0, 0.6);
   textured.atlas.texels.resize(textured.mesh.faces.size() * textured.atlas.per_face());
-  for (Vec3d& t : textured.atlas.texels) t = Vec3d(random.uniform(), random.uniform(), random.uniform());
+  for (Vec3d& t : textured.atlas.texels) t = Vec3d{random.uniform(), random.uniform(), random.uniform()};
   return textured;
 }
 
@@ -348,7 +348,7 @@ TEST(VisibleLight, GradientAgainstCentralDifferencesWithVisibilityFixed) {
     RandomStream random(seed, "upstream");
     std::vector<Vec3d> d_factor(shown), d_gloss(shown);
     for (auto* list : {&d_factor, &d_gloss})
-      for (Vec3d& d : *list) d = Vec3d(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
+      for (Vec3d& d : *list) d = Vec3d{random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1)};
     const auto loss = [&](const std::vector<double>& x) {
       std::vector<Vec3d> normals, albedo;
       for (std::size_t i = 0; 3 * i < x.size(); ++i)

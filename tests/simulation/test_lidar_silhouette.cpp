@@ -119,7 +119,7 @@ std::vector<std::vector<Vec3d>> motions(const TexturedMesh& object, int dents) {
   for (int k = 0; k < dents; ++k) {
     all.emplace_back();
     for (std::size_t i = 0; i < object.mesh.vertices.size(); ++i)
-      all.back().push_back(Vec3d(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1)));
+      all.back().push_back(Vec3d{random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1)});
   }
   return all;
 }

@@ -116,7 +116,7 @@ TEST(Surround, NoCameraIsLeftOutThatSeesIt) {
   for (int i = 0; i < 300; ++i) {
     Placement placement = world.placement;
     placement.velo_from_adversary.translation() =
-        Vec3d(random.uniform(-20, 20), random.uniform(-20, 20), random.uniform(-3, 3));
+        Vec3d{random.uniform(-20, 20), random.uniform(-20, 20), random.uniform(-3, 3)};
     const Mesh placed = place(world.adversary, placement).mesh;
     for (const SimulationSettings& settings : {SimulationSettings(), test::smooth_settings()}) {
       CameraSight sight;

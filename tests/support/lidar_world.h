@@ -38,13 +38,13 @@ inline TexturedMesh dented_ball(const Vec3d& centre, double radius, std::uint64_
   RandomStream random(seed, "dented ball");
   ball.mesh = icosphere(subdivisions);
   for (Vec3d& v : ball.mesh.vertices) {
-    const Vec3d dent(random.uniform(-.06, .06), random.uniform(-.06, .06), random.uniform(-.06, .06));
+    const Vec3d dent{random.uniform(-.06, .06), random.uniform(-.06, .06), random.uniform(-.06, .06)};
     v = centre + radius * (v + dent);
   }
   ball.atlas.resolution = 1;
   for (std::size_t f = 0; f < ball.mesh.faces.size(); ++f)
     ball.atlas.texels.push_back(
-        Vec3d(random.uniform(.2, .9), random.uniform(.2, .9), random.uniform(.2, .9)));
+        Vec3d{random.uniform(.2, .9), random.uniform(.2, .9), random.uniform(.2, .9)});
   return ball;
 }
 

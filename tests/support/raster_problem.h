@@ -47,7 +47,7 @@ void fill_random(Image<S>& image, RandomStream& random, double low, double high)
 inline std::vector<Vec3d> random_colors(std::size_t count, RandomStream& random) {
   std::vector<Vec3d> colors;
   for (std::size_t i = 0; i < count; ++i)
-    colors.push_back(Vec3d(random.uniform(), random.uniform(), random.uniform()));
+    colors.push_back(Vec3d{random.uniform(), random.uniform(), random.uniform()});
   return colors;
 }
 

@@ -25,7 +25,7 @@ inline TexturedMesh random_mesh(std::uint64_t seed, int resolution = 5) {
   for (Vec3d& v : textured.mesh.vertices)
     v = v.cwiseProduct(Vec3d(0.7, 0.6, 0.4)) * random.uniform(0.85, 1.15);
   textured.atlas.texels.resize(textured.mesh.faces.size() * textured.atlas.per_face());
-  for (Vec3d& t : textured.atlas.texels) t = Vec3d(random.uniform(), random.uniform(), random.uniform());
+  for (Vec3d& t : textured.atlas.texels) t = Vec3d{random.uniform(), random.uniform(), random.uniform()};
   return textured;
 }
 

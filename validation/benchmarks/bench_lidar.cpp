@@ -245,9 +245,9 @@ void compare(int subdivisions) {
   for (Vec3d& v : mesh.vertices) v *= random.uniform(0.3, 1);
   std::vector<Vec3f> directions, starts;
   for (int k = 0; k < kDirections; ++k)
-    directions.push_back(Vec3f(static_cast<float>(random.uniform(-1, 1)),
+    directions.push_back(Vec3f{static_cast<float>(random.uniform(-1, 1)),
                                static_cast<float>(random.uniform(-1, 1)),
-                               static_cast<float>(random.uniform(-1, 1))));
+                               static_cast<float>(random.uniform(-1, 1))});
   for (std::size_t i = 0; i < kRays; ++i) {
     const Face& face = mesh.faces[i * mesh.faces.size() / kRays];
     const auto corner = [&](int k) { return mesh.vertices[static_cast<std::size_t>(face[k])]; };

@@ -35,7 +35,7 @@ struct Scene {
       p_camera.push_back(random.uniform(.8 - rough, 1) * Vec3d(.8 * v.x(), -.5 * v.z(), .8 * v.y()) +
                          Vec3d(0, -.5, distance));
     std::vector<Vec3d> texels(shape.faces.size() * 25);
-    for (Vec3d& t : texels) t = Vec3d(random.uniform(), random.uniform(), random.uniform());
+    for (Vec3d& t : texels) t = Vec3d{random.uniform(), random.uniform(), random.uniform()};
     mesh = project_mesh(p_camera, shape.faces, kCamera, .1, Texture::atlas, 5, texels).screen;
     settings.sigma = sigma;
     settings.near = distance - 1.5;

@@ -1,21 +1,24 @@
-"""How much of two processors an attack on two ranks uses: wall seconds of a step on one rank, on two, and, as the ceiling that
-memory and caches of this machine leave, of two attacks on one rank each that know nothing of each other. In alternation.
+"""How much of two processors a command on two ranks uses: wall seconds on one rank, on two, and, as the ceiling that memory and
+caches of this machine leave, of two runs on one rank each that know nothing of each other. In alternation.
 
-    python3 validation/benchmarks/rank_efficiency.py [PROGRAM] [--data DIR] [--rounds 3] [--steps 64] [--json FILE]
+    python3 validation/benchmarks/rank_efficiency.py [PROGRAM] [--commands attack,evaluate,validate] [--frames 16] [--rounds 3]
+        [--steps 64] [--json FILE]
 
-Adds to FILE (build/release/bench.json): rank_efficiency_2 = (step on one rank) / (2 · step on two), rank_ceiling_2 = (step of one
-attack alone) / (step of one of two at a time), and rank_step_ms_1, _2. Medians over rounds. The machine must be idle otherwise.
+Adds to FILE (build/release/bench.json), for each command: rank_efficiency_2_COMMAND = (one rank) / (2 · two ranks),
+rank_ceiling_2_COMMAND = (alone) / (one of two at a time), and rank_seconds_1_COMMAND, rank_seconds_2_COMMAND. Medians over rounds.
+Seconds are those of a step for `attack`, of the whole command, its start included, for the others. Each run has a cache of its own.
+The machine must be idle otherwise.
 """
 
 import argparse
 import filecmp
 import json
 import os
-import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
+import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "report"))
 import atomic  # noqa: E402
@@ -23,29 +26,46 @@ import atomic  # noqa: E402
 ROOT_FLAGS = ["--allow-run-as-root"] if os.geteuid() == 0 else []
 
 
-def start(program, data, out, ranks, options):
-    shutil.rmtree(out, ignore_errors=True)
-    launcher = ["mpirun", *ROOT_FLAGS, "--bind-to", "none", "-n", str(ranks)]
-    return subprocess.Popen([*launcher, program, "attack", "--data", data, "--out", out, "--threads", "1", "--quiet",
-                             "--detector", options.detector, "--batch", str(options.batch), "--iterations", str(options.steps)],
-                            stdout=subprocess.DEVNULL)
+class Run:
+    """A command on so many ranks, begun; in a folder of its own."""
+
+    def __init__(self, words, ranks):
+        self.folder = tempfile.TemporaryDirectory()
+        self.out = os.path.join(self.folder.name, "out")
+        launcher = ["mpirun", *ROOT_FLAGS, "--bind-to", "none", "-n", str(ranks)]
+        environment = {**os.environ, "MIRAGE_CACHE": os.path.join(self.folder.name, "cache")}
+        self.started = time.monotonic()
+        self.process = subprocess.Popen([*launcher, *words, "--out", self.out, "--threads", "1", "--quiet"], env=environment,
+                                        stdout=subprocess.DEVNULL)
+
+    def seconds(self):
+        """Waits for its end."""
+        if self.process.wait() != 0:
+            sys.exit(f"{' '.join(self.process.args)} ended with {self.process.returncode}; its line stands above")
+        took = time.monotonic() - self.started
+        with open(os.path.join(self.out, "result.json"), encoding="utf-8") as file:
+            return json.load(file).get("seconds_per_iteration", took)
 
 
-def seconds(runs):
-    """Of a step, the longest of the runs'."""
-    steps = []
-    for process, out in runs:
-        if process.wait() != 0:
-            sys.exit(f"{out}: mirage attack ended with {process.returncode}; its line stands above")
-        with open(os.path.join(out, "result.json"), encoding="utf-8") as file:
-            steps.append(json.load(file)["seconds_per_iteration"])
-    return max(steps)
+def measure(words, rounds, same):
+    one, two, pair = [], [], []
+    for _ in range(rounds):
+        alone = Run(words, 1)
+        one.append(alone.seconds())
+        both = Run(words, 2)
+        two.append(both.seconds())
+        beside = [Run(words, 1), Run(words, 1)]
+        pair.append(max(run.seconds() for run in beside))
+        if same and not filecmp.cmp(os.path.join(alone.out, same), os.path.join(both.out, same), shallow=False):
+            sys.exit(f"one rank and two of mirage {words[1]} wrote another {same}")
+    return [statistics.median(times) for times in (one, two, pair)]
 
 
 def main():
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("program", nargs="?", default="build/release/mirage")
-    options.add_argument("--data", help="16 generated frames if left out")
+    options.add_argument("--commands", default="attack,evaluate,validate")
+    options.add_argument("--frames", type=int, default=16)
     options.add_argument("--detector", default="fusion")
     options.add_argument("--batch", type=int, default=2)
     options.add_argument("--rounds", type=int, default=3)
@@ -53,24 +73,21 @@ def main():
     options.add_argument("--json", default="build/release/bench.json")
     options = options.parse_args()
     program = os.path.abspath(options.program)
-    one, two, pair = [], [], []
+    figures = {}
     with tempfile.TemporaryDirectory() as folder:
-        data = options.data
-        if not data:
-            data = os.path.join(folder, "data")
-            subprocess.run([program, "generate", "--rig", "kitti64", "--frames", "16", "--seed", "31", "--out", data, "--quiet"],
-                           check=True, stdout=subprocess.DEVNULL)
-        outs = [os.path.join(folder, name) for name in ("one", "two", "left", "right")]
-        for _ in range(options.rounds):
-            one.append(seconds([(start(program, data, outs[0], 1, options), outs[0])]))
-            two.append(seconds([(start(program, data, outs[1], 2, options), outs[1])]))
-            pair.append(seconds([(start(program, data, out, 1, options), out) for out in outs[2:]]))
-            if not filecmp.cmp(os.path.join(outs[0], "adversary.glb"), os.path.join(outs[1], "adversary.glb"), shallow=False):
-                sys.exit("one rank and two learned different meshes")
-    alone, both, beside = (statistics.median(times) for times in (one, two, pair))
-    figures = {"rank_step_ms_1": 1e3 * alone, "rank_step_ms_2": 1e3 * both, "rank_efficiency_2": alone / (2 * both),
-               "rank_ceiling_2": alone / beside}
-    print(json.dumps(figures, indent=1))
+        data, run = os.path.join(folder, "data"), os.path.join(folder, "run")
+        attack = [program, "attack", "--data", data, "--detector", options.detector, "--batch", str(options.batch)]
+        for words in ([program, "generate", "--rig", "kitti64", "--frames", str(options.frames), "--seed", "31", "--out", data],
+                      [*attack, "--iterations", "2", "--out", run]):
+            subprocess.run([*words, "--quiet"], check=True, stdout=subprocess.DEVNULL)
+        commands = {"attack": ([*attack, "--iterations", str(options.steps)], "adversary.glb"),
+                    "evaluate": ([program, "evaluate", "--run", run, "--hosts", "all", "--baseline", "sized"], None),
+                    "validate": ([program, "validate", "--run", run, "--frames", str(options.frames)], None)}
+        for name in options.commands.split(","):
+            alone, both, beside = measure(commands[name][0], options.rounds, commands[name][1])
+            figures |= {f"rank_seconds_1_{name}": alone, f"rank_seconds_2_{name}": both,
+                        f"rank_efficiency_2_{name}": alone / (2 * both), f"rank_ceiling_2_{name}": alone / beside}
+            print(json.dumps(figures, indent=1), flush=True)
     known = {}
     if os.path.exists(options.json):
         with open(options.json, encoding="utf-8") as file:

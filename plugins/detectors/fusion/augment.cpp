@@ -133,7 +133,7 @@ torch::Tensor change_picture(const torch::Tensor& picture, RandomStream& random)
   const double noise = random.uniform(0, 0.02);
   torch::Tensor gain = torch::empty({3});
   for (int c = 0; c < 3; ++c) gain[c] = exposure * std::exp(random.uniform(-0.15, 0.15));
-  const auto noise_seed = (static_cast<std::uint64_t>(random.next_u32()) << 32) | random.next_u32();
+  const std::uint64_t high = random.next_u32(), noise_seed = high << 32 | random.next_u32();
 
   torch::Tensor x = picture * gain;
   x = x + grey * (x.mean(2, true) - x);

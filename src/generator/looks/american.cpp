@@ -26,7 +26,8 @@ void AmericanStreet::choose() {
   }
   heading_ = 0.02 * random_.normal();
   curvature_ = chance(kind_ == Kind::suburb ? 0.5 : 0.2) ? 0.0025 * random_.normal() : 0;
-  ego_d_ = lane_d(0, random_.below(lanes_[0])) + 0.2 * random_.normal();
+  ego_d_ = lane_d(0, random_.below(lanes_[0]));
+  ego_d_ += 0.2 * random_.normal();
   slope_ = 0.008 * random_.normal();
   wave_ = 0.10 * random_.uniform(), wave_length_ = u(30, 80), wave_phase_ = u(0, 2 * kPi);
   cross_s_ = chance(kind_ == Kind::suburb ? 0.45 : 0.7) ? u(16, 48) : 1e9;
@@ -216,22 +217,26 @@ void AmericanStreet::place_traffic() {
     const bool own = std::abs(lane_d(0, lane) - ego_d_) < 0.5 * lane_;
     if (!chance(flow)) continue;
     for (double s = own ? u(8, 35) : u(2, 25); s < 66 + ahead_; s += u(7.5, 40))
-      put(vehicle(kAlikeOnLanes), s, (own ? ego_d_ : lane_d(0, lane)) + wobble(0.25), wobble(0.02));
+      put(vehicle(kAlikeOnLanes),
+          {.turn = wobble(0.02), .d = (own ? ego_d_ : lane_d(0, lane)) + wobble(0.25), .s = s});
   }
   for (int lane = 0; lane < lanes_[1]; ++lane) {
     if (!chance(flow)) continue;
     for (double s = u(4, 40); s < 70 + ahead_; s += u(8, 45))
-      put(vehicle(kAlikeOnLanes), s, lane_d(1, lane) + wobble(0.3), kPi + wobble(0.03));
+      put(vehicle(kAlikeOnLanes), {.turn = kPi + wobble(0.03), .d = lane_d(1, lane) + wobble(0.3), .s = s});
   }
   if (turn_lane_ > 0 && chance(0.35))
-    put(vehicle(kAlikeOnLanes), u(8, 50), wobble(0.2), chance(0.5) ? 0 : kPi);
+    put(vehicle(kAlikeOnLanes), {.turn = chance(0.5) ? 0 : kPi, .d = wobble(0.2), .s = u(8, 50)});
   if (cross_s_ < far_) {
     for (int i = random_.below(6); i > 0; --i) {
       const bool left = chance(0.5);
-      put(vehicle(kAlikeOnLanes), cross_s_ + (left ? 1 : -1) * u(0.3, 0.6) * cross_half_, u(-28, 28),
-          (left ? 0.5 : -0.5) * kPi + wobble(0.1));
+      put(vehicle(kAlikeOnLanes), {.turn = (left ? 0.5 : -0.5) * kPi + wobble(0.1),
+                                   .d = u(-28, 28),
+                                   .s = cross_s_ + (left ? 1 : -1) * u(0.3, 0.6) * cross_half_});
     }
-    if (chance(0.35)) put(vehicle(kAlikeOnLanes), cross_s_ + wobble(2.0), u(-7, 7), u(-kPi, kPi));  // turning
+    if (chance(0.35))
+      put(vehicle(kAlikeOnLanes),
+          {.turn = u(-kPi, kPi), .d = u(-7, 7), .s = cross_s_ + wobble(2.0)});  // turning
   }
 }
 
@@ -242,14 +247,18 @@ void AmericanStreet::place_parked() {
     const double share = u(0.4, 1.0), d = sign(side) * (half_[side] - 0.5 * strip_[side] + 0.05);
     for (double s = -4 + u(0, 5); s < 70 + ahead_; s += u(6.0, 7.2))
       if (chance(share) && !in_cross(s, 8))
-        put(vehicle(kAlikeParked), s, d + wobble(0.1), (side ? kPi : 0) + wobble(0.02), 0.12);
+        put(vehicle(kAlikeParked), {.turn = (side ? kPi : 0) + wobble(0.02), .d = d + wobble(0.1), .s = s},
+            0.12);
   }
   for (int side : {0, 1})  // at the roadside, on verge and walk
     for (int i = 1 + random_.below(4); i > 0; --i) {
       const double s = u(6, 66), d = half_[side] + u(1.2, std::max(2.0, pavement_[side] + 1.0));
       if (in_cross(s, 3)) continue;
-      put(vehicle(kAlikeParked), s, sign(side) * d,
-          chance(0.8) ? (chance(0.5) ? 0 : kPi) + wobble(0.06) : u(-kPi, kPi), 0.2);
+      put(vehicle(kAlikeParked),
+          {.turn = chance(0.8) ? (chance(0.5) ? 0 : kPi) + wobble(0.06) : u(-kPi, kPi),
+           .d = sign(side) * d,
+           .s = s},
+          0.2);
     }
 }
 

@@ -182,8 +182,11 @@ void AmericanStreet::line_with_houses(int side) {
       const Vec2d p = xy(middle, sign(side) * (line + 0.5 * deep));
       taken_.push_back({p.x(), p.y(), along, deep, yaw(middle)});
       if (chance(0.75) && s < 66 + ahead_)
-        put(vehicle(kAlikeParked), drive + 0.1 * random_.normal(), sign(side) * (line - u(2.9, 3.6)),
-            (chance(0.75) ? 0.5 : -0.5) * kPi * sign(side), 0.1);
+        put(vehicle(kAlikeParked),
+            {.turn = (chance(0.75) ? 0.5 : -0.5) * kPi * sign(side),
+             .d = sign(side) * (line - u(2.9, 3.6)),
+             .s = drive + 0.1 * random_.normal()},
+            0.1);
     }
     s += plot;
   }
@@ -224,8 +227,11 @@ void AmericanStreet::line_with_shops(int side) {
     const double a = sign(side) * (row - 2.5), b = sign(side) * (row + 2.5);
     add_strip(lines, std::min(a, b), std::max(a, b), s, s + 0.1, 1, 0.008);
     if (chance(share) && s < 62)
-      put(vehicle(kAlikeParked), s + 1.4, sign(side) * row + 0.15 * random_.normal(),
-          (chance(0.8) ? 0.5 : -0.5) * kPi * sign(side), 0.1);
+      put(vehicle(kAlikeParked),
+          {.turn = (chance(0.8) ? 0.5 : -0.5) * kPi * sign(side),
+           .d = sign(side) * row + 0.15 * random_.normal(),
+           .s = s + 1.4},
+          0.1);
   }
   surfaces_.push_back(surface(lines, plain(Vec3f::Constant(f(0.35, 0.6)), 0.6f)));
   for (double s = u(0, 25); s < 90; s += u(22, 60)) {
@@ -278,8 +284,10 @@ void AmericanStreet::place_verge(int side) {
   for (int i = random_.below(4); i > 0; --i) {
     const double s = u(3, 55);
     if (!in_cross(s, 2))
-      put(american::make_kerb_item(actors_), s,
-          sign(side) * (half_[side] + std::max(0.6, pavement_[side] - 0.5)), (side ? 1 : -1) * 0.5 * kPi,
+      put(american::make_kerb_item(actors_),
+          {.turn = (side ? 1 : -1) * 0.5 * kPi,
+           .d = sign(side) * (half_[side] + std::max(0.6, pavement_[side] - 0.5)),
+           .s = s},
           0.1);
   }
   if (kind_ == Kind::suburb && verge_[side] > 0.8 && chance(0.5))
@@ -328,14 +336,20 @@ void AmericanStreet::place_people() {
     const int side = random_.below(2);
     const double s = u(6, 45);
     if (chance(0.25))
-      put(make_cyclist(actors_), s, sign(side) * (half_[side] - u(0.4, 1.2)), side ? kPi : 0, 0.1);
+      put(make_cyclist(actors_),
+          {.turn = side ? kPi : 0, .d = sign(side) * (half_[side] - u(0.4, 1.2)), .s = s}, 0.1);
     else if (cross_s_ < 45 && chance(0.3))  // on the near crosswalk
-      put(make_pedestrian(actors_), cross_s_ - cross_half_ - u(1.0, 3.2), u(-half_[0], half_[1]),
-          (chance(0.5) ? 0.5 : -0.5) * kPi, 0.1);
+      put(make_pedestrian(actors_),
+          {.turn = (chance(0.5) ? 0.5 : -0.5) * kPi,
+           .d = u(-half_[0], half_[1]),
+           .s = cross_s_ - cross_half_ - u(1.0, 3.2)},
+          0.1);
     else
-      put(make_pedestrian(actors_), s,
-          sign(side) * (half_[side] + u(std::max(0.4, verge_[side]), pavement_[side])),
-          chance(0.8) ? (chance(0.5) ? 0 : kPi) + 0.1 * random_.normal() : u(-kPi, kPi), 0.1);
+      put(make_pedestrian(actors_),
+          {.turn = chance(0.8) ? (chance(0.5) ? 0 : kPi) + 0.1 * random_.normal() : u(-kPi, kPi),
+           .d = sign(side) * (half_[side] + u(std::max(0.4, verge_[side]), pavement_[side])),
+           .s = s},
+          0.1);
   }
 }
 
@@ -349,7 +363,8 @@ void AmericanStreet::close_view() {
   for (int i = 0; i < 26; ++i) {
     const double d = -60 + 4.7 * i;
     const Vec3d p = on_ground(far_ + u(0, 12), d);
-    const Vec3d radii(u(2.5, 4), u(2.5, 4), u(2, 4.5)), middle = p + Vec3d(0, 0, u(2, 4));
+    const double tall = u(2, 4.5), wide = u(2.5, 4), deep = u(2.5, 4);
+    const Vec3d radii(deep, wide, tall), middle = p + Vec3d(0, 0, u(2, 4));
     append(crowns, ellipsoid(0.8 * radii), at(middle.x(), middle.y(), middle.z()));
     add_leaves(leaves, middle, radii, 160, 0.45, random_);
   }

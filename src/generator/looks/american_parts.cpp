@@ -229,8 +229,11 @@ Actor make_pylon(RandomStream& random) {
   add_box(board, {-0.18, -0.5 * w, h - tall}, {0.18, 0.5 * w, h});
   add_box(trim, {-0.22, -0.54 * w, h}, {0.22, 0.54 * w, h + 0.12});
   const auto tone = [&](double high) { return static_cast<float>(random.uniform(0.02, high)); };
-  const Vec3f color =
-      random.uniform() < 0.3 ? Vec3f(0.65f, 0.64f, 0.6f) : Vec3f(tone(0.55), tone(0.35), tone(0.45));
+  Vec3f color(0.65f, 0.64f, 0.6f);
+  if (random.uniform() >= 0.3) {
+    const float blue = tone(0.45), green = tone(0.35);
+    color = Vec3f(tone(0.55), green, blue);
+  }
   for (int line = 0; line < 2; ++line)
     for (double x : {-0.19, 0.19})
       add_letters(letters, x, x < 0 ? 0.44 * w : -0.44 * w, x < 0 ? -0.44 * w : 0.44 * w,

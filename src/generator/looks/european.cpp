@@ -101,10 +101,12 @@ void EuropeanStreet::lay_ground() {
       for (double s = -10; s < far_; s += 2)
         if (!in_cross(s, 2)) add_strip(paint, d - 0.5 * mark, d + 0.5 * mark, s, s + 2, 2, 0.008);
     };
-    if (chance(0.8))
-      dashes(0, u(2.5, 4), u(3, 6));
-    else
+    if (chance(0.8)) {
+      const double gap = u(3, 6);
+      dashes(0, u(2.5, 4), gap);
+    } else {
       solid(0);
+    }
     for (int k = 1; k < lanes_left_; ++k) dashes(k * lane_, 3, 6);
     for (int k = 1; k < lanes_right_; ++k) dashes(-k * lane_, 3, 6);
     if (kind_ == Kind::rural || kind_ == Kind::avenue) {
@@ -130,25 +132,29 @@ void EuropeanStreet::place_traffic() {
     double s = u(7, 35);
     const int count = 1 + (chance(0.45) ? 1 + random_.below(2) : 0);
     for (int i = 0; i < count; ++i, s += u(7, 22))
-      put(vehicle(kAlikeOnLanes), s, ego_d_ + wobble(0.25), wobble(0.02));
+      put(vehicle(kAlikeOnLanes), {.turn = wobble(0.02), .d = ego_d_ + wobble(0.25), .s = s});
   }
   if (lanes_right_ == 2)
     for (double s = u(3, 20); s < 65 + ahead_; s += u(8, 35)) {
       const double d = ego_d_ > -lane_ ? -1.5 * lane_ : -0.5 * lane_;
-      put(vehicle(kAlikeOnLanes), s, d + wobble(0.25), wobble(0.02));
+      put(vehicle(kAlikeOnLanes), {.turn = wobble(0.02), .d = d + wobble(0.25), .s = s});
     }
   for (int lane = 0; lane < lanes_left_; ++lane)
     if (chance(flow))
       for (double s = u(4, 40); s < 66 + ahead_; s += u(8, 45))
-        put(vehicle(kAlikeOnLanes), s, (lane + 0.5) * lane_ + wobble(0.3), kPi + wobble(0.03));
+        put(vehicle(kAlikeOnLanes),
+            {.turn = kPi + wobble(0.03), .d = (lane + 0.5) * lane_ + wobble(0.3), .s = s});
   if (cross_s_ < far_) {
     const int count = random_.below(5);
     for (int i = 0; i < count; ++i) {
       const bool left = chance(0.5);
-      put(vehicle(kAlikeOnLanes), cross_s_ + (left ? 0.5 : -0.5) * cross_half_ + wobble(0.4), u(-22, 22),
-          (left ? 0.5 : -0.5) * kPi + wobble(0.12));
+      put(vehicle(kAlikeOnLanes), {.turn = (left ? 0.5 : -0.5) * kPi + wobble(0.12),
+                                   .d = u(-22, 22),
+                                   .s = cross_s_ + (left ? 0.5 : -0.5) * cross_half_ + wobble(0.4)});
     }
-    if (chance(0.4)) put(vehicle(kAlikeOnLanes), cross_s_ + wobble(2.0), u(-5, 5), u(-kPi, kPi));  // turning
+    if (chance(0.4))
+      put(vehicle(kAlikeOnLanes),
+          {.turn = u(-kPi, kPi), .d = u(-5, 5), .s = cross_s_ + wobble(2.0)});  // turning
   }
 }
 
@@ -169,7 +175,7 @@ void EuropeanStreet::place_parked() {
         turn = (chance(0.75) ? 1 : -1) * sign * slant;
       else
         turn = chance(side ? 0.7 : 0.12) ? kPi : 0;
-      put(vehicle(kAlikeParked), s, d + wobble(0.1), turn + wobble(0.025), 0.12);
+      put(vehicle(kAlikeParked), {.turn = turn + wobble(0.025), .d = d + wobble(0.1), .s = s}, 0.12);
     }
   }
   // Cars off the street: drives, yards, car parks.
@@ -177,14 +183,18 @@ void EuropeanStreet::place_parked() {
     const double sign = side ? 1 : -1;
     const int count = chance(0.45) ? 1 + random_.below(4) : 0;
     for (int i = 0; i < count; ++i)
-      put(vehicle(kAlikeParked), u(8, 60), sign * (half_[side] + pavement_[side] + u(2.5, 12)), u(-kPi, kPi),
+      put(vehicle(kAlikeParked),
+          {.turn = u(-kPi, kPi), .d = sign * (half_[side] + pavement_[side] + u(2.5, 12)), .s = u(8, 60)},
           0.3);
     // At the roadside, half on the pavement or the verge.
     for (int i = 1 + random_.below(4); i > 0; --i) {
       const double s = u(6, 64), d = half_[side] + u(1.2, std::max(2.0, pavement_[side] + 0.5));
       if (in_cross(s, 3)) continue;
-      put(vehicle(kAlikeParked), s, sign * d,
-          chance(0.8) ? (chance(0.5) ? 0 : kPi) + wobble(0.06) : u(-kPi, kPi), 0.2);
+      put(vehicle(kAlikeParked),
+          {.turn = chance(0.8) ? (chance(0.5) ? 0 : kPi) + wobble(0.06) : u(-kPi, kPi),
+           .d = sign * d,
+           .s = s},
+          0.2);
     }
   }
 }
@@ -281,9 +291,11 @@ void EuropeanStreet::place_edges() {
     for (int i = random_.below(6) + 1; i > 0; --i) {
       const double s = u(4, 55);
       if (in_cross(s, 1)) continue;
-      put(make_clutter(actors_), s,
-          sign * (edge + (chance(0.4) ? u(-std::min(1.2, pavement_[side]), 0.5) : u(0.5, 7))),
-          chance(0.7) ? 0.05 * random_.normal() : u(-kPi, kPi), 0.1);
+      put(make_clutter(actors_),
+          {.turn = chance(0.7) ? 0.05 * random_.normal() : u(-kPi, kPi),
+           .d = sign * (edge + (chance(0.4) ? u(-std::min(1.2, pavement_[side]), 0.5) : u(0.5, 7))),
+           .s = s},
+          0.1);
     }
   }
   place_signals();
@@ -307,10 +319,14 @@ void EuropeanStreet::place_people() {
     const int side = random_.below(2);
     const double sign = side ? 1 : -1;
     if (chance(0.25))
-      put(make_cyclist(actors_), u(6, 50), sign * (half_[side] - u(0.3, 1.2)), side ? kPi : 0, 0.1);
+      put(make_cyclist(actors_),
+          {.turn = side ? kPi : 0, .d = sign * (half_[side] - u(0.3, 1.2)), .s = u(6, 50)}, 0.1);
     else
-      put(make_pedestrian(actors_), u(5, 45), sign * (half_[side] + u(-0.5, std::max(0.5, pavement_[side]))),
-          u(-kPi, kPi), 0.1);
+      put(make_pedestrian(actors_),
+          {.turn = u(-kPi, kPi),
+           .d = sign * (half_[side] + u(-0.5, std::max(0.5, pavement_[side]))),
+           .s = u(5, 45)},
+          0.1);
   }
 }
 

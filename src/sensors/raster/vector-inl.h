@@ -60,10 +60,12 @@ HWY_INLINE V Exp2(V x) {
   return hn::BitCast(d, hn::Add(hn::BitCast(di, p), exponent));
 }
 
-/// 1 / x to 2 units in the last place: an estimate and one step of Newton's.
+/// 1 / x to 2 units in the last place: an estimate and steps of Newton's, each of which doubles its digits.
+/// x86's estimate has 12 bits or more, NEON's has 8.
 HWY_INLINE V Reciprocal(V x) {
-  const V r = hn::ApproximateReciprocal(x);
-  return hn::MulAdd(r, hn::NegMulAdd(x, r, Set(1)), r);
+  V r = hn::ApproximateReciprocal(x);
+  for (int step = 0; step < (HWY_ARCH_X86 ? 1 : 2); ++step) r = hn::MulAdd(r, hn::NegMulAdd(x, r, Set(1)), r);
+  return r;
 }
 
 HWY_INLINE V Clamp01(V x) {
