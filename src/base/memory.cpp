@@ -5,8 +5,12 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
+#include <cstdint>
 #include <cstring>
+#include <filesystem>
+#include <fstream>
 
 #include "base/error.h"
 
@@ -48,9 +52,32 @@ std::string SharedMemory::path() const {
 extern "C" {
 /// oneTBB's (tbb/scalable_allocator.h), where its allocator is part of the program; else null.
 int scalable_allocation_command(int command, void* parameter) __attribute__((weak));
+int scalable_allocation_mode(int mode, std::intptr_t value) __attribute__((weak));
 }
 
 namespace mirage {
+
+std::size_t machine_memory() {
+  std::size_t bytes =
+      static_cast<std::size_t>(::sysconf(_SC_PHYS_PAGES)) * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+  // "0::/path" of the second version of control groups; each folder above it may have a limit as well.
+  std::ifstream groups("/proc/self/cgroup");
+  for (std::string line; std::getline(groups, line);) {
+    if (!line.starts_with("0::/")) continue;
+    for (std::filesystem::path group = line.substr(4);; group = group.parent_path()) {
+      std::size_t most = 0;
+      if (std::ifstream(std::filesystem::path("/sys/fs/cgroup") / group / "memory.max") >> most)  // or "max"
+        bytes = std::min(bytes, most);
+      if (group.empty()) break;
+    }
+  }
+  return bytes;
+}
+
+void keep_heap_below(std::size_t bytes) {
+  constexpr int kSoftHeapLimit = 1;  // TBBMALLOC_SET_SOFT_HEAP_LIMIT
+  if (scalable_allocation_mode) scalable_allocation_mode(kSoftHeapLimit, static_cast<std::intptr_t>(bytes));
+}
 
 void return_unused_memory() {
   constexpr int kCleanAllBuffers = 0;  // TBBMALLOC_CLEAN_ALL_BUFFERS

@@ -30,7 +30,15 @@ class SharedMemory {
   std::size_t size_ = 0;
 };
 
-// Memory between two tasks of one process.
+// Memory of one process.
+
+/// What the machine has, or the process's control group where that has less (a container, a job of Slurm);
+/// bytes.
+std::size_t machine_memory();
+
+/// From so many bytes on the allocator keeps nothing of what is freed, where it is oneTBB's. Costs a few per
+/// cent of time then.
+void keep_heap_below(std::size_t bytes);
 
 /// Gives back to the system what the allocator keeps of freed memory: oneTBB's, where the program has it, and
 /// glibc's. An attack frees gigabytes that it would otherwise hold through the evaluation after it.

@@ -13,7 +13,7 @@
 namespace mirage {
 namespace {
 
-int own_rank = 0, ranks = 1;
+int own_rank = 0, ranks = 1, on_this_machine = 1;
 int alone = 0;  // AloneAmongRanks that live
 bool has_joined = false;
 
@@ -32,6 +32,10 @@ void join_ranks(int& argc, char**& argv) {
   MPI_Init_thread(&argc, &argv, MPI_THREAD_FUNNELED, &provided);
   MPI_Comm_rank(MPI_COMM_WORLD, &own_rank);
   MPI_Comm_size(MPI_COMM_WORLD, &ranks);
+  MPI_Comm here;
+  MPI_Comm_split_type(MPI_COMM_WORLD, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &here);
+  MPI_Comm_size(here, &on_this_machine);
+  MPI_Comm_free(&here);
   has_joined = true;
   if (own_rank > 0 && std::freopen("/dev/null", "w", stdout) == nullptr) std::perror("/dev/null");
 }
@@ -50,6 +54,10 @@ int rank() {
 
 int rank_count() {
   return alone > 0 ? 1 : ranks;
+}
+
+std::size_t ranks_here() {
+  return static_cast<std::size_t>(on_this_machine);
 }
 
 AloneAmongRanks::AloneAmongRanks() {

@@ -20,6 +20,9 @@ int rank();
 /// How many processes there are.
 int rank_count();
 
+/// How many of them run on this machine.
+std::size_t ranks_here();
+
 /// While one lives, this process counts as the only one: what it calls neither waits for other ranks nor
 /// sends them anything. For ranks that do different work side by side.
 class AloneAmongRanks {

@@ -232,9 +232,12 @@ struct DetectorOptions {
   /// How its boxes are compared with each other and with labels (detection/matching.h).
   MatchBy matching = MatchBy::own;
   /// Bytes of clean frames' activations that a detector and those that share its weights may keep, in MB; 0:
-  /// every pass is over the whole frame. A matter of time alone.
-  int clean_memory_mb = 2048;
+  /// every pass is over the whole frame; −1: default_clean_memory(). A matter of time alone.
+  int clean_memory_mb = -1;
 };
+
+/// A 24th of machine_memory(), shared among the processes of a run on this machine; 2048 MB at most.
+int default_clean_memory();
 
 /// What a user chooses of a detector that is not trained.
 template <class Visitor, FieldsOf<DetectorOptions> S>
@@ -260,8 +263,8 @@ void visit_fields(Visitor& visit, S& s) {
         s.defense);
   visit({.name = "clean_memory",
          .help = "memory for cached feature maps of frames without the object, MB; makes a step 2 "
-                 "to 4 times faster. 0: off",
-         .range = {0, 1 << 20},
+                 "to 4 times faster. 0: off; -1: a 24th of the machine's, 2048 at most",
+         .range = {-1, 1 << 20},
          .decides = false,
          .matters = false},
         s.clean_memory_mb);

@@ -7,7 +7,9 @@
 #include "base/files.h"
 #include "base/installation.h"
 #include "base/logging.h"
+#include "base/memory.h"
 #include "base/parallel.h"
+#include "base/ranks.h"
 #include "base/words.h"
 #include "detection/consistent_detector.h"
 #include "detection/defenses.h"
@@ -166,8 +168,13 @@ std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const Det
 
 }  // namespace
 
+int default_clean_memory() {
+  return static_cast<int>(std::min<std::size_t>(machine_memory() / ranks_here() / 24 >> 20, 2048));
+}
+
 std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {
   DetectorOptions options = given_options;
+  if (options.clean_memory_mb < 0) options.clean_memory_mb = default_clean_memory();
   options.clean_memory_mb /= 1 + static_cast<int>(witnesses(options).size());
   if (is_outside(options)) {
     auto detector = load_outside_detector(options);

@@ -40,7 +40,7 @@ std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vecto
 class FrameStore {
  public:
   /// Bytes of frames held, besides those in use.
-  static constexpr std::size_t kMemoryLimit = 2ull << 30;
+  static constexpr std::size_t kMemoryLimit = 1ull << 30;
 
   /// `depth` completes the photographs' depth; without one, IpBasic. `finder` finds the roofs; without one,
   /// BoxRoofFinder. Nothing is cached on disk: what these are can't be told.

@@ -33,7 +33,7 @@ WIDTH, HEIGHT = 1242, 375  # of the default rig
 FRAME = WIDTH * HEIGHT * 4 * 4  # bytes: a colour picture and depth as floats
 # Read by the loader, the C library, libraries' own settings, and a query of the machine.
 SYSTEM = re.compile(r"/(usr|lib|lib64|sys|dev/shm)/|/etc/(ld\.so\.cache|localtime|nsswitch\.conf|passwd|ssl/openssl\.cnf)$|/dev/(null|urandom)$|"
-                    r"/proc/(cpuinfo|filesystems|meminfo|mounts|stat)$|/proc/sys/|/proc/\d+/(cgroup|maps|mountinfo|stat|status|task/\d+/comm)$")
+                    r"/proc/(cpuinfo|filesystems|meminfo|mounts|self/cgroup|stat)$|/proc/sys/|/proc/\d+/(cgroup|maps|mountinfo|stat|status|task/\d+/comm)$")
 SECRET = "nobody is to read this"
 
 
