@@ -2,15 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
-#include <optional>
+
+#include "geometry/seen_rectangle.h"
 
 namespace mirage {
 namespace {
 
 constexpr int kRows = 70, kColumns = 80;  // m: x from 0, y from −40
 constexpr float kNone = 1e9f;
-constexpr double kLength = 3.9, kWidth = 1.65;  // m, KITTI's mean car
 
 /// Cells of `size` m that a list of places touches, joined where they are neighbours but one.
 class Cells {
@@ -69,74 +68,6 @@ class Cells {
   int rows_, columns_;
   std::vector<int> cell_;
 };
-
-/// An interval along one axis of a rectangle.
-struct Side {
-  double low = 0, high = 0;
-  double size() const { return high - low; }
-  /// Made `least` long, away from the unit, which stands at 0: what is near is what is seen.
-  Side grown(double least) const {
-    if (size() >= least) return *this;
-    return std::abs(low) <= std::abs(high) ? Side{low, low + least} : Side{high - least, high};
-  }
-};
-
-/// The rectangle around places to whose nearer sides they are closest.
-struct Rectangle {
-  double yaw = 0;
-  Side along, across;
-};
-
-Rectangle closest_rectangle(const std::vector<Vec2d>& places) {
-  constexpr int kHeadings = 45;
-  constexpr std::size_t kEnough = 400;
-  constexpr double kNearest = 0.05;  // m
-  const std::size_t step = places.size() / kEnough + 1;
-  Rectangle best;
-  double most = -1;
-  std::vector<Vec2d> turned(places.size());
-  for (int k = 0; k < kHeadings; ++k) {
-    const double yaw = k * std::numbers::pi / 2 / kHeadings, c = std::cos(yaw), s = std::sin(yaw);
-    Rectangle tried{yaw, {1e9, -1e9}, {1e9, -1e9}};
-    for (std::size_t i = 0; i < places.size(); ++i) {
-      const Vec2d& p = places[i];
-      const Vec2d q(c * p.x() + s * p.y(), c * p.y() - s * p.x());
-      turned[i] = q;
-      tried.along = {std::min(tried.along.low, q.x()), std::max(tried.along.high, q.x())};
-      tried.across = {std::min(tried.across.low, q.y()), std::max(tried.across.high, q.y())};
-    }
-    double closeness = 0;
-    for (std::size_t i = 0; i < places.size(); i += step) {
-      const double nearest = std::min({turned[i].x() - tried.along.low, tried.along.high - turned[i].x(),
-                                       turned[i].y() - tried.across.low, tried.across.high - turned[i].y()});
-      closeness += 1 / std::max(nearest, kNearest);
-    }
-    if (closeness > most) most = closeness, best = tried;
-  }
-  return best;
-}
-
-/// The box of a car of which that rectangle is seen; nothing if it is no car's.
-std::optional<BevBox> car_of(const Rectangle& seen) {
-  constexpr double kLongest = 5.6, kShortest = 1.2, kWidest = 2.0, kOneSide = 2.3;  // m
-  const double longer = std::max(seen.along.size(), seen.across.size());
-  if (longer > kLongest || longer < kShortest || std::min(seen.along.size(), seen.across.size()) > kWidest)
-    return std::nullopt;
-  bool heads_along = seen.along.size() >= seen.across.size();
-  if (longer < kOneSide)  // a front or a rear: its length lies along the line of sight
-    heads_along = std::abs(seen.along.low + seen.along.high) > std::abs(seen.across.low + seen.across.high);
-  const Side along = seen.along.grown(heads_along ? kLength : kWidth),
-             across = seen.across.grown(heads_along ? kWidth : kLength);
-  const Vec2d middle((along.low + along.high) / 2, (across.low + across.high) / 2);
-  const double c = std::cos(seen.yaw), s = std::sin(seen.yaw);
-  BevBox box{c * middle.x() - s * middle.y(), s * middle.x() + c * middle.y(), along.size(), across.size(),
-             seen.yaw};
-  if (!heads_along) {
-    std::swap(box.length, box.width);
-    box.yaw += std::numbers::pi / 2;
-  }
-  return box;
-}
 
 }  // namespace
 
@@ -252,7 +183,7 @@ std::vector<BevBox> BodyEvidence::bodies() const {
     const double across = one.around.isEmpty() ? 0 : one.around.diagonal().norm();
     if (one.places.size() < kFewest || one.tallest < kTall || across > kLargest || across < kSmallest)
       continue;
-    const auto box = car_of(closest_rectangle(one.places));
+    const auto box = car_seen_as(closest_rectangle(one.places));
     if (!box || std::hypot(box->x, box->y) > kFar) continue;
     const RayCount count = rays(*box);
     if (count.stopped > kFewestStopped && kPassedShare * count.passed <= count.stopped + count.passed)
