@@ -9,7 +9,6 @@
 #include "base/names.h"
 #include "frames/frame_store.h"
 #include "frames/made_of.h"
-#include "scene/data/data_rig.h"
 #include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 
@@ -162,8 +161,8 @@ Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
   std::vector<HostId> hosts;
   std::vector<std::vector<HostOutcome>> outcomes;
   std::vector<std::string> names;
-  for (DetectorOptions options : request.detectors) {
-    options.rig = data_rig(request.data, request.rig);
+  for (const DetectorOptions& given : request.detectors) {
+    const DetectorOptions options = for_data(given, request);
     const DetectorPool pool = load_detector_pool(options, static_cast<int>(frames.size()));
     if (hosts.empty())
       for (const Host& host : find_all_hosts(store, frames, pool.front()->region(), simulation,

@@ -16,7 +16,6 @@
 #include "base/words.h"
 #include "detection/detector_settings.h"
 #include "frames/made_of.h"
-#include "scene/data/data_rig.h"
 #include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 
@@ -193,7 +192,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   override_settings(stage, request.asked, request.detector.seed, true);
   result.detector = request.detector;
   use_detector_of(stage, result.detector);
-  result.detector.rig = data_rig(stage.settings.data, stage.settings.rig);
+  result.detector = for_data(result.detector, stage.settings);
   result.detector.precision = usable_precision(result.detector.precision);
   result.store = std::make_unique<FrameStore>(stage.settings);
 

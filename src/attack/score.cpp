@@ -162,8 +162,7 @@ LearnedObject learn(const ScoreRequest& request, double size, const fs::path& da
   asked["data"] = data.string();
   override_settings(settings, asked, request.seed);
   settings.out = out;
-  settings.detector = request.detector;
-  settings.detector.rig = data_rig(data, settings.rig);
+  settings.detector = for_data(request.detector, settings);
   settings.attack = has_gradients ? AttackSearch::plain : AttackSearch::black_box;
   settings.iterations = request.iterations;
   settings.queries = request.queries;

@@ -108,7 +108,7 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
   const LidarModel lidar = lidar_of(options.data, options.rig);
   options.effects.apply(settings.simulation, lidar, recorded_lidar_effects(options.data), common.seed);
   FrameStore store(options);
-  const DetectorOptions asked = with_common(options.detector, common, options.data, options.rig);
+  const DetectorOptions asked = with_common(options.detector, common, options);
   if (asked.locality > 0)
     throw InputError("--locality", fmt::format("{}", asked.locality),
                      "is an approximation, and proves nothing", "leave it out");

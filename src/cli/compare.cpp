@@ -93,7 +93,7 @@ nlohmann::json run(CompareOptions& options, const Common& common) {
     throw FieldError("detectors", options.detectors.front(), "is compared with itself",
                      "name two detectors, or two --weights or --defense");
   for (const std::size_t which : {0u, 1u}) {
-    DetectorOptions detector = with_common(options.both, common, request.data, request.rig);
+    DetectorOptions detector = with_common(options.both, common, request);
     detector.detector = of_two(options.detectors, which, "detectors", "");
     detector.weights = of_two(options.weights, which, "weights", "");
     detector.defense = of_two(options.defenses, which, "defense", "none");

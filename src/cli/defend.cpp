@@ -19,7 +19,7 @@ nlohmann::json run(const DefendOptions& options, const Common& common) {
   DefenseSettings settings = options.settings;
   set_method(options.method, settings);
   take_common(settings, common);
-  settings.detector = with_common(settings.detector, common, settings.data, settings.rig);
+  settings.detector = with_common(settings.detector, common, settings);
   const DefenseResult result = train_defended(settings);
   common.made_of->add(settings);
   add_detector(*common.made_of, settings.detector);

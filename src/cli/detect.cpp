@@ -57,6 +57,8 @@ nlohmann::json detections_json(const DetectionRun& run, const Capabilities& can)
       nlohmann::json entry = box_json(proposal, run.matching, can.finds_heights);
       if (proposal.velocity)
         entry["velocity"] = {proposal.velocity->x(), proposal.velocity->y(), proposal.velocity->z()};
+      if (can.types.size() > 1 || can.types.front() != kCars)
+        entry["type"] = can.types.at(static_cast<std::size_t>(proposal.type));
       if (proposal.identity >= 0) entry["identity"] = proposal.identity;
       if (!run.matching.in_picture() && area(proposal.picture) > 0)
         entry["picture"] = box_json(proposal.picture);
@@ -130,7 +132,7 @@ void add_options(CLI::App& app, DetectOptions& options) {
 
 nlohmann::json run(const DetectOptions& options, const Common& common) {
   make_output_folder(common.out);
-  const DetectorOptions detector_options = with_common(options.detector, common, options.data, options.rig);
+  const DetectorOptions detector_options = with_common(options.detector, common, options);
   check_data(options.data, options.rig, UnitUse::reads_sweeps);
   // One of ours works on all threads by itself; a program is started once a thread.
   DetectorPool pool;
@@ -154,7 +156,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
     here.width = frame.image.width, here.height = frame.image.height;
     for (const std::size_t label : here.scored.truth.labels)
       here.hosts.emplace_back(frame, frame.labels[label], can.matching());
-    kitti[place] = kitti_frame(frame, proposals, can.matching());
+    kitti[place] = kitti_frame(frame, proposals, can.matching(), can.types);
     if (!options.kitti.empty())
       write_results(options.kitti / (frame.id + ".txt"), kitti[place].detections, frame.calibration);
   };

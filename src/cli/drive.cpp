@@ -152,7 +152,7 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   override_settings(run, asked, common.seed, true);
   DetectorOptions detector = options.detector;
   use_detector_of(run, detector);
-  detector = with_common(detector, common, run.settings.data, run.settings.rig);
+  detector = with_common(detector, common, run.settings);
   detector.precision = usable_precision(detector.precision);
   check_fields(options.settings);
   DriveRequest request;

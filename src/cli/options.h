@@ -21,9 +21,9 @@ namespace mirage::cli {
 
 /// `data`: the data set that the detector is to see; its rig (or `rig`, if given) chooses the shipped
 /// weights.
-inline DetectorOptions with_common(DetectorOptions options, const Common& common,
-                                   const std::filesystem::path& data, const std::string& rig) {
-  options.rig = data_rig(data, rig);
+inline DetectorOptions with_common(const DetectorOptions& given, const Common& common,
+                                   const FrameSource& source) {
+  DetectorOptions options = for_data(given, source);
   options.seed = common.seed;
   options.threads = common.threads;
   return options;

@@ -210,11 +210,12 @@ ListedDetection detection_of(const json& from, const fs::path& file, const std::
 }  // namespace
 
 std::vector<KittiDetection> kitti_detections(std::span<const Detection> proposals, Matching matching,
-                                             const Frame& frame) {
+                                             const Frame& frame, const std::vector<std::string>& types) {
   std::vector<KittiDetection> result;
   for (const Detection& proposal : proposals) {
     KittiDetection detection;
     detection.score = proposal.score();
+    detection.type = types.at(static_cast<std::size_t>(proposal.type));
     if (!matching.in_picture()) detection.box = upright(proposal, frame.sweep);
     if (area(proposal.picture) > 0) detection.picture = proposal.picture;
     result.push_back(detection);

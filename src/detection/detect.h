@@ -94,10 +94,11 @@ DetectionRun detect_data_set(
 
 // Detections on disk: what `mirage detect` writes, and what other people's detectors do.
 
-/// Proposals as KITTI's results hold them: class Car, upright() in the whole sweep; one that is judged in
-/// the picture gives no box in space.
+/// Proposals as KITTI's results hold them: upright() in the whole sweep; one that is judged in the picture
+/// gives no box in space. `types`: what the numbers of their classes mean (Capabilities::types).
 std::vector<KittiDetection> kitti_detections(std::span<const Detection> proposals, Matching matching,
-                                             const Frame& frame);
+                                             const Frame& frame,
+                                             const std::vector<std::string>& types = {kCars});
 
 /// A detection as detections.json has it.
 struct ListedDetection {

@@ -14,9 +14,12 @@
 #include "base/image.h"
 #include "detection/detector_settings.h"
 #include "detection/matching.h"
+#include "scene/data/label_types.h"
 #include "scene/frame.h"
 
 namespace mirage {
+
+struct FrameSource;
 
 /// One answer of a detector. Before non-maximum suppression it is called a proposal.
 struct Detection : ObjectBoxes {
@@ -211,6 +214,9 @@ struct DetectorOptions {
   /// of `lidar` (the same network without its image branch, which then adds nothing at first).
   bool start = false;
   std::string rig = "kitti64";  ///< of the data the detector is to see (data_rig): chooses shipped weights
+  /// What has to be found there (FrameSource::classes): of a detector that tells several classes, those that
+  /// answer for these are looked at (answering_types).
+  std::string classes = kCars;
   /// Of convolutions, where the plugin knows it (detection/detector_settings.h): "float", "bfloat16",
   /// "double".
   std::string precision = kFloat;
@@ -238,6 +244,14 @@ struct DetectorOptions {
 
 /// A 24th of machine_memory(), shared among the processes of a run on this machine; 2048 MB at most.
 int default_clean_memory();
+
+/// The same for a data set: its rig, and the classes that are sought.
+DetectorOptions for_data(DetectorOptions options, const FrameSource& source);
+
+/// Those of a detector's classes that answer for the ones that are sought: the class itself; for one that it
+/// has no word for, Car where that is a motor vehicle or the detector knows no other things, else Misc.
+std::vector<std::string> answering_types(const std::vector<std::string>& types,
+                                         const std::vector<std::string>& sought);
 
 /// What a user chooses of a detector that is not trained.
 template <class Visitor, FieldsOf<DetectorOptions> S>

@@ -1,3 +1,6 @@
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -19,6 +22,7 @@
 #include "detection/given_detector.h"
 #include "detection/plugin_detector.h"
 #include "detection/process_detector.h"
+#include "scene/frame_source.h"
 #include "sensors/lidar_model.h"
 
 namespace mirage {
@@ -27,6 +31,27 @@ namespace {
 namespace fs = std::filesystem;
 
 }  // namespace
+
+DetectorOptions for_data(DetectorOptions options, const FrameSource& source) {
+  options.rig = data_rig(source.data, source.rig);
+  options.classes = source.classes;
+  return options;
+}
+
+std::vector<std::string> answering_types(const std::vector<std::string>& types,
+                                         const std::vector<std::string>& sought) {
+  constexpr const char *kCar = "Car", *kThing = "Misc";
+  const auto has = [&](const std::vector<std::string>& list, const std::string& type) {
+    return std::find(list.begin(), list.end(), type) != list.end();
+  };
+  std::vector<std::string> answering;
+  for (const std::string& type : sought) {
+    const bool as_car = is_vehicle_type(type) || !has(types, kThing);
+    const std::string word = has(types, type) ? type : as_car ? kCar : kThing;
+    if (has(types, word) && !has(answering, word)) answering.push_back(word);
+  }
+  return answering;
+}
 
 fs::path plugin_file(const DetectorOptions& options) {
   if (fs::path(options.detector).extension() == ".so") {
@@ -83,30 +108,37 @@ std::unique_ptr<Detector> load_outside_detector(const DetectorOptions& options) 
   return program ? start_program(options) : given->make();
 }
 
-/// A detector whose boxes are compared as asked, and whose cars alone are looked at.
+/// A detector whose boxes are compared as asked, and of whose classes those alone are looked at that answer
+/// for what is sought.
 class AskedDetector : public DetectorAround {
  public:
-  AskedDetector(std::unique_ptr<Detector> inner, MatchBy matching)
-      : DetectorAround(std::move(inner)), by_(matching), types_(inner_->capabilities().types) {}
+  AskedDetector(std::unique_ptr<Detector> inner, MatchBy matching, std::vector<std::string> asked)
+      : DetectorAround(std::move(inner)), by_(matching), asked_(std::move(asked)) {
+    for (const std::string& type : inner_->capabilities().types) {
+      const auto place = std::find(asked_.begin(), asked_.end(), type);
+      types_.push_back(place == asked_.end() ? -1 : static_cast<int>(place - asked_.begin()));
+    }
+  }
 
   Capabilities capabilities() const override {
     Capabilities can = inner_->capabilities();
     can.judged_by = by_;
-    can.types = {kCar};
+    can.types = asked_;
     return can;
   }
   std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
     const std::vector<Detection> found = inner_->forward(view, score_threshold, keep_graph);
-    std::vector<Detection> cars;
+    std::vector<Detection> asked;
     places_.clear();
     count_ = found.size();
     for (std::size_t i = 0; i < count_; ++i) {
-      if (types_.at(static_cast<std::size_t>(found[i].type)) != kCar) continue;
+      const int type = types_.at(static_cast<std::size_t>(found[i].type));
+      if (type < 0) continue;
       places_.push_back(i);
-      cars.push_back(found[i]);
-      cars.back().type = 0;
+      asked.push_back(found[i]);
+      asked.back().type = type;
     }
-    return cars;
+    return asked;
   }
   SensorGradient backward(std::span<const double> d_logits) override {
     std::vector<double> all(count_, 0.0);
@@ -115,37 +147,39 @@ class AskedDetector : public DetectorAround {
   }
   std::unique_ptr<Detector> share() override {
     auto other = inner_->share();
-    return other ? std::make_unique<AskedDetector>(std::move(other), by_) : nullptr;
+    return other ? std::make_unique<AskedDetector>(std::move(other), by_, asked_) : nullptr;
   }
-
-  static constexpr const char* kCar = "Car";
 
  private:
   MatchBy by_;
-  std::vector<std::string> types_;   ///< the inner detector's
-  std::vector<std::size_t> places_;  ///< of the last forward's cars
+  std::vector<std::string> asked_;
+  std::vector<int> types_;           ///< of each of the inner detector's: its place in asked_, -1: none
+  std::vector<std::size_t> places_;  ///< of the last forward's answers
   std::size_t count_ = 0;            ///< of all that it found
 };
 
-/// FieldError for a way that the detector's boxes cannot be compared by, and for one that finds no cars.
-std::unique_ptr<Detector> judged_by(std::unique_ptr<Detector> detector, MatchBy by) {
+/// FieldError for a way that the detector's boxes cannot be compared by, and for one that finds nothing of
+/// what is sought.
+std::unique_ptr<Detector> judged_by(std::unique_ptr<Detector> detector, MatchBy by,
+                                    const std::string& classes) {
   const Capabilities can = detector->capabilities();
-  const std::vector<std::string> cars = {AskedDetector::kCar};
-  if (by == MatchBy::own && can.types == cars) return detector;
-  if (std::find(can.types.begin(), can.types.end(), cars.front()) == can.types.end())
-    throw FieldError("detector", detector->name(), "finds no cars", "use one that finds the class Car");
+  const std::vector<std::string> asked = answering_types(can.types, classes_of(classes));
+  if (asked.empty())
+    throw FieldError("detector", detector->name(), "finds nothing of class " + classes,
+                     fmt::format("use one that does; it finds {}", fmt::join(can.types, ", ")));
+  if (by == MatchBy::own && can.types == asked) return detector;
   const auto demand = [&](bool finds, const char* what, const char* fix) {
     if (!finds)
       throw FieldError("matching", Matching{by}.name(), detector->name() + " finds no " + what, fix);
   };
-  if (by == MatchBy::own) return std::make_unique<AskedDetector>(std::move(detector), by);
+  if (by == MatchBy::own) return std::make_unique<AskedDetector>(std::move(detector), by, asked);
   if (by == MatchBy::picture) {
     demand(can.finds_picture, "boxes in the picture", "use bev, or leave it out");
   } else {
     demand(can.finds_bev, "boxes in space", "use picture, or leave it out");
     if (by == MatchBy::space) demand(can.finds_heights, "heights of its boxes", "use bev or centre");
   }
-  return std::make_unique<AskedDetector>(std::move(detector), by);
+  return std::make_unique<AskedDetector>(std::move(detector), by, asked);
 }
 
 /// The detector within what its options name to stand around it.
@@ -163,7 +197,7 @@ std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const Det
       detector = behind_jpeg(std::move(detector), jpeg_quality(word));
     }
   }
-  return judged_by(std::move(detector), options.matching);
+  return judged_by(std::move(detector), options.matching, options.classes);
 }
 
 }  // namespace

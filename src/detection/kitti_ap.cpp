@@ -144,8 +144,9 @@ std::string kitti_name(Matching matching) {
 
 }  // namespace
 
-KittiFrame kitti_frame(const Frame& frame, std::span<const Detection> detections, Matching matching) {
-  KittiFrame result{frame.labels, kitti_detections(detections, matching, frame), frame.labelled};
+KittiFrame kitti_frame(const Frame& frame, std::span<const Detection> detections, Matching matching,
+                       const std::vector<std::string>& types) {
+  KittiFrame result{frame.labels, kitti_detections(detections, matching, frame, types), frame.labelled};
   for (KittiDetection& detection : result.detections)
     if (!detection.picture && detection.box) detection.picture = projected(*detection.box, frame.calibration);
   return result;

@@ -34,7 +34,8 @@ struct KittiFrame {
   bool labelled = true;  ///< false: what is found there is neither a hit nor a false alarm
 };
 /// A detector's own boxes in the picture, else those of the upright boxes projected (kitti_detections).
-KittiFrame kitti_frame(const Frame& frame, std::span<const Detection> detections, Matching matching);
+KittiFrame kitti_frame(const Frame& frame, std::span<const Detection> detections, Matching matching,
+                       const std::vector<std::string>& types = {kCars});
 
 /// AP of a level, and how many cars it asks for.
 struct KittiPrecision {

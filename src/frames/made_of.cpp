@@ -92,6 +92,7 @@ void add_detector(Provenance& provenance, const DetectorOptions& options) {
   provenance.set("network_parts", options.parts);
   provenance.set("fresh", options.fresh);
   provenance.set("detector_rig", options.rig);
+  if (options.classes != kCars) provenance.set("detector_classes", options.classes);
   fs::path weights;
   if (is_outside(options)) {
     if (is_program(options.detector)) provenance.set("detector", "exec");  // its words count by content

@@ -141,6 +141,38 @@ TEST(Loader, Version4ReadsSensorsByNameAndAnswersIn3d) {
   EXPECT_EQ(detector->region()[0], -50);
 }
 
+TEST(Loader, OfSeveralClassesThoseThatAreSoughtAreLookedAt) {
+  DetectorOptions options = named();
+  NamedScene scene;
+  const auto found = [&](const std::string& classes) {
+    options.classes = classes;
+    const auto detector = load_detector(options);
+    std::vector<std::string> names;
+    for (const Detection& one : detector->forward(scene.view(), 0.1, true))
+      names.push_back(detector->capabilities().types.at(static_cast<std::size_t>(one.type)));
+    return names;
+  };
+  EXPECT_EQ(found("Car"), std::vector<std::string>{"Car"});
+  EXPECT_EQ(found("Pedestrian"), std::vector<std::string>{"Pedestrian"});
+  EXPECT_EQ(found("Car,human.pedestrian.child"), (std::vector<std::string>{"Pedestrian", "Car"}));
+  EXPECT_EQ(found("Van,Truck"), std::vector<std::string>{"Car"});  // its word for vehicles
+  // The gradient goes to the answer that was given.
+  options.classes = "Pedestrian";
+  const auto detector = load_detector(options);
+  detector->forward(scene.view(), 0.1, true);
+  EXPECT_EQ(detector->backward(std::vector<double>{0.5}).points[0][0], 0);
+}
+
+TEST(Loader, WhatADetectorHasNoWordForIsAskedByAnother) {
+  using Words = std::vector<std::string>;
+  EXPECT_EQ(answering_types({"Car"}, {"Car"}), Words{"Car"});
+  EXPECT_EQ(answering_types({"Car"}, {"Pedestrian"}), Words{"Car"});  // of a network of one class
+  EXPECT_EQ(answering_types({"Car", "Misc"}, {"Pedestrian"}), Words{"Misc"});
+  EXPECT_EQ(answering_types({"Car", "Misc"}, {"Truck", "Car"}), Words{"Car"});
+  EXPECT_EQ(answering_types({"Car", "Misc"}, {"Misc", "Car"}), (Words{"Misc", "Car"}));
+  EXPECT_EQ(answering_types({"Pedestrian"}, {"Car"}), Words{});
+}
+
 TEST(Loader, Version4GivesGradientsByTheSameNames) {
   const auto detector = load_detector(named());
   NamedScene scene;

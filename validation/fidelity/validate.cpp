@@ -18,7 +18,6 @@
 #include "base/progress.h"
 #include "base/ranks.h"
 #include "frames/made_of.h"
-#include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/shape/shape_roof.h"
@@ -218,7 +217,7 @@ Validation validate(const ValidationSettings& given, const StartReference& start
                      "run mirage attack on a data set with cars in view");
   const std::unique_ptr<ReferenceRenderer> renderer = start(settings.out);
   for (const char* folder : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / folder);
-  settings.detector.rig = data_rig(run.settings.data, run.settings.rig);
+  settings.detector = for_data(settings.detector, run.settings);
   DetectorPool detectors;
   detectors.push_back(load_detector(settings.detector));
   Validation validation;

@@ -16,7 +16,6 @@
 #include "detection/detector_settings.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
-#include "scene/data/data_rig.h"
 #include "simulation/quality.h"
 #include "validation/fidelity/picture_errors.h"
 #include "validation/reference/host_scene.h"
@@ -69,8 +68,7 @@ std::vector<TimedAttack> attack_study(const TradeoffSettings& settings) {
   attack.quiet = settings.quiet;
   attack.iterations = kMostIterations;
   attack.seconds = settings.attack_seconds;
-  DetectorOptions options = settings.detector;
-  options.rig = data_rig(settings.source.data, settings.source.rig);
+  const DetectorOptions options = for_data(settings.detector, settings.source);
   const DetectorPool judges = load_detector_pool(options, attack.batch);
   SimulationSettings exact;
   apply_quality("exact", exact);

@@ -17,7 +17,6 @@
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/progress.h"
-#include "scene/data/data_rig.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
@@ -244,8 +243,7 @@ std::vector<TradeoffPoint> pass_points(const TradeoffSettings& settings, const S
       hosts.push_back({*held.back(), id, store.placement(id)});
     }
   if (hosts.empty()) return {};
-  DetectorOptions options = settings.detector;
-  options.rig = data_rig(settings.source.data, settings.source.rig);
+  const DetectorOptions options = for_data(settings.detector, settings.source);
   const OneThread bound;
   return detector_points(options, hosts, subjects.adversary, settings.repeats);
 }

@@ -24,7 +24,6 @@
 #include "frames/data_check.h"
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
-#include "scene/data/data_rig.h"
 #include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 #include "simulation/render_scene.h"
@@ -47,8 +46,7 @@ class Attacker {
     if (!settings.detect) return;
     DetectorOptions options = settings.detector;
     use_detector_of(run, options);
-    options.rig = data_rig(run.settings.data, run.settings.rig);
-    detector_ = load_detector(options);
+    detector_ = load_detector(for_data(options, run.settings));
     name_ = detector_->name();
     evaluation_.matching = detector_->capabilities().matching();
     evaluation_.score_threshold = kScoreThreshold;  // the page has a slider
@@ -62,7 +60,8 @@ class Attacker {
     std::vector<Detection> clean;
     if (detector_) {
       clean = detections(*detector_, view_of(seen), evaluation_);
-      view.found = {kitti_detections(clean, evaluation_.matching, view.frame), true};
+      view.found = {
+          kitti_detections(clean, evaluation_.matching, view.frame, detector_->capabilities().types), true};
     }
     for (const HostId& id : hosts) {
       const Placement placement = store_.placement(id);
@@ -82,7 +81,8 @@ class Attacker {
     const Frame& seen = prepared.frame;
     const auto attacked =
         detections(*detector_, view_of(prepared, simulated, detector_->capabilities()), evaluation_);
-    attack.found = {kitti_detections(attacked, evaluation_.matching, whole), true};
+    attack.found = {kitti_detections(attacked, evaluation_.matching, whole, detector_->capabilities().types),
+                    true};
     EvaluationSettings judging = evaluation_;
     judging.score_threshold = EvaluationSettings{}.score_threshold;
     const auto sure = [&](std::vector<Detection> proposals) {
