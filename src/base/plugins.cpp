@@ -32,8 +32,10 @@ std::vector<ShippedPlugin> read_shipped_plugins(const fs::path& folder, const st
       plugin.words.push_back(word);
     }
     const std::string weights = about.text("weights");
-    if (weights != "data" && weights != "code") about.fail("weights", "neither data nor code");
-    plugin.weights_are_code = weights == "code";
+    if (weights != "data" && weights != "code" && weights != "none")
+      about.fail("weights", "neither data, code nor none");
+    plugin.needs_weights = weights != "none";
+    plugin.weights_are_code = weights != "data";
     plugins.push_back(std::move(plugin));
   }
   return plugins;

@@ -1,6 +1,8 @@
 // Plugins that ship with the program, by the words that ask for them. Beside plugins/NAME.so lies NAME.json:
-//   {"kind": "detector", "depth" or "sensor", "words": ["lidar", …], "weights": "data" or "code"}
-// "code": what a weights file holds may run when it is loaded, so only the command line may name one.
+//   {"kind": "detector", "depth" or "sensor", "words": ["lidar", …],
+//    "weights": "data", "code" or "none"}
+// "code": what a weights file holds may run when it is loaded, so only the command line may name one. "none":
+// it needs none, and what a file holds that is given all the same is not known.
 #pragma once
 
 #include <cstddef>
@@ -19,7 +21,7 @@ namespace mirage {
 struct ShippedPlugin {
   std::filesystem::path file;  ///< of the shared library
   std::vector<std::string> words;
-  bool weights_are_code = true;
+  bool needs_weights = true, weights_are_code = true;
 };
 
 /// Those of a kind, by their files' names; none where they are not built. Looked for once. InputError naming

@@ -45,6 +45,9 @@ void write_claim(const std::filesystem::path& file, const DetectorOptions& detec
     throw FieldError("claim", file.string(), "is of weights, and the defence stands around them",
                      "leave --defense or --claim out");
   const std::filesystem::path weights = weights_file(detector);
+  if (weights.empty())
+    throw FieldError("claim", file.string(), "is of weights, and " + detector.detector + " has none",
+                     "leave --claim out");
   nlohmann::json claims = read_claims(file);
   claims[weights.stem().string()] = to_json(reliance);
   claims[weights.stem().string()].update(

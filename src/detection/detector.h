@@ -201,8 +201,8 @@ inline constexpr const char* kRealWeights = "real";
 
 /// Which detector, which weights, how it computes.
 struct DetectorOptions {
-  /// "lidar", "camera", "painted", "fusion", "late", "refined", "torchscript", "onnx", a path to a plugin
-  /// (*.so), or "exec:" and a command (detection/process_detector.h).
+  /// "lidar", "camera", "painted", "fusion", "late", "refined", "torchscript", "onnx", "clusters", a path
+  /// to a plugin (*.so), or "exec:" and a command (detection/process_detector.h).
   std::string detector = "fusion";
   /// Empty: the shipped ones, DETECTOR-RIG.weights. kRealWeights: those fine-tuned on real frames,
   /// DETECTOR-RIG-real.weights.
@@ -259,8 +259,8 @@ void visit_fields(Visitor& visit, S& s) {
   visit(
       {.name = "detector",
        .help =
-           "lidar, camera, painted, fusion, late, refined, torchscript, onnx, a plugin (*.so), or a program "
-           "of yours: \"exec:python3 my_detector.py\""},
+           "lidar, camera, painted, fusion, late, refined, torchscript, onnx, clusters, a plugin (*.so), or "
+           "a program of yours: \"exec:python3 my_detector.py\""},
       s.detector);
   visit({.name = "weights",
          .help = "weights file (default: the shipped ones for the data set's rig), or real: the shipped ones "
@@ -303,7 +303,8 @@ void visit_fields(Visitor& visit, S& s) {
       s.matching);
 }
 
-/// The weights file that load_detector would read (empty for fresh ones). Errors as load_detector's.
+/// The weights file that load_detector would read (empty for fresh ones, and for a detector that has none).
+/// Errors as load_detector's.
 std::filesystem::path weights_file(const DetectorOptions& options);
 
 /// What load_detector loads beside the detector, as options of their own: the witnesses of "consistency",
@@ -311,7 +312,8 @@ std::filesystem::path weights_file(const DetectorOptions& options);
 /// kRealWeights where there are any. Errors as weights_file's.
 std::vector<DetectorOptions> witnesses(const DetectorOptions& options);
 
-/// Of the content of all weights that load_detector would read. Errors as weights_file's.
+/// Of the content of all weights that load_detector would read; of a detector that has none, of its plugin.
+/// Errors as weights_file's.
 std::string weights_hash(const DetectorOptions& options);
 
 /// The plugin that load_detector would open. Errors as load_detector's.

@@ -280,6 +280,16 @@ std::vector<std::string> shipped_defenses(const DetectorOptions& options, const 
 fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
   const bool real = options.weights == kRealWeights;
   const std::string word = weights_word(options);
+  if (needs_no_weights(options.detector)) {
+    const auto none = [&](const char* field, const std::string& given) {
+      return FieldError(
+          field, given, "the detector " + options.detector + " learned nothing and has no weights",
+          field == std::string("weights") ? "leave it out" : "use none, ceiling:HEIGHT or shadows");
+    };
+    if (!options.weights.empty()) throw none("weights", options.weights.string());
+    if (!word.empty()) throw none("defense", options.defense);
+    return {};
+  }
   fs::path file = real || options.weights.empty() ? shipped_weights(options, plugin) : options.weights;
   if (fs::is_regular_file(file)) return file;
   if (real)
@@ -345,7 +355,8 @@ std::vector<DetectorOptions> witnesses(const DetectorOptions& options) {
 }
 
 std::string weights_hash(const DetectorOptions& options) {
-  std::string hash = file_hash(weights_file(options));
+  const fs::path weights = weights_file(options);
+  std::string hash = file_hash(weights.empty() ? plugin_file(options) : weights);
   for (const DetectorOptions& other : witnesses(options)) hash += file_hash(weights_file(other));
   return is_consistent(options) ? content_hash(hash) : hash;
 }

@@ -22,4 +22,10 @@ inline bool weights_are_code(const std::string& detector) {
   return plugin == nullptr || plugin->weights_are_code;
 }
 
+/// Whether it is a detector that ships and learned nothing: it needs no weights file.
+inline bool needs_no_weights(const std::string& detector) {
+  const ShippedPlugin* plugin = shipped_plugin(kDetectorPlugins, detector);
+  return plugin != nullptr && !plugin->needs_weights;
+}
+
 }  // namespace mirage

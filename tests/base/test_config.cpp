@@ -128,13 +128,17 @@ TEST(ShippedPlugins, AreWhatTheirDescriptionsSay) {
   write_file(folder / "b.json", R"({"kind": "detector", "words": ["one", "two"], "weights": "data"})");
   write_file(folder / "c.json", R"({"kind": "depth", "words": ["three"], "weights": "code"})");
   write_file(folder / "a.json", R"({"kind": "detector", "words": ["four"], "weights": "code"})");
+  write_file(folder / "d.json", R"({"kind": "detector", "words": ["five"], "weights": "none"})");
   write_file(folder / "notes.txt", "nothing");
   const auto detectors = read_shipped_plugins(folder.path(), "detector");
-  ASSERT_EQ(detectors.size(), 2u);
+  ASSERT_EQ(detectors.size(), 3u);
   EXPECT_EQ(detectors[0].file, folder / "a.so");
   EXPECT_TRUE(detectors[0].weights_are_code);
   EXPECT_THAT(detectors[1].words, ElementsAre("one", "two"));
   EXPECT_FALSE(detectors[1].weights_are_code);
+  EXPECT_TRUE(detectors[0].needs_weights && detectors[1].needs_weights);
+  EXPECT_FALSE(detectors[2].needs_weights);
+  EXPECT_TRUE(detectors[2].weights_are_code);
   EXPECT_EQ(read_shipped_plugins(folder.path(), "depth").size(), 1u);
   EXPECT_TRUE(read_shipped_plugins(folder / "nowhere", "depth").empty());
 }

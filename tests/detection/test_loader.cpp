@@ -273,7 +273,7 @@ TEST(Loader, MissingPlugin) {
 TEST(Loader, UnknownName) {
   DetectorOptions options;
   options.detector = "pointpillars";
-  EXPECT_THAT(load_error(options), HasSubstr("pointpillars: unknown; use lidar, camera"));
+  EXPECT_THAT(load_error(options), HasSubstr("pointpillars: unknown; use clusters, lidar, camera"));
 }
 
 TEST(Loader, NotALibrary) {
