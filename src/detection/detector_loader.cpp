@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "base/error.h"
 #include "base/fields.h"
@@ -22,6 +23,7 @@
 #include "detection/given_detector.h"
 #include "detection/plugin_detector.h"
 #include "detection/process_detector.h"
+#include "detection/roi_fusion.h"
 #include "scene/frame_source.h"
 #include "sensors/lidar_model.h"
 
@@ -182,6 +184,18 @@ std::unique_ptr<Detector> judged_by(std::unique_ptr<Detector> detector, MatchBy 
   return std::make_unique<AskedDetector>(std::move(detector), by, asked);
 }
 
+/// The picture network that a detector without weights of its own is given.
+std::optional<DetectorOptions> picture_of(const DetectorOptions& options) {
+  if (options.weights.empty() || !needs_no_weights(options.detector)) return std::nullopt;
+  DetectorOptions its = options;
+  its.detector = options.weights == kRealWeights ? "camera" : picture_network(options.weights);
+  its.defense = "none";
+  its.matching = MatchBy::own;
+  its.classes = kCars;
+  its.clean_memory_mb = 0;  // what a thing covers in the picture is looked at as a whole
+  return its;
+}
+
 /// The detector within what its options name to stand around it.
 std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const DetectorOptions& options) {
   for (const std::string& word : read_defense(options.defense).around) {
@@ -232,6 +246,8 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {
   if (const Capabilities can = detector->capabilities(); !can.finds_bev && !can.finds_picture)
     throw InputError(plugin.string(), "capabilities", "the detector finds no boxes",
                      "let it tell MIRAGE_FINDS_BEV or MIRAGE_FINDS_PICTURE");
+  if (const auto picture = picture_of(options))
+    detector = with_picture(std::move(detector), load_detector(*picture));
   return defended(std::move(detector), options);
 }
 
@@ -280,14 +296,11 @@ std::vector<std::string> shipped_defenses(const DetectorOptions& options, const 
 fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
   const bool real = options.weights == kRealWeights;
   const std::string word = weights_word(options);
-  if (needs_no_weights(options.detector)) {
-    const auto none = [&](const char* field, const std::string& given) {
-      return FieldError(
-          field, given, "the detector " + options.detector + " learned nothing and has no weights",
-          field == std::string("weights") ? "leave it out" : "use none, ceiling:HEIGHT or shadows");
-    };
-    if (!options.weights.empty()) throw none("weights", options.weights.string());
-    if (!word.empty()) throw none("defense", options.defense);
+  if (needs_no_weights(options.detector)) {  // --weights is a picture network's (roi_fusion.h)
+    if (!word.empty() && !real)
+      throw FieldError("defense", options.defense,
+                       "chooses shipped weights, and the detector " + options.detector + " has none",
+                       "use none, ceiling:HEIGHT or shadows");
     return {};
   }
   fs::path file = real || options.weights.empty() ? shipped_weights(options, plugin) : options.weights;
@@ -337,7 +350,8 @@ bool is_consistent(const DetectorOptions& options) {
 
 std::vector<DetectorOptions> witnesses(const DetectorOptions& options) {
   std::vector<DetectorOptions> all;
-  if (!is_consistent(options)) return all;
+  const auto picture = picture_of(options);
+  if (!is_consistent(options)) return picture ? std::vector{*picture} : all;
   for (const char* word : {"lidar", "camera"}) {
     DetectorOptions& its = all.emplace_back();
     its.detector = word;
@@ -351,14 +365,16 @@ std::vector<DetectorOptions> witnesses(const DetectorOptions& options) {
     its.weights = kRealWeights;  // where there are any
     if (!fs::exists(shipped_weights(its, plugin_file(its)))) its.weights.clear();
   }
+  if (picture) all.push_back(*picture);
   return all;
 }
 
 std::string weights_hash(const DetectorOptions& options) {
   const fs::path weights = weights_file(options);
   std::string hash = file_hash(weights.empty() ? plugin_file(options) : weights);
-  for (const DetectorOptions& other : witnesses(options)) hash += file_hash(weights_file(other));
-  return is_consistent(options) ? content_hash(hash) : hash;
+  const std::vector<DetectorOptions> others = witnesses(options);
+  for (const DetectorOptions& other : others) hash += file_hash(weights_file(other));
+  return others.empty() ? hash : content_hash(hash);
 }
 
 }  // namespace mirage

@@ -174,6 +174,11 @@ TEST(Clusters, ObjectsOnTheRoadAreFoundFarAway) {
       EXPECT_LT(cube.box.bev.length, side + 0.35);
       EXPECT_NEAR(cube.box.height, side, 0.3);
     }
+  for (const double distance : {10.0, 20.0}) {  // 32 beams
+    const auto found = found_in(BoxWorld("nuscenes").with({distance, 1, 1, 1, 0.3}, 1).sweep());
+    ASSERT_EQ(found.size(), 1u) << distance;
+    EXPECT_LT(std::hypot(found[0].box.bev.x - distance, found[0].box.bev.y - 1), 0.75);
+  }
   // What is seen of it says how surely it is there.
   const auto score = [](double side, double distance) {
     return found_in(BoxWorld().with({distance, 1, side, side, 0.3}, side).sweep())[0].score();
@@ -300,21 +305,35 @@ TEST(Clusters, TheThresholdOnlyLeavesOut) {
   EXPECT_EQ(any_things()->forward(view, scores[1] + 1e-6, false).size(), 1u);
 }
 
-TEST(Clusters, ThereIsNothingToLoad) {
+TEST(Clusters, NeedsNoWeightsAndTakesAPictureNetworks) {
   DetectorOptions options;
   options.detector = "clusters";
   EXPECT_TRUE(weights_file(options).empty());
   EXPECT_FALSE(weights_hash(options).empty());
-  EXPECT_EQ(load_detector(options)->name(), "clusters");
+  EXPECT_TRUE(witnesses(options).empty());
+  const auto alone = load_detector(options);
+  EXPECT_EQ(alone->name(), "clusters");
+  EXPECT_FALSE(alone->capabilities().reads_image);
   const auto told = [&] { return test::error_text<InputError>([&] { load_detector(options); }); };
-  options.weights = "some.weights";
-  EXPECT_THAT(told(),
-              AllOf(HasSubstr("weights"), HasSubstr("clusters learned nothing"), Not(HasSubstr("\n"))));
-  options.weights = kRealWeights;
-  EXPECT_THAT(told(), HasSubstr("clusters learned nothing"));
-  options.weights.clear();
   options.defense = "adversarial";
   EXPECT_THAT(told(), AllOf(HasSubstr("defense"), HasSubstr("use none, ceiling:HEIGHT or shadows")));
+  options.defense = "none";
+  for (const char* file : {"gone.weights", "gone.pt"}) {
+    options.weights = file;
+    EXPECT_THAT(told(), AllOf(HasSubstr("no such"), Not(HasSubstr("\n")))) << file;
+  }
+  options.weights = kRealWeights;
+  EXPECT_THAT(told(), HasSubstr("no shipped weights of camera"));
+#ifdef MIRAGE_HAS_FUSION
+  options.weights = MIRAGE_BUILD "/plugins/weights/camera-kitti64.weights";
+  const auto fused = load_detector(options);
+  EXPECT_EQ(fused->name(), "clusters");
+  EXPECT_TRUE(fused->capabilities().reads_image && fused->capabilities().reads_points);
+  EXPECT_FALSE(fused->capabilities().has_gradients);
+  EXPECT_EQ(witnesses(options).size(), 1u);
+  options.weights = MIRAGE_BUILD "/plugins/weights/lidar-kitti64.weights";
+  EXPECT_THAT(told(), Not(HasSubstr("\n")));
+#endif
 }
 
 TEST(Clusters, AnswersForTheClassesThatAreSought) {
