@@ -148,6 +148,18 @@ TEST(Clusters, TheRoadIsNothing) {
   }
 }
 
+TEST(Clusters, EchoesFromBelowAreNoGround) {
+  auto sweep = BoxWorld().with({20, -4, 0.8, 0.8, 0}, 0.9).sweep();
+  RandomStream random(5, "echoes");
+  for (int i = 0; i < 300; ++i)
+    sweep.push_back({static_cast<float>(random.uniform(8, 40)), static_cast<float>(random.uniform(-6, 6)),
+                     static_cast<float>(random.uniform(-3.5, -2.6)), 0.3f});
+  const auto found = found_in(sweep);
+  ASSERT_EQ(found.size(), 1u);
+  EXPECT_TRUE(at(found, 20, -4));
+  EXPECT_NEAR(found[0].box.bottom, -1.73, 0.12);
+}
+
 TEST(Clusters, WhatStandsOnATiltedRoadIsFoundAtItsPlace) {
   BoxWorld world("kitti64", [](double x, double y) { return 0.05 * x + 0.03 * y; });
   world.with({15, 3, 4.1, 1.7, 0.4}, 1.5).with({20, -4, 0.8, 0.8, 0}, 0.9);
@@ -238,11 +250,14 @@ TEST(Clusters, WhatIsNoCarIsCalledMisc) {
 }
 
 TEST(Clusters, WhatHangsOverTheRoadJoinsNothing) {
+  const BevBox car{30, 1, 4.1, 1.7, 0.1};
   BoxWorld world;
-  world.with({15, 3, 4.1, 1.7, 0.4}, 1.5).with({15, 3, 12, 12, 0}, 0.5, 3.2);
-  const auto found = found_in(world.sweep());
+  world.with(car, 1.5).with({30, 1, 9, 9, 0}, 0.5, 2.65);
+  const auto sweep = world.sweep();
+  ASSERT_GT(std::count_if(sweep.begin(), sweep.end(), [](const LidarPoint& p) { return p.z > 0.85; }), 20);
+  const auto found = found_in(sweep);
   ASSERT_EQ(found.size(), 1u);
-  EXPECT_GT(iou(found[0].box.bev, BevBox{15, 3, 4.1, 1.7, 0.4}), 0.7);
+  EXPECT_GT(iou(found[0].box.bev, car), 0.7);
 }
 
 TEST(Clusters, SweepsThatAreHardlyAnyHaveFiniteAnswers) {
