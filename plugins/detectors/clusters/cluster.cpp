@@ -178,15 +178,12 @@ std::vector<Cluster> clusters_of(std::span<const Return> returns) {
     if (static_cast<int>(thing.size()) < kFewest) continue;
     Cluster cluster;
     cluster.returns = static_cast<int>(thing.size());
-    cluster.range = kFar;
     double farthest = 0;
     from_above.clear();
     for (const Standing& p : thing) {
-      const double rho = std::hypot(p.at.x, p.at.y);
       from_above.emplace_back(p.at.x, p.at.y);
       cluster.height = std::max(cluster.height, p.over);
-      cluster.range = std::min(cluster.range, rho);
-      farthest = std::max(farthest, rho);
+      farthest = std::max<double>(farthest, std::hypot(p.at.x, p.at.y));
     }
     cluster.seen = closest_rectangle(from_above);
     if (std::hypot(cluster.seen.along.size(), cluster.seen.across.size()) > kLargest) continue;

@@ -14,7 +14,6 @@ struct Cluster {
   SeenRectangle seen;  ///< from above
   double ground = 0;   ///< z (m, ego) of the ground under it
   double height = 0;   ///< m over the ground, of its highest return
-  double range = 0;    ///< m from the unit, of its nearest return
   int returns = 0;
   /// Rays through the lower half of its outline that went on behind it: twigs and grass let rays through.
   int passed = 0;
