@@ -14,6 +14,7 @@
 #include "base/random.h"
 #include "base/training_loop.h"
 #include "base/words.h"
+#include "detection/detector_words.h"
 #include "detection/training_data.h"
 #include "exchange/gltf.h"
 #include "scene/data/label_census.h"
@@ -198,6 +199,9 @@ TexturedMesh random_load(std::uint64_t seed, std::uint64_t index, const Adversar
 
 DefenseResult train_defended(const DefenseSettings& settings) {
   check_fields(settings);
+  if (needs_no_weights(settings.detector.detector))
+    throw FieldError("detector", settings.detector.detector, "learned nothing, and cannot learn a defence",
+                     "use one that has weights, such as fusion");
   DetectorOptions load = settings.detector;
   load.start = true;
   load.threads = settings.threads;

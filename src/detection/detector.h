@@ -205,7 +205,7 @@ struct DetectorOptions {
   /// to a plugin (*.so), or "exec:" and a command (detection/process_detector.h).
   std::string detector = "fusion";
   /// Empty: the shipped ones, DETECTOR-RIG.weights. kRealWeights: those fine-tuned on real frames,
-  /// DETECTOR-RIG-real.weights.
+  /// DETECTOR-RIG-real.weights. Of "clusters": a picture network's beside it (detection/roi_fusion.h).
   std::filesystem::path weights;
   bool fresh = false;  ///< train from scratch: no weights are read
   std::uint64_t seed = 0;
@@ -264,7 +264,8 @@ void visit_fields(Visitor& visit, S& s) {
       s.detector);
   visit({.name = "weights",
          .help = "weights file (default: the shipped ones for the data set's rig), or real: the shipped ones "
-                 "fine-tuned on KITTI, for non-commercial use",
+                 "fine-tuned on KITTI, for non-commercial use. clusters needs none: a picture network that "
+                 "says which of its things are cars (*.pt, *.onnx, or *.weights of camera)",
          .word = kRealWeights},
         s.weights);
   visit({.name = "defense",
@@ -307,9 +308,9 @@ void visit_fields(Visitor& visit, S& s) {
 /// Errors as load_detector's.
 std::filesystem::path weights_file(const DetectorOptions& options);
 
-/// What load_detector loads beside the detector, as options of their own: the witnesses of "consistency",
-/// for everybody else none. They are the rig's shipped ones, those fine-tuned on real frames for the word
-/// kRealWeights where there are any. Errors as weights_file's.
+/// What load_detector loads beside the detector, as options of their own: the witnesses of "consistency" and
+/// the picture network of "clusters", for everybody else none. Witnesses are the rig's shipped ones, those
+/// fine-tuned on real frames for the word kRealWeights where there are any. Errors as weights_file's.
 std::vector<DetectorOptions> witnesses(const DetectorOptions& options);
 
 /// Of the content of all weights that load_detector would read; of a detector that has none, of its plugin.
