@@ -245,7 +245,7 @@ struct DetectorOptions {
 /// A 24th of machine_memory(), shared among the processes of a run on this machine; 2048 MB at most.
 int default_clean_memory();
 
-/// The same for a data set: its rig, and the classes that are sought.
+/// `options` for a data set: its rig, and the classes that are sought.
 DetectorOptions for_data(DetectorOptions options, const FrameSource& source);
 
 /// Those of a detector's classes that answer for the ones that are sought: the class itself; for one that it
