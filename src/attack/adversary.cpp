@@ -20,6 +20,7 @@ std::string text_of(const AdversaryLimits& value) {
 AdversaryLimits limits_of_size(double size) {
   AdversaryLimits limits;
   limits.half *= size / limits.half.x();
+  limits.asked = true;
   return limits;
 }
 

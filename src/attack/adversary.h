@@ -12,6 +12,8 @@ namespace mirage {
 /// Vertex box, metres: |x| ≤ half.x, |y| ≤ half.y, |z| ≤ half.z; texels stay in [0, 1].
 struct AdversaryLimits {
   Vec3d half = kRoofBox;
+  /// As a size; else an attack takes the volume of its placement (fit_limits).
+  bool asked = false;
 };
 
 /// m; half lengths outside are no object for a car's roof.

@@ -116,6 +116,11 @@ void finish(const AttackSettings& settings, const AttackState& state, const std:
 
 }  // namespace
 
+void fit_limits(AttackSettings& settings) {
+  if (!settings.limits.asked && settings.limits.half == kRoofBox)
+    settings.limits.half = settings.placement.volume / 2;
+}
+
 void check_target(AttackTarget target, const Detector& detector) {
   const Capabilities can = detector.capabilities();
   if (target == AttackTarget::lidar && !can.reads_points)
@@ -126,8 +131,9 @@ void check_target(AttackTarget target, const Detector& detector) {
 }
 
 AttackResult run_attack(const AttackSettings& settings) {
-  check_settings(settings);  // before the detector is loaded
   AttackSettings known = settings;
+  fit_limits(known);
+  check_settings(known);  // before the detector is loaded
   known.detector.precision = usable_precision(settings.detector.precision);
   if (is_outside(settings.detector))
     known.weights_hash = outside_content(settings.detector);
@@ -138,10 +144,15 @@ AttackResult run_attack(const AttackSettings& settings) {
 
 AttackResult run_attack(const AttackSettings& given, const DetectorPool& detectors) {
   AttackSettings settings = given;
+  fit_limits(settings);
   const AttackTarget target = settings.target;
   check_settings(settings);
   check_target(target, *detectors.front());
-  if (rank() == 0) warn_of_large_object(2 * settings.limits.half, "the box of the object (size)");
+  const std::string box_of_size = "the box of the object (size)";
+  if (rank() == 0) {
+    warn_of_large_object(2 * settings.limits.half, box_of_size);
+    warn_of_volume(settings.placement, 2 * settings.limits.half, box_of_size);
+  }
   check_renderer(settings, *detectors.front());
   check_gradient(settings, *detectors.front());
   make_output_folder(settings.out);
@@ -155,15 +166,19 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   require_cars(census, "an attack");
   if (rank() == 0) warn_of_labels(census);
   split_frames(frames, settings.seed, train_frames, test_frames);
-  const auto train = find_all_hosts(store, train_frames, detectors.front()->region(), settings.simulation,
-                                    settings.min_view, settings.quiet);
-  const auto test = find_all_hosts(store, test_frames, detectors.front()->region(), settings.simulation,
-                                   settings.min_view, settings.quiet);
+  HostsLeftOut left_out;
+  const auto hosts_in = [&](const std::vector<std::string>& of) {
+    return find_all_hosts(store, of, detectors.front()->region(), settings.simulation, settings.min_view,
+                          settings.quiet, &left_out);
+  };
+  const auto train = hosts_in(train_frames), test = hosts_in(test_frames);
+  if (train.empty()) refuse_left_out(settings.placement, left_out);
   if (train.empty())
     throw InputError(settings.data.string(), "labels",
                      fmt::format("no car in the training frames has {:.0f} % of the adversary in view",
                                  100 * settings.min_view),
                      "give more frames or lower --min-view");
+  if (rank() == 0) warn_of_left_out(settings.placement, left_out);
   spdlog::info("{} host vehicles to train on, {} held back", train.size(), test.size());
   if (const std::string why = detectors.front()->capabilities().why_whole;
       !why.empty() && target != AttackTarget::random)
@@ -176,6 +191,8 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
                  : detector_identity(settings.detector, detectors.front()->capabilities().version));
   AttackResult result;
   result.attack = settings.attack;
+  result.placement = settings.placement;
+  result.left_out = left_out;
   result.found_clean = find_clean(detectors, store, train, *sights, settings.quiet);
   spdlog::info("{} {}", detectors.front()->name(), describe(result.found_clean));
   require_found(result.found_clean, *detectors.front());

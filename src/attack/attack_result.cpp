@@ -68,6 +68,9 @@ nlohmann::json to_json(const AttackResult& result) {
                          {"loss", result.loss},
                          {"seconds_per_iteration", result.seconds_per_iteration},
                          {"stages", result.stages},
+                         {"placement", text_of(result.placement)},
+                         {"placed", to_json(result.placement)},
+                         {"left_out", to_json(result.left_out)},
                          {"buildable", to_json(result.buildable)},
                          {"plateau", nullptr}};
   if (result.plateau) json["plateau"] = to_json(*result.plateau);

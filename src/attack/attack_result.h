@@ -94,6 +94,8 @@ struct AttackResult {
   FoundClean found_clean;                   ///< of the training vehicles
   ClusterCount clusters;                    ///< of the vehicles held back
   RoofCount rooftops;                       ///< of the vehicles of both splits
+  PlaceChoice placement;                    ///< of the object
+  HostsLeftOut left_out;                    ///< by the placement, in both splits
   BuildableReport buildable;                ///< of the adversary
   nlohmann::json stages;                    ///< where this process's time went (attack/observation.h)
   std::optional<PlateauReport> plateau;     ///< of a plain attack with until_plateau
@@ -102,7 +104,8 @@ struct AttackResult {
 };
 
 /// result.json of an attack: {attack, vehicles_train, vehicles_test, clusters, found_clean, rooftops,
-/// iterations, loss, seconds_per_iteration, stages, buildable, plateau (null without one), auto?, black_box?}
+/// iterations, loss, seconds_per_iteration, stages, placement, placed: to_json(PlaceChoice), left_out,
+/// buildable, plateau (null without one), auto?, black_box?}
 nlohmann::json to_json(const AttackResult& result);
 
 }  // namespace mirage

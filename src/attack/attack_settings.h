@@ -98,6 +98,9 @@ struct AttackSettings : FrameSource {
   Renewal renewal;  ///< of its pictures
 };
 
+/// Limits that nobody asked for, and that nobody set, become the volume of the placement.
+void fit_limits(AttackSettings& settings);
+
 template <class Visitor, FieldsOf<AttackSettings> S>
 void visit_fields(Visitor& visit, S& s) {
   using Source = std::conditional_t<std::is_const_v<S>, const FrameSource, FrameSource>;
@@ -116,7 +119,8 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "parts", .help = "what to learn; size: the start's three half lengths alone (a control)"},
         s.parts);
   visit.list({.name = "limits",
-              .help = "L: the mesh stays within ±L along and across the roof and ±5/8 L in height, m",
+              .help = "L: the mesh stays within ±L along and across and ±5/8 L in height, m; without it, "
+                      "within the placement's volume (of the roof ±0.8)",
               .option = "size"},
              s.limits);
   visit.list({.name = "expectation",

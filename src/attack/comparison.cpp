@@ -164,10 +164,14 @@ Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
   for (const DetectorOptions& given : request.detectors) {
     const DetectorOptions options = for_data(given, request);
     const DetectorPool pool = load_detector_pool(options, static_cast<int>(frames.size()));
-    if (hosts.empty())
+    if (hosts.empty()) {
+      HostsLeftOut left_out;
       for (const Host& host : find_all_hosts(store, frames, pool.front()->region(), simulation,
-                                             request.min_view, request.settings.quiet))
+                                             request.min_view, request.settings.quiet, &left_out))
         hosts.push_back(host.id);
+      if (hosts.empty()) refuse_left_out(store.place(), left_out);
+      warn_of_left_out(store.place(), left_out);
+    }
     if (hosts.empty())
       throw InputError(request.data.string(), "labels", "no car has the adversary in view",
                        "give more frames or lower --min-view");

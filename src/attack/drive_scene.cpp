@@ -127,7 +127,7 @@ std::vector<Sights> DriveScene::see(const std::vector<Pass>& passes,
     const auto prepared = store_.get(frames_[i].id);
     const Carrier* carrier = (*pass.riders)[i].carrier;
     if (!carrier) return prepared->frame.sweep;
-    const Placement placement = placement_of(request_.place, *carrier);
+    const Placement placement = placement_of(request_.place, *carrier, prepared->frame.labels);
     return simulate(*prepared, placement, *pass.object, request_.simulation).sweep;
   };
   if (reach > 1)
@@ -186,7 +186,7 @@ std::vector<Detection> DriveScene::seen(Detector& detector, std::size_t i, const
   CleanView as_recorded;
   SensorView view;
   if (rider.carrier) {
-    const Placement placement = placement_of(request_.place, *rider.carrier);
+    const Placement placement = placement_of(request_.place, *rider.carrier, prepared.frame.labels);
     simulated = simulate(prepared, placement, *pass.object, request_.simulation);
     PixelRect changed = simulated.rect;
     if (pictures)

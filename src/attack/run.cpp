@@ -28,6 +28,7 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kMostHosts = 1'000'000;
 constexpr const char* kMadeHere = "made-here";  // the cache's name for code that this user's runs wrote
+constexpr const char* kPlaced = "placed";       // what the run's placement said when it was made
 constexpr const char* kAgain = "restore the file, or run mirage attack again into an empty folder";
 
 bool is_plugin(const std::string& name) {
@@ -97,6 +98,7 @@ RunIdentity identity(const AttackSettings& settings) {
   id["rooftop_model_hash"] = rooftop_model_hash(settings.rooftop);
   lacking["rooftop_model_hash"] = "";
   if (settings.rig.ends_with(".toml")) id["rig_hash"] = file_hash(settings.rig);
+  if (content_of(settings.placement).is_object()) id[kPlaced] = to_json(settings.placement);
   return {id, lacking};
 }
 
@@ -218,7 +220,15 @@ Run read_run(const fs::path& folder, TrustRun trust) {
   Run run;
   run.folder = folder;
   run.trust = trust;
-  read_fields(json, run.settings);
+  nlohmann::json settings = whole;
+  if (!json.has(kPlaced) && json.has("placement") && json.text("placement").ends_with(".toml"))
+    json.fail(kPlaced, "is missing: the run says what its placement's file said");
+  if (json.has(kPlaced)) settings.erase("placement");  // its file may have changed since, or be elsewhere
+  read_fields(JsonFields(file, settings, kAgain), run.settings);
+  if (json.has(kPlaced)) {
+    json.object(kPlaced);
+    run.settings.placement = read_place(whole.at(kPlaced), file, kPlaced, json.text("placement"));
+  }
   refuse_code(json, run);
   try {
     check_effects(run.settings.simulation.lidar_effects);

@@ -80,8 +80,8 @@ nlohmann::json to_json(const std::vector<HostId>& hosts);
 /// What a run says of how it simulated.
 nlohmann::json to_json(const SimulationSettings& settings);
 /// What a run says of itself, and what a checkpoint must agree with: its settings that decide the result,
-/// and the content of the shape model that finds its roofs. Iterations are not in it: a finished run can be
-/// prolonged.
+/// and the content of the shape model that finds its roofs and of its placement's file. Iterations are not in
+/// it: a finished run can be prolonged.
 RunIdentity identity(const AttackSettings& settings);
 
 }  // namespace mirage

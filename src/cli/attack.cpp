@@ -118,6 +118,7 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   settings.seed = common.seed;
   settings.quiet = common.quiet;
   settings.detector = with_common(settings.detector, common, settings);
+  fit_limits(settings);
   const std::shared_ptr<CyclesRenderer> cycles = make_renderer(options, settings);
   settings.renderer = cycles;
   const AttackResult result = run_attack(settings);

@@ -161,6 +161,10 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   request.object = run.adversary;
   request.random = baseline_meshes(run, Baseline::sized, 1).front();
   request.place = run.settings.placement;
+  if (request.place.victim == Victim::neighbour)
+    throw FieldError("placement", text_of(request.place),
+                     "hides a neighbour, and a drive follows the vehicle that carries the object",
+                     "give a --place whose victim is the carrier");
   request.simulation = run.settings.simulation;
   request.evaluation.score_threshold = options.score;
   request.evaluation.quiet = common.quiet;

@@ -102,9 +102,14 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     blender.emplace(common.out / "blender.log");
   }
   write_adversary(common.out / "adversary.glb", run.adversary);
-  const std::vector<HostId> hosts = shown_hosts(run, options.frames);
+  std::vector<HostId> hosts = shown_hosts(run, options.frames);
   run.settings.cameras = Cameras::all;  // labels keep their numbers
   FrameStore store(run.settings);
+  if (options.asked.contains("placement")) {
+    const HostsLeftOut left_out = leave_out(store, hosts);
+    if (hosts.empty()) refuse_left_out(store.place(), left_out);
+    warn_of_left_out(store.place(), left_out);
+  }
   common.made_of->add(run.settings);
   add_frames(*common.made_of, run.settings, hosts);
   RoofCount rooftops;
@@ -155,6 +160,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
                            {"learned_on", learned},
                            {"rooftops", to_json(rooftops)},
                            {"placement", text_of(run.settings.placement)},
+                           {"placed", to_json(run.settings.placement)},
                            {"files", files}};
   if (others > 0) result["other_cameras"] = others;
   if (!kit.is_null()) result["kit"] = kit;

@@ -233,7 +233,7 @@ std::vector<std::string> usual_words(const CLI::App& command, const CLI::Option&
   if (name == "--method") return defense_methods();
   if (name == "--weights") return {kRealWeights};
   if (name == "--rooftop") return {"shape", "box"};
-  if (name == "--place") return {"roof"};
+  if (name == "--place") return shipped_names("scenes/placements", ".toml");
   if (name == "--mesh" && command.get_name() != "drive") return {"zoo"};
   if (name == "--sun") return {"frame", "photo"};
   if (name == "--hosts") return {"test", "train", "all"};

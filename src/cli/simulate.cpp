@@ -1,4 +1,5 @@
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <cmath>
 
@@ -95,7 +96,11 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   const Box3& box = host.box;
   const Carrier carrier = finder->find(prepared.frame, host);
   const Transform& roof = carrier.velo_from_roof;
-  const Placement placement = placement_of(asked.placement, carrier);
+  const Placement placement = placement_of(asked.placement, carrier, prepared.frame.labels);
+  if (placement.left_out != LeftOut::no)
+    spdlog::warn("vehicle {}: {}; an attack would leave it out", options.vehicle,
+                 why_left_out(asked.placement, placement.left_out));
+  warn_of_volume(asked.placement, bounds(adversary.mesh).sizes(), options.mesh.string());
   const Vec3d at = placement.velo_from_adversary.translation();
   const Vec3d& to_sun = prepared.frame.lighting.to_sun_velo;
   const double over_box = roof.translation().z() - box.bottom - box.height;
@@ -138,6 +143,7 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
         {"heading_rad", std::atan2(roof(1, 0), roof(0, 0))},
         {"over_box_m", over_box}}},
       {"placement", text_of(asked.placement)},
+      {"placed", to_json(asked.placement)},
       {"lost_points", simulated.lost_points},
       {"sweep_points", prepared.frame.sweep.size()},
       {"sweep_rays_assigned", prepared.index.assigned_share()},

@@ -36,6 +36,7 @@ AttackSettings attack_settings(const DefenseSettings& settings) {
   attack.vertex_rate = settings.vertex_rate;
   attack.texel_rate = settings.texel_rate;
   attack.quiet = settings.quiet;
+  fit_limits(attack);
   return attack;
 }
 
@@ -48,7 +49,7 @@ RunIdentity identity(const DefenseSettings& settings, const AttackSettings& atta
   json["objective"] = fields_json(attack.objective);
   json["limits"] = {attack.limits.half.x(), attack.limits.half.y(), attack.limits.half.z()};
   json["hosts"] = hosts;
-  json["objective"] = fields_json(attack.objective);
+  if (content_of(settings.placement).is_object()) json["placed"] = to_json(settings.placement);
   nlohmann::json lacking = lacking_json<DefenseSettings>();
   ObjectiveSettings earlier;
   earlier.fp_top_k = 0;
@@ -87,7 +88,9 @@ class DefenseTraining {
     const LabelCensus census = count_labels(settings.data, frames);
     require_cars(census, "adversarial training");
     warn_of_labels(census);
-    hosts_ = find_all_hosts(store_, frames, region, attack_.simulation, attack_.min_view);
+    HostsLeftOut left_out;
+    hosts_ = find_all_hosts(store_, frames, region, attack_.simulation, attack_.min_view, true, &left_out);
+    warn_of_left_out(store_.place(), left_out);
     if (hosts_.empty())
       throw InputError(settings.data.string(), "labels", "no car has enough of its roof in view",
                        "give more frames");

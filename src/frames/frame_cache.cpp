@@ -231,7 +231,7 @@ std::vector<HostView> FrameCache::views(const std::string& frame, const PlaceCho
                                         const SimulationSettings& simulation,
                                         const std::function<std::vector<HostView>()>& compute) {
   Provenance made_of = prepared(frame);
-  made_of.set("placement", text_of(place));
+  made_of.set("placement", content_of(place));
   made_of.set("region", region);
   SimulationSettings seen = simulation;  // what no silhouette depends on
   seen.lidar_effects = {};

@@ -4,6 +4,7 @@
 // cache is the one that would be computed, to the bit.
 #pragma once
 
+#include <cmath>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -21,8 +22,10 @@ namespace mirage {
 /// Share in view of the reference adversary that is placed at a label's vehicle.
 struct HostView {
   int label = 0;
-  double share = 0;
+  double share = 0;      ///< below 0: −left_out()
   bool from_box = true;  ///< Carrier's
+
+  LeftOut left_out() const { return share < 0 ? static_cast<LeftOut>(std::lround(-share)) : LeftOut::no; }
 };
 
 /// What a detector finds in a frame with an object in it.

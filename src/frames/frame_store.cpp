@@ -20,7 +20,7 @@ namespace mirage {
 std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vector<Carrier>& carriers,
                                  const PlaceChoice& place, const std::array<double, 4>& region,
                                  const SimulationSettings& simulation) {
-  const TexturedMesh reference = grey_ellipsoid(kRoofBox);
+  const TexturedMesh reference = grey_ellipsoid(place.volume / 2);
   const auto& labels = prepared.frame.labels;
   std::vector<HostView> views;
   for (std::size_t i = 0; i < labels.size(); ++i) {
@@ -28,8 +28,11 @@ std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vecto
     if (!is_sought(labels[i]) || !has_box(labels[i]) || box.x < region[0] || box.x > region[1] ||
         box.y < region[2] || box.y > region[3])
       continue;
-    const Simulated seen = simulate(prepared, placement_of(place, carriers[i]), reference, simulation);
-    views.push_back({static_cast<int>(i), seen.best_share(), carriers[i].from_box});
+    const Placement placement = placement_of(place, carriers[i], labels);
+    HostView& view = views.emplace_back(HostView{static_cast<int>(i), 0, carriers[i].from_box});
+    view.share = placement.left_out == LeftOut::no
+                     ? simulate(prepared, placement, reference, simulation).best_share()
+                     : -static_cast<double>(placement.left_out);
   }
   return views;
 }
@@ -205,13 +208,14 @@ std::shared_ptr<const PreparedFrame> FrameStore::get(const std::string& id) {
 Placement FrameStore::placement(const HostId& host) {
   const auto entry = at(host.frame);
   label_of(entry->prepared.frame, host);
-  return placement_of(place_, entry->carriers[static_cast<std::size_t>(host.label)]);
+  return placement_of(place_, entry->carriers[static_cast<std::size_t>(host.label)],
+                      entry->prepared.frame.labels);
 }
 
 Provenance FrameStore::made_of(const HostId& host) const {
   Provenance made_of = cache_.prepared(content(host.frame));
   made_of.set("sun", sun_.word);
-  made_of.set("placement", text_of(place_));
+  made_of.set("placement", content_of(place_));
   made_of.set("host", host_name(host));  // sampled effects have their streams by it
   return made_of;
 }

@@ -25,9 +25,9 @@
 
 namespace mirage {
 
-/// Share in view of the reference adversary at `place` of each car of the frame inside `region` (x_min,
-/// x_max, y_min, y_max; m, `velo`), in the camera that shows most of it. `carriers`: of the labels, in their
-/// order.
+/// Share in view of the reference adversary, which fills the volume of `place`, at each car of the frame
+/// inside `region` (x_min, x_max, y_min, y_max; m, `velo`), in the camera that shows most of it; below 0 for
+/// a car that is left out (HostView::left_out). `carriers`: of the labels, in their order.
 std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vector<Carrier>& carriers,
                                  const PlaceChoice& place, const std::array<double, 4>& region,
                                  const SimulationSettings& simulation);
@@ -59,6 +59,8 @@ class FrameStore {
   /// Where the object stands for a host: FrameSource::placement. The host's roof is found in the whole sweep:
   /// a vehicle that the photograph cuts off is seen whole. InputError if the frame has no such label.
   Placement placement(const HostId& host);
+  /// As --place took it.
+  const PlaceChoice& place() const { return place_; }
   /// What an insertion at a host is made of, but for the object and how it is drawn: the prepared frame, its
   /// light and the place.
   Provenance made_of(const HostId& host) const;

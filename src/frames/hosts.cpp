@@ -1,10 +1,14 @@
 #include "frames/hosts.h"
 
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <cmath>
 #include <exception>
 #include <mutex>
 
+#include "base/error.h"
 #include "base/interrupt.h"
 #include "base/parallel.h"
 #include "base/progress.h"
@@ -24,17 +28,62 @@ nlohmann::json to_json(const RoofCount& count) {
   return {{"fitted", count.fitted}, {"from_box", count.from_box}};
 }
 
+void HostsLeftOut::add(LeftOut why) {
+  no_room += why == LeftOut::no_room;
+  no_neighbour += why == LeftOut::no_neighbour;
+}
+
+nlohmann::json to_json(const HostsLeftOut& count) {
+  return {{"no_room", count.no_room}, {"no_neighbour", count.no_neighbour}};
+}
+
+void warn_of_left_out(const PlaceChoice& place, const HostsLeftOut& count) {
+  if (count.no_room > 0)
+    spdlog::warn("{} vehicles are left out: {}", count.no_room, why_left_out(place, LeftOut::no_room));
+  if (count.no_neighbour > 0)
+    spdlog::warn("{} vehicles are left out: {}", count.no_neighbour,
+                 why_left_out(place, LeftOut::no_neighbour));
+}
+
+void refuse_left_out(const PlaceChoice& place, const HostsLeftOut& count) {
+  if (count.no_room + count.no_neighbour == 0) return;
+  const LeftOut why = count.no_neighbour > count.no_room ? LeftOut::no_neighbour : LeftOut::no_room;
+  throw FieldError("placement", text_of(place),
+                   fmt::format("leaves out {} vehicles, and none is in view besides: {}",
+                               count.no_room + count.no_neighbour, why_left_out(place, why)),
+                   "give another --place or more frames");
+}
+
+HostsLeftOut leave_out(FrameStore& store, std::vector<HostId>& hosts) {
+  HostsLeftOut count;
+  if (!store.place().of_file()) return count;  // only a file's placement leaves any out
+  std::erase_if(hosts, [&](const HostId& id) {
+    const LeftOut why = store.placement(id).left_out;
+    count.add(why);
+    return why != LeftOut::no;
+  });
+  return count;
+}
+
+void require_hosted(const PlaceChoice& place, const Placement& placement, const HostId& host) {
+  if (placement.left_out != LeftOut::no)
+    throw InputError("host", host_name(host), why_left_out(place, placement.left_out),
+                     "choose another vehicle, or another --place");
+}
+
 std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const std::array<double, 4>& region,
-                             const SimulationSettings& simulation, double min_view) {
+                             const SimulationSettings& simulation, double min_view, HostsLeftOut* left_out) {
   std::vector<Host> hosts;
-  for (const HostView& view : store.views(frame, region, simulation))
+  for (const HostView& view : store.views(frame, region, simulation)) {
+    if (left_out) left_out->add(view.left_out());
     if (view.share >= min_view) hosts.push_back({{frame, view.label}, view.from_box});
+  }
   return hosts;
 }
 
 std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::string>& frames,
                                  const std::array<double, 4>& region, const SimulationSettings& simulation,
-                                 double min_view, bool quiet) {
+                                 double min_view, bool quiet, HostsLeftOut* left_out) {
   std::vector<std::vector<Host>> by_frame(frames.size());
   std::vector<std::exception_ptr> problems(frames.size());
   Progress progress("look for hosts", frames.size(), quiet);
@@ -43,13 +92,15 @@ std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::strin
   const std::vector<std::size_t> order = order_among_ranks(frames.size());
   parallel_for(frames.size(), [&](std::size_t k) {
     const std::size_t i = order[k];
+    HostsLeftOut missed;
     try {
       throw_if_interrupted("nothing was lost: no vehicle had been attacked yet");
-      by_frame[i] = find_hosts(store, frames[i], region, simulation, min_view);
+      by_frame[i] = find_hosts(store, frames[i], region, simulation, min_view, &missed);
     } catch (...) {
       problems[i] = std::current_exception();
     }
     const std::lock_guard lock(mutex);
+    if (left_out) left_out->no_room += missed.no_room, left_out->no_neighbour += missed.no_neighbour;
     progress.update(++done);
   });
   for (const std::exception_ptr& problem : problems)  // the first frame's, whichever came first

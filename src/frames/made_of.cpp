@@ -75,7 +75,7 @@ void add_frames(Provenance& provenance, const FrameSource& source, std::span<con
   provenance.set("rig", place_free(source.rig));
   provenance.set("depth", place_free(source.depth));
   provenance.set("rooftop", place_free(source.rooftop));
-  provenance.set("placement", text_of(source.placement));
+  provenance.set("placement", content_of(source.placement));
   provenance.input("lidar", lidar_identity(lidar_of(source.data, source.rig)));
   provenance.input("depth", depth_identity({source.depth}));
   provenance.input("rooftop", rooftop_identity(source.rooftop));

@@ -5,10 +5,10 @@
 #include <string>
 
 #include "base/fields.h"
-#include "scene/carrier.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/label_types.h"
 #include "scene/depth/learned_depth.h"
+#include "scene/place_choice.h"
 #include "scene/shape/shape_roof.h"
 #include "scene/sun.h"
 
@@ -21,7 +21,7 @@ struct FrameSource {
   std::string rooftop = kDefaultRoof;  ///< what finds the roofs (shape_roof.h)
   std::string sun = kDefaultSun;       ///< where the sun stands (sun.h)
   std::string rig = {};              ///< which recorded it, as data_rig.h takes it; empty: what the set says
-  PlaceChoice placement = {};        ///< where the object is put (carrier.h)
+  PlaceChoice placement = {};        ///< where the object is put (place_choice.h)
   Cameras cameras = Cameras::first;  ///< which of them are looked at
   std::string sensors = {};          ///< beside them: plugins of simulation/sensor_plugin.h, by commas
   std::string classes = kCars;       ///< of labels that carry the object and have to be found (classes_of)
@@ -42,13 +42,14 @@ void visit_fields(Visitor& visit, S& s) {
        .help = "roof the adversary stands on: shape (fitted to the vehicle's returns), box (the label's) or "
                "a shape model (*.shape)"},
       s.rooftop);
-  visit({.name = "placement",
-         .help = "where the object is put: roof (of the host), X,Y,Z,YAW (m forward, left and up from the "
-                 "ground under the host, degrees from its heading) or world:X,Y,Z,YAW (the same in the "
-                 "LiDAR's frame)",
-         .option = "place",
-         .lacking = "roof"},
-        s.placement);
+  visit(
+      {.name = "placement",
+       .help = "where the object is put, and whom it deceives: a shipped placement's name, a placement file "
+               "(*.toml), X,Y,Z,YAW (m forward, left and up from the ground under the host, degrees from its "
+               "heading) or world:X,Y,Z,YAW (the same in the LiDAR's frame)",
+       .option = "place",
+       .lacking = "roof"},
+      s.placement);
   visit({.name = "cameras",
          .help =
              "cameras of a set with several (nuScenes): first (the front one, and the sweep that it sees) or "

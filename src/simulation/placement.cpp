@@ -1,6 +1,10 @@
 #include "simulation/placement.h"
 
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "base/angles.h"
@@ -15,20 +19,123 @@ Placement on_roof(Carrier carrier) {
   return placement;
 }
 
-Placement placement_of(const PlaceChoice& place, Carrier carrier) {
-  if (place.in == PlaceChoice::In::roof) return on_roof(std::move(carrier));
-  const Box3& box = carrier.label.box;
-  const Transform velo_from_vehicle = velo_from_box(box);
-  Transform pose(Eigen::Translation3d(place.at) * Eigen::AngleAxisd(place.yaw * kDegree, Vec3d::UnitZ()));
-  if (place.in == PlaceChoice::In::vehicle) pose = velo_from_vehicle * pose;
-  const Vec3d p_vehicle = velo_from_vehicle.inverse() * pose.translation();
-  const bool above = 2 * std::abs(p_vehicle.x()) <= box.bev.length &&
-                     2 * std::abs(p_vehicle.y()) <= box.bev.width &&
-                     p_vehicle.z() >= saloon::kWaist * box.height;
+namespace {
+
+using In = PlaceChoice::In;
+
+/// Of the vehicle's frame, on the ground: what `at` starts from.
+Vec3d anchor_of(In in, const BevBox& box) {
+  switch (in) {
+    case In::front:
+      return {box.length / 2, 0, 0};
+    case In::rear:
+      return {-box.length / 2, 0, 0};
+    case In::left:
+      return {0, box.width / 2, 0};
+    case In::right:
+      return {0, -box.width / 2, 0};
+    default:
+      return Vec3d::Zero();
+  }
+}
+
+/// The labels are of one frame, where no two boxes stand in one place.
+bool is_same(const Label& a, const Label& b) {
+  return a.box.bev.x == b.box.bev.x && a.box.bev.y == b.box.bev.y && a.box.bev.yaw == b.box.bev.yaw;
+}
+
+bool has_room(const PlaceChoice& place, const Placement& placement, std::span<const Label> labels) {
+  constexpr double kShareTaken = 0.1;
+  const Transform& pose = placement.velo_from_adversary;
+  const Vec3d at = pose.translation();
+  const BevBox footprint{at.x(), at.y(), place.volume.x(), place.volume.y(),
+                         std::atan2(pose(1, 0), pose(0, 0))};
+  return std::ranges::none_of(labels, [&](const Label& label) {
+    if (!has_box(label) || (place.in != In::vehicle && is_same(label, placement.carrier->label)))
+      return false;
+    const Box3& box = label.box;
+    return at.z() < box.bottom + box.height && box.bottom < at.z() + place.volume.z() &&
+           intersection_area(footprint, box.bev) > kShareTaken * place.volume.x() * place.volume.y();
+  });
+}
+
+std::optional<int> neighbour_of(const PlaceChoice& place, const Placement& placement,
+                                std::span<const Label> labels) {
+  const Vec3d at = placement.velo_from_adversary.translation();
+  std::optional<int> nearest;
+  double least = place.within;
+  for (std::size_t i = 0; i < labels.size(); ++i) {
+    const Label& label = labels[i];
+    if (!is_sought(label) || !has_box(label) || is_same(label, placement.carrier->label)) continue;
+    const double distance = std::hypot(label.box.bev.x - at.x(), label.box.bev.y - at.y());
+    if (distance < least || (!nearest && distance == least)) least = distance, nearest = static_cast<int>(i);
+  }
+  return nearest;
+}
+
+}  // namespace
+
+Placement placement_of(const PlaceChoice& place, Carrier carrier, std::span<const Label> labels) {
   Placement placement = on_roof(std::move(carrier));
-  placement.velo_from_adversary = pose;
-  placement.support = above ? Support::roof : Support::free;
+  const Box3& box = placement.carrier->label.box;
+  const Transform offset(Eigen::Translation3d(place.at) *
+                         Eigen::AngleAxisd(place.yaw * kDegree, Vec3d::UnitZ()));
+  if (place.in == In::roof) {
+    placement.velo_from_adversary = placement.velo_from_adversary * offset;
+  } else {
+    const Transform velo_from_vehicle = velo_from_box(box);
+    Transform& pose = placement.velo_from_adversary = offset;
+    if (place.in != In::world)
+      pose = velo_from_vehicle * (Eigen::Translation3d(anchor_of(place.in, box.bev)) * offset);
+    const Vec3d p_vehicle = velo_from_vehicle.inverse() * pose.translation();
+    const bool above = 2 * std::abs(p_vehicle.x()) <= box.bev.length &&
+                       2 * std::abs(p_vehicle.y()) <= box.bev.width &&
+                       p_vehicle.z() >= saloon::kWaist * box.height;
+    placement.support = above ? Support::roof : Support::free;
+  }
+  placement.victim = place.victim;
+  placement.grows_box = place.box == TrueBox::grown;
+  if (place.of_file() && placement.support == Support::free && !has_room(place, placement, labels))
+    placement.left_out = LeftOut::no_room;
+  if (place.victim == Victim::neighbour && placement.left_out == LeftOut::no) {
+    placement.neighbour = neighbour_of(place, placement, labels);
+    if (placement.neighbour)
+      placement.targets = {labels[static_cast<std::size_t>(*placement.neighbour)]};
+    else
+      placement.left_out = LeftOut::no_neighbour;
+  }
+  if (placement.left_out != LeftOut::no) placement.targets.clear();
   return placement;
+}
+
+std::string why_left_out(const PlaceChoice& place, LeftOut left_out) {
+  if (left_out == LeftOut::no_room)
+    return fmt::format("something labelled stands where {} puts the object", text_of(place));
+  if (left_out == LeftOut::no_neighbour)
+    return fmt::format("no other vehicle is within {:g} m of the object, as {} wants", place.within,
+                       text_of(place));
+  return "";
+}
+
+void warn_of_volume(const PlaceChoice& place, const Vec3d& size, const std::string& where) {
+  constexpr double kRounding = 1e-6;  // m
+  if (!place.of_file() || place.in == In::roof || (size.array() <= place.volume.array() + kRounding).all())
+    return;
+  const auto words = [](const Vec3d& v) {
+    return fmt::format("{:.4g} × {:.4g} × {:.4g} m", v.x(), v.y(), v.z());
+  };
+  spdlog::warn("{}: {} is larger than the volume of {}, {}: hosts have room for that alone", where,
+               words(size), text_of(place), words(place.volume));
+}
+
+Box3 grown_box(const Box3& box, const Mesh& placed) {
+  const Transform velo_from_vehicle = velo_from_box(box), vehicle_from_velo = velo_from_vehicle.inverse();
+  Eigen::AlignedBox3d all(Vec3d(-box.bev.length / 2, -box.bev.width / 2, 0),
+                          Vec3d(box.bev.length / 2, box.bev.width / 2, box.height));
+  for (const Vec3d& v : placed.vertices) all.extend(vehicle_from_velo * v);
+  const Vec3d middle = velo_from_vehicle * Vec3d(all.center().x(), all.center().y(), all.min().z());
+  return {
+      {middle.x(), middle.y(), all.sizes().x(), all.sizes().y(), box.bev.yaw}, middle.z(), all.sizes().z()};
 }
 
 TexturedMesh place(const TexturedMesh& adversary, const Placement& placement) {

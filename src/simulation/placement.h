@@ -2,9 +2,12 @@
 #pragma once
 
 #include <optional>
+#include <span>
+#include <string>
 #include <vector>
 
 #include "scene/carrier.h"
+#include "scene/place_choice.h"
 #include "sensors/visible_light.h"
 
 namespace mirage {
@@ -15,6 +18,13 @@ enum class Support {
   free,  ///< on the road or in the air; the carrier, if there is one, may stand in front of it
 };
 
+/// Why a vehicle is left out as a host of a placement.
+enum class LeftOut {
+  no,
+  no_room,       ///< something labelled stands where the object would
+  no_neighbour,  ///< no other vehicle is near enough to be its victim
+};
+
 /// A pose, and the vehicles that it has to do with.
 struct Placement {
   /// The adversary frame's axes in `velo`. The object's lowest vertex stands at its origin's height.
@@ -22,13 +32,31 @@ struct Placement {
   Support support = Support::free;
   std::optional<Carrier> carrier = {};  ///< the vehicle under it or beside it; it shades, and it may hide
   std::vector<Label> targets = {};  ///< of the frame: the vehicles whose detection an attack's loss is about
+  std::optional<int> neighbour = {};  ///< Victim::neighbour: the target's number in the frame
+  Victim victim = Victim::carrier;
+  bool grows_box = false;  ///< TrueBox::grown
+  LeftOut left_out = LeftOut::no;
 };
 
-/// `place` of an object whose host `carrier` is: its carrier and its only target. It stands on the carrier
-/// where its origin is over the labelled box's outline and no lower than a saloon's waist, else free.
-Placement placement_of(const PlaceChoice& place, Carrier carrier);
+/// `place` of an object whose host `carrier` is, in a frame with these `labels`: the target is the carrier
+/// or, with Victim::neighbour, the vehicle (is_sought) whose box's centre is nearest to the object from
+/// above. The object stands on the carrier where its origin is over the labelled box's outline and no lower
+/// than a saloon's waist, else free. Of a placement's file an object that stands free needs room: with more
+/// than a tenth of its volume's footprint on a labelled box (the carrier's own where it starts from that
+/// box's centre) at its height it has none. Without room or neighbour the host is left out: it has no target.
+Placement placement_of(const PlaceChoice& place, Carrier carrier, std::span<const Label> labels);
+/// What has to be said of a host that is left out; empty for the others.
+std::string why_left_out(const PlaceChoice& place, LeftOut left_out);
 /// On its roof.
 Placement on_roof(Carrier carrier);
+
+/// Warns of an object (its extents, m) that is larger than the placement's volume. On a roof what is carried
+/// is longer than the box that an attack fills: warn_of_large_object (check_inputs.h) has its bound.
+void warn_of_volume(const PlaceChoice& place, const Vec3d& size, const std::string& where);
+
+/// The host's true box with the object, where that grows it: with the label's heading, the smallest that
+/// holds the labelled box and the placed mesh (`velo`).
+Box3 grown_box(const Box3& box, const Mesh& placed);
 
 /// The adversary as placed: vertices in `velo`, the lowest at the placement's height.
 TexturedMesh place(const TexturedMesh& adversary, const Placement& placement);

@@ -96,6 +96,59 @@ TEST(Attack, ARunNamesEverySettingAndOneWithoutIsRefused) {
     refused(nlohmann::json::json_pointer(name));
 }
 
+TEST(Attack, APlacementsFileIsPartOfARun) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3);
+  const DetectorPool detectors = stand_ins();
+  const auto file = folder / "rack.toml";
+  const std::string rack = read_file(shipped_file("scenes/placements/rear-rack.toml"));
+  write_file(file, rack);
+  const auto at = [&](const std::filesystem::path& place, const char* out, int iterations) {
+    AttackSettings settings = settings_for(folder / "data", folder / out, iterations);
+    set_from_text(place.string(), settings.placement);
+    settings.min_view = 0;  // behind the car
+    return settings;
+  };
+  const AttackResult whole = run_attack(at("rear-rack", "shipped", 3), detectors);
+  const nlohmann::json said = to_json(whole);
+  EXPECT_EQ(said.at("placement"), "rear-rack");
+  EXPECT_EQ(said.at("placed").at("anchor"), "rear");
+  EXPECT_EQ(said.at("left_out").at("no_room"), 0);
+  // The volume is the mesh's box.
+  const mirage::Run run = read_run(folder / "shipped");
+  EXPECT_EQ(run.settings.limits.half, Vec3d(0.4, 0.8, 0.6));
+  // A file of the user's that says the same makes the same, goes on to the same bits, and not when it says
+  // another thing; and what the run was made with stands in it.
+  run_attack(at(file, "own", 1), detectors);
+  run_attack(at(file, "own", 3), detectors);
+  EXPECT_EQ(read_file(folder / "own/adversary.glb"), read_file(folder / "shipped/adversary.glb"));
+  write_file(file, std::string(rack).replace(rack.find("-0.5"), 4, "-0.6"));
+  EXPECT_THAT(error_text<InputError>([&] { run_attack(at(file, "own", 3), detectors); }),
+              testing::HasSubstr("placed"));
+  std::filesystem::remove(file);
+  const PlaceChoice kept = read_run(folder / "own").settings.placement;
+  EXPECT_EQ(text_of(kept), file.string());
+  EXPECT_EQ(content_of(kept), content_of(run.settings.placement));
+  nlohmann::json without = read_json(folder / "own/run.json");
+  without.erase("placed");
+  write_json(folder / "own/run.json", without);
+  EXPECT_THAT(error_text<InputError>([&] { read_run(folder / "own"); }), testing::HasSubstr("placed"));
+}
+
+TEST(Attack, ASizeOfTheUsersWinsOverThePlacements) {
+  AttackSettings settings;
+  set_from_text("rear-rack", settings.placement);
+  set_from_text("0.8", settings.limits);
+  fit_limits(settings);
+  EXPECT_EQ(settings.limits.half, kRoofBox);
+  settings.limits = {};
+  fit_limits(settings);
+  EXPECT_EQ(settings.limits.half, settings.placement.volume / 2);
+  settings.limits = limits_of_size(0.3);
+  fit_limits(settings);
+  EXPECT_EQ(settings.limits.half, limits_of_size(0.3).half);
+}
+
 TEST(Attack, LidarEffectsArePartOfARun) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 3);

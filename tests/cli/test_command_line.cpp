@@ -38,6 +38,8 @@ TEST_F(CommandLine, AConfigSetsOptionsAndAnUnknownKeyIsAnError) {
 TEST_F(CommandLine, AWordThatIsNoneIsAskedAboutAndAllThatThereIsIsNamed) {
   write_file(folder_ / "c.toml", "min_veiw = 0.5\n");
   write_file(folder_ / "quality.toml", "quality = \"best\"\n");
+  write_file(folder_ / "place.toml",
+             read_file(fs::path(MIRAGE_SOURCE) / "scenes/placements/roof.toml") + "anchr = \"rear\"\n");
   const Words qualities = {"--quality", "best", "draft", "default", "exact"};
   for (const auto& [arguments, words] : std::vector<std::pair<std::string, Words>>{
            {"fly", {"fly: no such command"}},
@@ -59,6 +61,10 @@ TEST_F(CommandLine, AWordThatIsNoneIsAskedAboutAndAllThatThereIsIsNamed) {
            {"attack --data d --renderer cycle", {"did you mean cycles?"}},
            {"generate --rig kitti", {"--rig: kitti", "did you mean kitti64?", "nuscenes", "xenith"}},
            {"generate --lidar hdl64", {"--lidar: hdl64", "hdl32e", "vlp16", "vls128"}},
+           {"simulate --data d --frame 0 --mesh m.glb --place rear-rak",
+            {"--place: rear-rak", "did you mean rear-rack?", "roof", "kerb", "X,Y,Z,YAW"}},
+           {"attack --data d --place " + at("place.toml"), {"place.toml: anchr: unknown key", "anchor"}},
+           {"attack --data d --place " + at("no.toml"), {"no.toml", "no such file"}},
            {"generate --look amercian", {"did you mean american?"}},
            {"defend --data d --method denoisng", {"did you mean denoising?", "adversarial"}},
            {"reproduce tabel1", {"tabel1: no such table or figure", "did you mean table1?"}},

@@ -26,6 +26,7 @@
 #include "scene/data/kitti.h"
 #include "scene/data/layouts.h"
 #include "scene/data/read_frames.h"
+#include "scene/place_choice.h"
 #include "scene/shape/shape_model.h"
 
 namespace mirage::fuzz {
@@ -223,6 +224,17 @@ void rig(const fs::path& file) {
   check(read.lidar);
 }
 
+void placement(const fs::path& file) {
+  PlaceChoice place;
+  set_from_text(file.string(), place);
+  demand(place.at.allFinite() && place.at.cwiseAbs().maxCoeff() <= kFarthestPlace && std::isfinite(place.yaw),
+         "the object stands nowhere");
+  demand(place.volume.minCoeff() > 0 && place.volume.allFinite(), "there is no room for an object");
+  demand((place.victim == Victim::neighbour) == (place.within > 0), "a neighbour is nowhere");
+  demand(to_json(read_place(to_json(place), file, "placed", place.name)) == to_json(place),
+         "what a run says of it reads as something else");
+}
+
 void shape(const fs::path& file) {
   const ShapeModel model = read_shape_model(file);
   for (const float value : model.values) demand(std::isfinite(value), "a distance is not finite");
@@ -324,6 +336,7 @@ constexpr Parser kParsers[] = {{"calibration", "calib.txt", calibration},
                                {"obj", "mesh.obj", mesh},
                                {"toml", "any.toml", toml},
                                {"rig", "rig.toml", rig},
+                               {"placement", "place.toml", placement},
                                {"shape", "cars.shape", shape},
                                {"weights", "some.weights", weights},
                                {"run", "run.json", run},

@@ -255,6 +255,13 @@ std::vector<Seed> seeds() {
       {"rig", "all-keys",
        rig("look = \"american\"\n",
            "rotation = \"clockwise\"\nfiring_time = [0, 2.3]\ndivergence = [3, 1.5]\n")},
+      {"placement", "neighbour",
+       "what = \"kerb\"\nanchor = \"right\"\noffset = [0, -1.2, 0.1]\nyaw = 30\nvolume = [1, 1, 2]\nbox = "
+       "\"as "
+       "labelled\"\nvictim = \"neighbour\"\nwithin = 12\n"},
+      {"placement", "grown",
+       "what = \"rack\"\nanchor = \"rear\"\noffset = [-0.5, 0, 0.5]\nyaw = -90\nvolume = [0.8, 1, 1]\nbox = "
+       "\"grown\"\nvictim = \"carrier\"\n"},
       {"shape", "small", shape()},
       {"weights", "whole", weights(false)},
       {"weights", "with-parts", weights(true)},

@@ -242,7 +242,7 @@ TEST(InsertionGradient, OffTheRoof) {
   PlaceChoice place;
   for (const char* text : {"-1,2.2,0.5,140", "world:9,-1,-0.2,30"}) {
     set_from_text(text, place);
-    world.placement = placement_of(place, *world.placement.carrier);
+    world.placement = placement_of(place, *world.placement.carrier, {});
     ASSERT_EQ(world.placement.support, Support::free);
     expect_camera_gradient(world, smooth_settings());
     expect_lidar_gradient(world);
@@ -371,7 +371,7 @@ TEST(Insertion, ACarHidesWhatStandsBehindItAndNotWhatItCarries) {
   const Carrier carrier = *world.placement.carrier;
   const auto share = [&](const Vec3d& at, float depth) {
     for (float& value : world.prepared.depth.data) value = depth;
-    const Placement placement = placement_of({PlaceChoice::In::vehicle, at, 0}, carrier);
+    const Placement placement = placement_of({PlaceChoice::In::vehicle, at, 0}, carrier, {});
     return simulate(world.prepared, placement, world.adversary).visible_share;
   };
   const float rear = 9.7f;                        // m: the car's, 12 m ahead

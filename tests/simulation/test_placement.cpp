@@ -1,11 +1,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <set>
 
 #include "base/angles.h"
 #include "base/error.h"
 #include "base/random.h"
+#include "geometry/shapes.h"
 #include "simulation/placement.h"
 #include "simulation/quality.h"
 #include "simulation/upstream.h"
@@ -23,7 +25,7 @@ const Carrier& car() {
 Placement at(const std::string& text) {
   PlaceChoice place;
   set_from_text(text, place);
-  return placement_of(place, car());
+  return placement_of(place, car(), {});
 }
 
 TEST(Placement, OfTheRoofIsTheCarriers) {
@@ -54,6 +56,102 @@ TEST(Placement, StandsOnTheCarAboveItsWaistAndFreeElsewhere) {
   EXPECT_EQ(at("0,0.9,1.5,0").support, Support::free);
   EXPECT_EQ(at("world:12,1.5,0,0").support, Support::roof);
   EXPECT_EQ(at("world:12,1.5,-1.7,0").support, Support::free);
+}
+
+PlaceChoice choice(const std::string& text) {
+  PlaceChoice place;
+  set_from_text(text, place);
+  return place;
+}
+
+/// Another car with its centre there in the first one's frame.
+Label other_at(double x, double y) {
+  Label other = car().label;
+  const Vec3d p = velo_from_box(other.box) * Vec3d(x, y, 0);
+  other.box.bev.x = p.x(), other.box.bev.y = p.y();
+  return other;
+}
+
+TEST(Placement, AFileFitsCarsOfAnyLength) {
+  const PlaceChoice rack = choice("rear-rack");
+  for (const double length : {2.5, 4.0, 12.0}) {
+    Carrier host = car();
+    host.label.box.bev.length = length;
+    const Placement placement = placement_of(rack, host, std::array{host.label});
+    const Vec3d p = velo_from_box(host.label.box).inverse() * placement.velo_from_adversary.translation();
+    EXPECT_LT((p - Vec3d(-length / 2 + rack.at.x(), rack.at.y(), rack.at.z())).norm(), 1e-9);
+    EXPECT_EQ(placement.support, Support::free);
+    EXPECT_EQ(placement.left_out, LeftOut::no);
+    EXPECT_TRUE(placement.grows_box);
+  }
+  PlaceChoice side = rack;
+  side.in = PlaceChoice::In::left, side.at = Vec3d(0.5, 1, 0), side.yaw = 90;
+  const Placement placement = placement_of(side, car(), {});
+  const Transform vehicle_from_object =
+      velo_from_box(car().label.box).inverse() * placement.velo_from_adversary;
+  EXPECT_LT((vehicle_from_object.translation() - Vec3d(0.5, car().label.box.bev.width / 2 + 1, 0)).norm(),
+            1e-9);
+  EXPECT_NEAR(vehicle_from_object(1, 0), 1, 1e-12);
+  side.in = PlaceChoice::In::roof, side.at = Vec3d(0.2, 0, 0.1);
+  EXPECT_LT((placement_of(side, car(), {}).velo_from_adversary.translation() -
+             car().velo_from_roof * Vec3d(0.2, 0, 0.1))
+                .norm(),
+            1e-9);
+}
+
+TEST(Placement, AFilesObjectNeedsRoom) {
+  PlaceChoice ahead = choice("road-ahead");
+  ahead.at = Vec3d(3, 0, 0);
+  const double length = car().label.box.bev.length;
+  const auto left_out = [&](const PlaceChoice& place, const Label& other) {
+    const Placement placement = placement_of(place, car(), std::array{car().label, other});
+    EXPECT_EQ(placement.targets.empty(), placement.left_out != LeftOut::no);
+    return placement.left_out;
+  };
+  EXPECT_EQ(left_out(ahead, other_at(length + 3, 0)), LeftOut::no_room);
+  EXPECT_EQ(left_out(ahead, other_at(length + 3.6, 0)), LeftOut::no);
+  Label above = other_at(length + 3, 0);
+  above.box.bottom += 5;
+  EXPECT_EQ(left_out(ahead, above), LeftOut::no);
+  PlaceChoice numbers = ahead;
+  numbers.name.clear();
+  EXPECT_EQ(left_out(numbers, other_at(length + 3, 0)), LeftOut::no);
+  // From the middle of the box the host itself may be in the way.
+  ahead.in = PlaceChoice::In::vehicle;
+  ahead.at = Vec3d(length / 2 + 0.2, 0, 0);
+  EXPECT_EQ(left_out(ahead, other_at(30, 0)), LeftOut::no_room);
+  ahead.at.x() += 0.4;
+  EXPECT_EQ(left_out(ahead, other_at(30, 0)), LeftOut::no);
+}
+
+TEST(Placement, TheNeighbourIsTheVehicleNearestToTheObject) {
+  const PlaceChoice kerb = choice("kerb");
+  Label van = other_at(0, -4), dont_care = other_at(0, -3.8);
+  van.type = "Van", dont_care.type = "DontCare";
+  const std::vector<Label> labels = {other_at(9, 0), van, car().label, other_at(8, -1), dont_care};
+  const Placement placement = placement_of(kerb, car(), labels);
+  EXPECT_EQ(placement.neighbour, 3);
+  ASSERT_EQ(placement.targets.size(), 1u);
+  EXPECT_EQ(placement.targets[0].box.bev.x, labels[3].box.bev.x);
+  const Placement alone = placement_of(kerb, car(), std::array{car().label, other_at(25, 0)});
+  EXPECT_EQ(alone.left_out, LeftOut::no_neighbour);
+  EXPECT_TRUE(alone.targets.empty());
+  EXPECT_THAT(why_left_out(kerb, alone.left_out), testing::HasSubstr("12 m"));
+}
+
+TEST(Placement, AGrownBoxHoldsVehicleAndObject) {
+  const Placement rack = placement_of(choice("rear-rack"), car(), {});
+  const Mesh placed = place(grey_ellipsoid(Vec3d(0.4, 1.2, 0.9)), rack).mesh;
+  const Box3 &box = car().label.box, grown = grown_box(box, placed);
+  for (const Vec3d& v : placed.vertices) EXPECT_TRUE(contains(grown, v, 1e-9));
+  for (const Vec3d& v : corners(box)) EXPECT_TRUE(contains(grown, v, 1e-9));
+  EXPECT_NEAR(grown.bev.length, box.bev.length + 0.9, 1e-9);  // 0.5 m to its middle, and half of 0.8 m
+  EXPECT_NEAR(grown.bev.width, 2.4, 0.02);
+  EXPECT_NEAR(grown.height, 2.3, 0.02);
+  EXPECT_EQ(grown.bottom, box.bottom);
+  EXPECT_EQ(grown.bev.yaw, box.bev.yaw);
+  const Box3 same = grown_box(box, {});
+  EXPECT_NEAR(iou(same, box), 1, 1e-12);
 }
 
 /// The car stands between the object and the sun.

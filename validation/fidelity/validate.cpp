@@ -301,6 +301,7 @@ json to_json(const Validation& validation) {
                 {"losses", std::move(losses)}}},
               {"run", validation.run.string()},
               {"placement", text_of(validation.placement)},
+              {"placed", to_json(validation.placement)},
               {"clusters", to_json(validation.verdict.judged().clusters)},
               {"report", validation.report.string()}});
   if (nearest) out["verdict"]["nearest"] = nearest - arms.data();

@@ -176,8 +176,8 @@ DriveView::DriveView(const DriveChoice& choice) {
 void DriveView::add(ViewFrame& view) {
   const std::size_t k = places_.at(view.frame.id);
   const auto prepared = store_->get(view.frame.id);
-  const Simulated simulated = simulate(*prepared, placement_of(run_.settings.placement, carriers_[k]),
-                                       run_.adversary, run_.settings.simulation);
+  const Placement placement = placement_of(run_.settings.placement, carriers_[k], prepared->frame.labels);
+  const Simulated simulated = simulate(*prepared, placement, run_.adversary, run_.settings.simulation);
   view.found = clean_[k];
   ViewAttack attack = attack_of(view, *prepared, hosts_[k], simulated);
   attack.found = attacked_[k];

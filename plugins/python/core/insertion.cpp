@@ -38,9 +38,11 @@ Result insert(const std::shared_ptr<FrameHandle>& frame, int host, const Texture
   result->prepared = frame->prepared(options.depth, options.sun);
   result->resolution = mesh.atlas.resolution;
   result->in_double = in_double;
+  const Placement placement =
+      placement_of(options.placement, frame->carrier(options.rooftop, host), result->prepared->frame.labels);
   result->simulated =
-      simulate(*result->prepared, placement_of(options.placement, frame->carrier(options.rooftop, host)),
-               mesh, settings_of(options, result->prepared->lidar, frame->recorded_effects(), in_double));
+      simulate(*result->prepared, placement, mesh,
+               settings_of(options, result->prepared->lidar, frame->recorded_effects(), in_double));
   return result;
 }
 
@@ -142,7 +144,8 @@ std::vector<double> time_insertions(const std::shared_ptr<FrameHandle>& frame, i
                                     int count) {
   const py::gil_scoped_release free;
   const auto prepared = frame->prepared(options.depth, options.sun);
-  const Placement placement = placement_of(options.placement, frame->carrier(options.rooftop, host));
+  const Placement placement =
+      placement_of(options.placement, frame->carrier(options.rooftop, host), prepared->frame.labels);
   const ImageF& picture = prepared->frame.image;
   const ImageF d_image(picture.width, picture.height, 3, 1.f);
   std::vector<std::array<float, 4>> d_points;
