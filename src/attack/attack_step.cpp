@@ -68,7 +68,10 @@ void check_finite(const HostStep& step, const HostId& host, long iteration) {
 ObjectiveValue loss_of(const Observation& seen, std::span<const Detection> proposals, Matching matching,
                        HostStep& step) {
   const StepHost& host = seen.host();
-  const auto object = matching.in_picture() ? carried_box(seen.simulated(), host.placement) : std::nullopt;
+  const auto object =
+      matching.in_picture()
+          ? labelled_boxes(host.placement, carried_box(seen.simulated(), host.placement)).object
+          : std::nullopt;
   ObjectiveSettings settings = seen.settings().objective;
   ObjectiveValue sum;
   bool found_attacked = false;

@@ -138,7 +138,12 @@ Evaluation of_mesh(const Evaluation& all, std::size_t mesh) {
   const auto begin = all.hosts.begin() + static_cast<std::ptrdiff_t>(mesh * count);
   std::vector<HostOutcome> hosts(begin, begin + static_cast<std::ptrdiff_t>(count));
   for (HostOutcome& host : hosts) host.mesh = 0;
-  return summarize(std::move(hosts));
+  Evaluation one = summarize(std::move(hosts));
+  for (std::size_t i = mesh * count; i < (mesh + 1) * count && i < all.against_grown.size(); ++i) {
+    one.against_grown.push_back(all.against_grown[i]);
+    one.against_grown.back().mesh = 0;
+  }
+  return one;
 }
 
 Vec3d extents(const TexturedMesh& mesh) {
@@ -164,6 +169,10 @@ nlohmann::json arm_json(const RunEvaluation& all, const std::string& name, const
                         {"fp_asr", to_json(of.fp_interval)},
                         {"asr", to_json(of.asr_interval)}};
   if (net != nullptr) arm["net"] = to_json(*net);
+  if (!of.against_grown.empty()) {
+    arm["grown"] = grown_json(of.against_grown, of.meshes);
+    arm["grown"].erase("outcomes");
+  }
   return arm;
 }
 
@@ -201,19 +210,22 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
     check_labels(stage.settings, frames);
     result.detectors = load_detector_pool(result.detector, static_cast<int>(frames.size()));
     const auto region = result.detectors.front()->region();
-    for (const Host& host :
-         find_all_hosts(*result.store, frames, region, stage.settings.simulation, stage.settings.min_view))
+    for (const Host& host : find_all_hosts(*result.store, frames, region, stage.settings.simulation,
+                                           stage.settings.min_view, true, &result.left_out))
       result.hosts.push_back(host.id);
   } else {
     result.hosts = hosts_of_split(stage, request.hosts);
     check_labels(stage.settings, frames_of(result.hosts));
+    if (request.asked.contains("placement")) result.left_out = leave_out(*result.store, result.hosts);
   }
+  if (result.hosts.empty()) refuse_left_out(stage.settings.placement, result.left_out);
   if (result.hosts.empty() && whole_data)
     throw InputError(stage.settings.data.string(), "labels", "no vehicle has the object in view",
                      "give more frames or lower --min-view");
   if (result.hosts.empty())
     throw InputError((stage.folder / "run.json").string(), request.hosts.empty() ? "test" : request.hosts,
                      "has no host vehicles", "use --hosts all or a larger data set");
+  if (rank() == 0) warn_of_left_out(stage.settings.placement, result.left_out);
   result.trained_on = count_trained_on(result.run, stage.settings.data, result.hosts);
   if (!request.hosts_of.empty() && result.trained_on > 0)
     spdlog::warn("{} of the {} hosts stand in frames that the adversary was trained on", result.trained_on,
@@ -242,6 +254,9 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   std::vector<TexturedMesh> meshes;
   for (const NamedObject& object : result.objects) meshes.push_back(object.mesh);
   if (of_run) meshes.push_back(result.run.adversary);
+  for (std::size_t i = 0; i < meshes.size() && rank() == 0; ++i)
+    warn_of_volume(stage.settings.placement, extents(meshes[i]),
+                   of_run ? "the run's mesh" : escape_name(result.objects[i].name));
   result.learned = judged(meshes);
   for (std::size_t mesh = 0; mesh < result.objects.size(); ++mesh)
     result.each.push_back({result.objects[mesh].name, of_mesh(result.learned, mesh), extents(meshes[mesh])});
@@ -274,8 +289,12 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
   if (evaluation.each.empty())
     arms.push_back(arm_json(evaluation, "learned", evaluation.learned, extents(evaluation.run.adversary),
                             sized ? &sized->net : nullptr));
-  for (const BaselineArm& arm : evaluation.baselines)
+  const std::vector<HostOutcome>& grown = evaluation.learned.against_grown;
+  for (const BaselineArm& arm : evaluation.baselines) {
     arms.push_back(arm_json(evaluation, to_string(arm.kind), arm.evaluation, arm.extents, &arm.net));
+    if (!grown.empty())
+      arms.back()["grown"]["net"] = to_json(net_success(grown, arm.evaluation.against_grown));
+  }
   if (sized) result["net"] = to_json(sized->net);
   for (const NamedObject& object : evaluation.objects) result["meshes"].push_back(escape_name(object.name));
   if (evaluation.objects.empty()) result["run"] = evaluation.run.folder.string();
@@ -293,6 +312,8 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
   result["depth"] = escape_name(evaluation.stage.settings.depth);
   result["rooftop"] = escape_name(evaluation.stage.settings.rooftop);
   result["placement"] = text_of(evaluation.stage.settings.placement);
+  result["placed"] = to_json(evaluation.stage.settings.placement);
+  result["left_out"] = to_json(evaluation.left_out);
   result["plane"] = evaluation.settings.matching.name();
   result["score_threshold"] = evaluation.settings.score_threshold;
   result["detected_iou"] = evaluation.settings.detected_iou;

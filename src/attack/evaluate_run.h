@@ -68,7 +68,8 @@ struct RunEvaluation {
   DetectorOptions detector;
   EvaluationSettings settings;
   std::vector<HostId> hosts;
-  int trained_on = 0;  ///< hosts in frames that the adversary was trained on
+  HostsLeftOut left_out;  ///< vehicles that were asked for, by the placement
+  int trained_on = 0;     ///< hosts in frames that the adversary was trained on
   std::unique_ptr<FrameStore> store;
   DetectorPool detectors;
   Reliance reliance;   ///< of the detector on the data set: whether anything follows about images

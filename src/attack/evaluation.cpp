@@ -205,15 +205,26 @@ std::vector<Detection> detections(Detector& detector, const SensorView& view,
                   detector.capabilities().matching());
 }
 
+JudgedBoxes labelled_boxes(const Placement& placement, const std::optional<PictureBox>& object) {
+  JudgedBoxes boxes{.victim = placement.neighbour};
+  if (placement.support == Support::roof && !placement.neighbour) boxes.object = object;
+  return boxes;
+}
+
 HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> clean,
                   std::vector<Detection> attacked, const EvaluationSettings& settings,
-                  const std::optional<PictureBox>& object) {
+                  const JudgedBoxes& boxes) {
   HostOutcome outcome;
   outcome.matching = settings.matching;
   outcome.id = id;
-  const Label& label = frame.labels[static_cast<std::size_t>(id.label)];
-  const HostTruth recorded(frame, label, settings.matching), truth(frame, label, settings.matching, object);
-  const auto kind = settings.kinds.find(host_name(id));
+  outcome.victim = boxes.victim.value_or(-1);
+  const HostId judged{id.frame, boxes.victim.value_or(id.label)};
+  const Label& label = frame.labels[static_cast<std::size_t>(judged.label)];
+  const HostTruth recorded(frame, label, settings.matching);
+  const HostTruth truth =
+      boxes.grown ? HostTruth::with_box(frame, label, settings.matching, boxes.grown->bev, boxes.object)
+                  : HostTruth(frame, label, settings.matching, boxes.object);
+  const auto kind = settings.kinds.find(host_name(judged));
   outcome.kind = kind == settings.kinds.end() ? label.type : kind->second;
   outcome.track = label.track;
   outcome.occluded = label.occluded;
@@ -324,7 +335,7 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
   std::vector<std::string> hashes;
   for (const TexturedMesh& mesh : adversaries) hashes.push_back(hash_of(mesh));
   const Attacked attacked(store, by, simulation);
-  std::vector<HostOutcome> outcomes(count);
+  std::vector<HostOutcome> outcomes(count), grown(store.place().box == TrueBox::grown ? count : 0);
   Progress progress("evaluate", count, settings.quiet);
   std::mutex mutex;
   std::size_t done = 0;
@@ -337,14 +348,25 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
     FoundAttacked found = attacked.look(detector, id, adversaries[mesh], hashes[mesh],
                                         local && passes.at(id.frame) >= kWorthKeeping);
     const auto prepared = store.get(id.frame);
-    HostOutcome& outcome = outcomes[mesh * hosts.size() + i / adversaries.size()];
-    outcome = judge(id, prepared->frame, clean.at(id.frame), std::move(found.detections), by, found.object);
-    outcome.mesh = static_cast<int>(mesh);
-    outcome.from_box = store.placement(id).carrier->from_box;
+    const std::size_t at = mesh * hosts.size() + i / adversaries.size();
+    const Placement placement = store.placement(id);
+    const auto judged = [&](std::vector<Detection> detections, const JudgedBoxes& boxes) {
+      HostOutcome one = judge(id, prepared->frame, clean.at(id.frame), std::move(detections), by, boxes);
+      one.mesh = static_cast<int>(mesh);
+      one.from_box = placement.carrier->from_box;
+      return one;
+    };
+    if (placement.grows_box) {
+      const Box3 box = grown_box(placement.carrier->label.box, place(adversaries[mesh], placement).mesh);
+      grown[at] = judged(found.detections, {found.object, placement.neighbour, box});
+    }
+    outcomes[at] = judged(std::move(found.detections), labelled_boxes(placement, found.object));
     const std::lock_guard lock(mutex);
     progress.update(++done);
   });
-  return summarize(std::move(outcomes), static_cast<int>(adversaries.size()));
+  Evaluation evaluation = summarize(std::move(outcomes), static_cast<int>(adversaries.size()));
+  evaluation.against_grown = std::move(grown);
+  return evaluation;
 }
 
 Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
@@ -352,6 +374,22 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
                     const EvaluationSettings& settings) {
   const CleanDetections clean = clean_detections(detectors, store, hosts, settings);
   return evaluate(detectors, store, hosts, clean, {&adversary, 1}, simulation, settings);
+}
+
+nlohmann::json grown_json(const std::vector<HostOutcome>& hosts, int meshes) {
+  std::vector<const HostOutcome*> all;
+  int vehicles = 0;
+  for (const HostOutcome& host : hosts) {
+    all.push_back(&host);
+    vehicles += host.detected && host.mesh == hosts.front().mesh;
+  }
+  const SuccessRates rates = success_rates(all);
+  return {{"vehicles", vehicles},
+          {"fn_asr", to_json(rates.fn_asr)},
+          {"fp_asr", to_json(rates.fp_asr)},
+          {"asr", to_json(rates.asr)},
+          {"hidden", to_json(hiding_rates(hosts))},
+          {"outcomes", outcomes_json(hosts, meshes)}};
 }
 
 nlohmann::json to_json(const Evaluation& evaluation) {
@@ -365,28 +403,32 @@ nlohmann::json to_json(const Evaluation& evaluation) {
   };
   add_curve("clean", evaluation.recall_clean);
   add_curve("attacked", evaluation.recall_attacked);
-  return {{"vehicles", evaluation.vehicles},
-          {"hosts", evaluation.hosts.size() / static_cast<std::size_t>(std::max(1, evaluation.meshes))},
-          {"clusters", to_json(evaluation.clusters)},
-          {"rooftops", to_json(evaluation.rooftops)},
-          {"fn_asr", evaluation.fn_asr},
-          {"fp_asr", evaluation.fp_asr},
-          {"asr", evaluation.asr},
-          {"intervals",
-           {{"confidence", kConfidence},
-            {"fn_asr", to_json(evaluation.fn_interval)},
-            {"fp_asr", to_json(evaluation.fp_interval)},
-            {"asr", to_json(evaluation.asr_interval)}}},
-          {"at_iou_50",
-           {{"vehicles", evaluation.vehicles50},
-            {"fn_asr", to_json(evaluation.at50.fn_asr)},
-            {"fp_asr", to_json(evaluation.at50.fp_asr)},
-            {"asr", to_json(evaluation.at50.asr)}}},
-          {"hidden", to_json(evaluation.hiding)},
-          {"recall_iou", recall},
-          {"strata", to_json(evaluation.strata)},
-          {"false_positives", false_positives_json(evaluation.hosts)},
-          {"outcomes", outcomes_json(evaluation.hosts, evaluation.meshes)}};
+  nlohmann::json json = {
+      {"vehicles", evaluation.vehicles},
+      {"hosts", evaluation.hosts.size() / static_cast<std::size_t>(std::max(1, evaluation.meshes))},
+      {"clusters", to_json(evaluation.clusters)},
+      {"rooftops", to_json(evaluation.rooftops)},
+      {"fn_asr", evaluation.fn_asr},
+      {"fp_asr", evaluation.fp_asr},
+      {"asr", evaluation.asr},
+      {"intervals",
+       {{"confidence", kConfidence},
+        {"fn_asr", to_json(evaluation.fn_interval)},
+        {"fp_asr", to_json(evaluation.fp_interval)},
+        {"asr", to_json(evaluation.asr_interval)}}},
+      {"at_iou_50",
+       {{"vehicles", evaluation.vehicles50},
+        {"fn_asr", to_json(evaluation.at50.fn_asr)},
+        {"fp_asr", to_json(evaluation.at50.fp_asr)},
+        {"asr", to_json(evaluation.at50.asr)}}},
+      {"hidden", to_json(evaluation.hiding)},
+      {"recall_iou", recall},
+      {"strata", to_json(evaluation.strata)},
+      {"false_positives", false_positives_json(evaluation.hosts)},
+      {"outcomes", outcomes_json(evaluation.hosts, evaluation.meshes)}};
+  if (!evaluation.against_grown.empty())
+    json["grown"] = grown_json(evaluation.against_grown, evaluation.meshes);
+  return json;
 }
 
 /// What is written of every host.
@@ -421,6 +463,7 @@ HostOutcome read_outcome(const JsonFields& json) {
   host.kind = json.text("kind");
   if (json.has("mesh")) host.mesh = json.count("mesh", kMostMeshes);
   if (json.has("track")) host.track = json.count("track");
+  if (json.has("victim")) host.victim = json.count("victim");
   for (const auto& [key, distance] : kDistances)
     if (json.has(key) && !json.is_null(key)) host.*distance = json.number(key, 0, Range::kMost);
   read_fields(json, host);
@@ -439,6 +482,7 @@ nlohmann::json outcomes_json(const std::vector<HostOutcome>& hosts, int meshes) 
         entry[key] = std::isfinite(host.*distance) ? nlohmann::json(host.*distance) : nlohmann::json();
     if (meshes > 1) entry["mesh"] = host.mesh;
     if (host.track >= 0) entry["track"] = host.track;
+    if (host.victim >= 0) entry["victim"] = host.victim;
     list.push_back(std::move(entry));
   }
   return list;

@@ -86,6 +86,8 @@ struct EvaluationSettings {
 /// Outcomes, the rates over them, and their intervals.
 struct Evaluation {
   std::vector<HostOutcome> hosts;  ///< meshes × hosts, a mesh after the other
+  /// The same, judged against boxes that the object grows; empty where it grows none (TrueBox).
+  std::vector<HostOutcome> against_grown;
   int meshes = 1;
   int vehicles = 0;  ///< hosts detected clean: the denominator of one mesh
   double fn_asr = 0, fp_asr = 0, asr = 0;
@@ -111,11 +113,26 @@ std::string hash_of(const TexturedMesh& textured);
 std::vector<Detection> detections(Detector& detector, const SensorView& view,
                                   const EvaluationSettings& settings);
 
-/// Judges one host, given its clean and attacked detections. `object`: carried_box() of what stands on its
-/// roof in the attacked picture, which Matching::in_picture alone needs.
+/// What a placement changes in how a host is judged.
+struct JudgedBoxes {
+  /// carried_box() of the object in the attacked picture, which Matching::in_picture alone needs.
+  std::optional<PictureBox> object = {};
+  std::optional<int> victim = {};  ///< Placement::neighbour: its label is judged
+  /// grown_box(): the true one in the attacked frame. None: the label's.
+  std::optional<Box3> grown = {};
+};
+/// Of an object whose carried_box() is `object`, against labelled boxes: one that stands beside the box which
+/// it grows is no part of that, nor is one that stands on another vehicle than its victim.
+JudgedBoxes labelled_boxes(const Placement& placement, const std::optional<PictureBox>& object);
+
+/// Judges one host, given its clean and attacked detections.
 HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> clean,
                   std::vector<Detection> attacked, const EvaluationSettings& settings,
-                  const std::optional<PictureBox>& object = {});
+                  const JudgedBoxes& boxes = {});
+
+/// What to_json(Evaluation) adds as "grown", where boxes grow: the success against grown boxes, {vehicles,
+/// fn_asr, fp_asr, asr: {value, low, high}, hidden: as HidingRates, outcomes}.
+nlohmann::json grown_json(const std::vector<HostOutcome>& hosts, int meshes);
 
 /// Shares and curves over outcomes; with several meshes each host has as many outcomes.
 Evaluation summarize(std::vector<HostOutcome> hosts, int meshes = 1);
@@ -143,8 +160,9 @@ nlohmann::json to_json(const Evaluation& evaluation);
 // The hosts of an evaluation in its file: written by to_json(Evaluation), read back by who puts evaluations
 // beside each other.
 
-/// [{frame, label, mesh?, track?, kind, …}]: "mesh" where there are several, "track" where it is known,
-/// "clean_distance" and "attacked_distance" in the bird's-eye view alone, null where they are infinite.
+/// [{frame, label, mesh?, track?, victim?, kind, …}]: "mesh" where there are several, "track" where it is
+/// known, "victim", the label of a neighbour that is judged, "clean_distance" and "attacked_distance" in the
+/// bird's-eye view alone, null where they are infinite.
 nlohmann::json outcomes_json(const std::vector<HostOutcome>& hosts, int meshes);
 
 /// The hosts of what to_json(Evaluation) wrote, in its order, without their detections; of their new boxes

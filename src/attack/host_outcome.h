@@ -26,14 +26,15 @@ struct NewBox {
 /// What the detector says about one host, clean and attacked.
 struct HostOutcome {
   HostId id;
-  int mesh = 0;                                ///< which of the judged meshes
-  int track = -1;                              ///< the label's
-  bool from_box = true;                        ///< the roof's pose is the labelled box's (Carrier)
-  double range = 0;                            ///< m, host's box centre from the `velo` origin
-  int occluded = 0;                            ///< the label's
-  double truncated = 0;                        ///< the label's
-  std::string kind;                            ///< EvaluationSettings::kinds
-  Matching matching = {};                      ///< how the detector was judged
+  int mesh = 0;            ///< which of the judged meshes
+  int victim = -1;         ///< Victim::neighbour: the label that is judged in the host's place; -1: the host
+  int track = -1;          ///< the label's (here and below the victim's)
+  bool from_box = true;    ///< the roof's pose is the labelled box's (Carrier)
+  double range = 0;        ///< m, host's box centre from the `velo` origin
+  int occluded = 0;        ///< the label's
+  double truncated = 0;    ///< the label's
+  std::string kind;        ///< EvaluationSettings::kinds
+  Matching matching = {};  ///< how the detector was judged
   double clean_iou = 0, attacked_iou = 0;      ///< best IoU of a detection with the host's box
   double clean_score = 0, attacked_score = 0;  ///< score of that detection
   /// m, from the host's centre to that of the nearest detection; infinite without any and in the picture.

@@ -40,7 +40,7 @@ std::optional<PictureBox> silhouette_box(const Simulated& simulated) {
 }
 
 std::optional<PictureBox> carried_box(const Simulated& simulated, const Placement& placement) {
-  return placement.support == Support::roof ? silhouette_box(simulated) : std::nullopt;
+  return placement.support == Support::roof || placement.grows_box ? silhouette_box(simulated) : std::nullopt;
 }
 
 HostTruth::HostTruth(const Frame& frame, const Label& host, Matching matching,
@@ -56,6 +56,18 @@ HostTruth::HostTruth(const Frame& frame, const Label& host, Matching matching,
     host_.emplace_back(joined(picture_box(host), *object));
     labels_.push_back(host_.back());
   }
+}
+
+HostTruth HostTruth::with_box(const Frame& frame, const Label& host, Matching matching, const BevBox& grown,
+                              const std::optional<PictureBox>& object) {
+  HostTruth truth(frame, host, matching, object);
+  if (matching.in_picture()) {
+    if (truth.host_.size() > 1) truth.host_.erase(truth.host_.begin());  // the joined one is left
+  } else {
+    truth.host_.front() = ObjectBoxes(grown);
+    truth.labels_.push_back(truth.host_.front());
+  }
+  return truth;
 }
 
 double HostTruth::largest(const ObjectBoxes& found, const std::vector<ObjectBoxes>& others) const {

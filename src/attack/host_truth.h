@@ -22,8 +22,8 @@ std::vector<BevBox> ground_truth_boxes(const Frame& frame);
 
 /// The box around the object's pixels (S > 0.5), clipped to the picture; none where it shows no pixel.
 std::optional<PictureBox> silhouette_box(const Simulated& simulated);
-/// That of an object which stands on its carrier; none of one that stands free: a box around a vehicle and
-/// what is beside it is no box of the vehicle.
+/// That of an object which stands on its carrier, or grows its box; none of one that stands free: a box
+/// around a vehicle and what is beside it is no box of the vehicle.
 std::optional<PictureBox> carried_box(const Simulated& simulated, const Placement& placement);
 
 /// The host's boxes and those of every road user of its frame (is_road_user), for one way of comparing them.
@@ -40,6 +40,10 @@ class HostTruth {
   /// notice.
   HostTruth(const Frame& frame, const Label& host, Matching matching,
             const std::optional<PictureBox>& object = {});
+  /// The same of a host whose box is another than the label's: `grown`, and in the picture the label's joined
+  /// with the object's.
+  static HostTruth with_box(const Frame& frame, const Label& host, Matching matching, const BevBox& grown,
+                            const std::optional<PictureBox>& object);
 
   /// How its boxes are compared.
   const Matching& matching() const { return matching_; }

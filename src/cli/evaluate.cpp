@@ -51,6 +51,12 @@ void print_arms(const RunEvaluation& evaluation) {
   if (evaluation.each.empty()) shares("learned mesh", evaluation.learned);
   for (const ObjectArm& arm : evaluation.each) shares(arm.name, arm.evaluation);
   for (const BaselineArm& arm : evaluation.baselines) shares(describe(arm.kind), arm.evaluation);
+  const auto by_grown = [&](const std::string& name, const Evaluation& of) {
+    if (!of.against_grown.empty()) shares(name + ", grown box", summarize(of.against_grown, of.meshes));
+  };
+  if (evaluation.each.empty()) by_grown("learned mesh", evaluation.learned);
+  for (const ObjectArm& arm : evaluation.each) by_grown(arm.name, arm.evaluation);
+  for (const BaselineArm& arm : evaluation.baselines) by_grown(describe(arm.kind), arm.evaluation);
   if (!evaluation.baselines.empty())
     rows.push_back({evaluation.each.empty() ? "learned less, points:" : "object less, points:"});
   for (const BaselineArm& arm : evaluation.baselines) {

@@ -152,6 +152,32 @@ TEST(EvaluateRun, PooledMeshesAreTheirMeans) {
   EXPECT_EQ(json.at("sized").at("meshes"), 2);
 }
 
+TEST(EvaluateRun, AGrownBoxIsReportedBesideTheLabelledOne) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 2);
+  EvaluationRequest request = request_for(tiny_run(folder, "a", "data", {{"000000", 0}}, {{"000001", 0}}));
+  EXPECT_FALSE(to_json(evaluate_run(request)).contains("grown"));
+  request.asked["placement"] = "rear-rack";
+  const RunEvaluation evaluation = evaluate_run(request);
+  EXPECT_EQ(evaluation.learned.against_grown.size(), 1u);
+  const auto json = to_json(evaluation);
+  EXPECT_EQ(json.at("placement"), "rear-rack");
+  EXPECT_EQ(json.at("placed").at("box"), "grown");
+  EXPECT_EQ(json.at("grown").at("vehicles"), json.at("vehicles"));
+  EXPECT_NE(json.at("grown").at("outcomes").at(0).at("attacked_iou"),
+            json.at("outcomes").at(0).at("attacked_iou"));  // of the same box
+  EXPECT_EQ(json.at("grown").at("outcomes").at(0).at("clean_iou"), json.at("outcomes").at(0).at("clean_iou"));
+  const auto& arms = json.at("arms");
+  ASSERT_EQ(arms.size(), 3u);
+  for (const auto& arm : arms) EXPECT_TRUE(arm.at("grown").contains("fn_asr")) << arm.at("name");
+  EXPECT_TRUE(arms.at(1).at("grown").contains("net"));
+
+  // Of hosts that the place leaves out there is nothing to say.
+  request.asked["placement"] = "kerb";
+  EXPECT_THAT(error_text<InputError>([&] { evaluate_run(request); }),
+              testing::HasSubstr("no other vehicle is within 12 m"));
+}
+
 TEST(EvaluateRun, ArmsAndNetAreListed) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 2);

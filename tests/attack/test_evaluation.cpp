@@ -10,6 +10,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "support/files.h"
+#include "support/insertion_world.h"
 
 namespace mirage {
 namespace {
@@ -224,6 +225,60 @@ TEST(FalsePositives, EveryNewBoxHasItsDistances) {
   EXPECT_EQ(json.at("score").at("counts").at(5), 1);
   EXPECT_EQ(json.at("list").size(), 2u);
   EXPECT_TRUE(false_positives_json({}).at("score").at("median").is_null());
+}
+
+TEST(Judge, AGrownBoxHasItsOwnSuccess) {
+  const Frame frame = frame_with_host();
+  const BevBox& car = frame.labels[0].box.bev;
+  const EvaluationSettings settings;
+  const Box3 grown{{car.x - 1, car.y, car.length + 2, car.width, 0}, 0, 1.5};
+  const Detection on_car{car, 2}, on_both{grown.bev, 2};
+  const auto hidden = [&](const Detection& attacked, const std::optional<Box3>& box) {
+    const HostOutcome one = judge({"000000", 0}, frame, {on_car}, {attacked}, settings, {{}, {}, box});
+    EXPECT_TRUE(one.detected);  // of the frame without the object the label is right
+    return one.hidden;
+  };
+  EXPECT_FALSE(hidden(on_car, {}));
+  EXPECT_TRUE(hidden(on_both, {}));  // IoU 2/3
+  EXPECT_TRUE(hidden(on_car, grown));
+  EXPECT_FALSE(hidden(on_both, grown));
+  // What is seen of the object alone is new beside the labelled box, and a part of the grown one.
+  const Detection rear{{car.x - 2, car.y, 3, car.width, 0}, 2};
+  const Detection elsewhere{{car.x, car.y - 3, 4, 1.6, 0}, 2};
+  for (const bool part : {false, true}) {
+    const HostOutcome one = judge({"000000", 0}, frame, {elsewhere}, {rear}, settings,
+                                  {{}, {}, part ? std::optional(grown) : std::nullopt});
+    EXPECT_EQ(one.false_positive, !part);
+  }
+}
+
+TEST(Judge, ANeighbourIsJudgedInTheHostsPlace) {
+  const Frame frame = frame_with_host();
+  const Detection host{frame.labels[0].box.bev, 2}, other{frame.labels[1].box.bev, 2};
+  EvaluationSettings settings;
+  const HostOutcome outcome = judge({"000000", 0}, frame, {host, other}, {host}, settings, {.victim = 1});
+  EXPECT_TRUE(outcome.detected);
+  EXPECT_TRUE(outcome.hidden);
+  EXPECT_EQ(outcome.id.label, 0);
+  EXPECT_EQ(outcome.victim, 1);
+  EXPECT_EQ(outcome.kind, "Van");
+  EXPECT_NEAR(outcome.range, std::hypot(30, 8), 1e-12);
+  EXPECT_FALSE(judge({"000000", 0}, frame, {host, other}, {other}, settings, {.victim = 1}).hidden);
+  const auto json = outcomes_json({outcome}, 1);
+  EXPECT_EQ(json.at(0).at("victim"), 1);
+  EXPECT_EQ(json.at(0).at("label"), 0);
+}
+
+TEST(Judge, TheObjectCountsWithItsCarrierAlone) {
+  test::World world = test::make_world(1);
+  const PictureBox seen{1, 2, 3, 4};
+  EXPECT_TRUE(labelled_boxes(world.placement, seen).object);
+  world.placement.neighbour = 1;
+  EXPECT_FALSE(labelled_boxes(world.placement, seen).object);
+  world.placement.neighbour.reset();
+  world.placement.support = Support::free;
+  world.placement.grows_box = true;
+  EXPECT_FALSE(labelled_boxes(world.placement, seen).object);
 }
 
 TEST(FalsePositives, AKindIsTheDataSetsWhereItTells) {

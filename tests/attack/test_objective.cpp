@@ -194,7 +194,7 @@ TEST(Evaluation, ABoxAroundCarAndObjectIsNoMiss) {
                   half = seen({100, 100, 160, 150}), elsewhere = seen({700, 100, 760, 140}),
                   unlabelled = seen({450, 100, 500, 140});
   const auto outcome = [&](const std::vector<Detection>& clean, const std::vector<Detection>& attacked) {
-    return judge({"0", 0}, frame, clean, attacked, settings, kOnRoof);
+    return judge({"0", 0}, frame, clean, attacked, settings, {.object = kOnRoof});
   };
   EXPECT_FALSE(outcome({on}, {on}).hidden);
   EXPECT_FALSE(outcome({on}, {around}).hidden);

@@ -264,6 +264,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   scene.prepared = &prepared;
   scene.host = &label_of(frame, id);
   scene.placement = context.store.placement(id);
+  require_hosted(context.store.place(), scene.placement, id);
   scene.adversary = context.run.adversary;
   scene.placed = place(scene.adversary, scene.placement);
   scene.simulation = context.run.settings.simulation;
@@ -322,7 +323,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   seen.full = seen.surround ? seen.surround->cameras[0].full : best.full_result();
   EvaluationSettings judge_by = context.settings.evaluation_settings;
   judge_by.matching = context.detector.capabilities().matching();
-  const std::optional<PictureBox> object = carried_box(simulated, scene.placement);
+  const JudgedBoxes boxes = labelled_boxes(scene.placement, carried_box(simulated, scene.placement));
   const auto [clean, added] = context.clean.try_emplace(id.frame);
   if (added) clean->second = detections(context.detector, view_of(frame), judge_by);
   // What the detector made of the frame as recorded saves it work: pictures differ in the window alone.
@@ -334,7 +335,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
     in_cycles[at.camera] = &at.full.image;
     if (at.camera == 0) as_recorded.changed = united(at.full.rect, learned.rect);
   }
-  const ObjectBoxes host_boxes = boxes_of(*scene.host);
+  const ObjectBoxes host_boxes = boxes_of(boxes.victim ? scene.placement.targets.front() : *scene.host);
   const auto outcome_of = [&](const Pictures& pictures, const Sweep& sweep) -> Judged {
     const Capabilities can = context.detector.capabilities();
     SensorView view = view_of(prepared, simulated, can);
@@ -347,7 +348,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
         view.others.push_back(sensor_beside(frame, k - 1, pictures[k]));
     if (can.why_whole.empty()) view.clean = &as_recorded;
     Appearance look = look_at(context.detector, view, host_boxes, judge_by);
-    return {judge(id, frame, clean->second, std::move(look.found), judge_by, object), look.logit};
+    return {judge(id, frame, clean->second, std::move(look.found), judge_by, boxes), look.logit};
   };
   const Judged seen_raster_as = outcome_of(pictures_of(simulated), simulated.sweep);
   const Judged seen_cycles_as = outcome_of(in_cycles, simulated.sweep);
@@ -375,7 +376,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   }
   result.shown["bev"] = bev_json(prepared, *scene.host, simulated, raster, cycles);
   if (judge_by.matching.in_picture())
-    result.shown["picture_boxes"] = picture_json(frame, *scene.host, object, raster, cycles);
+    result.shown["picture_boxes"] = picture_json(frame, *scene.host, boxes.object, raster, cycles);
 
   const Label& host = *scene.host;
   result.shown["crop_rect"] = {full.rect.u0, full.rect.v0, full.rect.u1, full.rect.v1};

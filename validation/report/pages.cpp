@@ -154,7 +154,7 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
   const auto held = store.get(id.frame);
   const PreparedFrame& prepared = *held;
   const Frame& frame = prepared.frame;
-  const Label& host = label_of(frame, id);
+  const Label& host = label_of(frame, {id.frame, outcome.victim < 0 ? id.label : outcome.victim});
   const TexturedMesh& mesh = evaluation.objects.empty()
                                  ? evaluation.run.adversary
                                  : evaluation.objects[static_cast<std::size_t>(outcome.mesh)].mesh;

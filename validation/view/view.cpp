@@ -65,19 +65,21 @@ class Attacker {
     }
     for (const HostId& id : hosts) {
       const Placement placement = store_.placement(id);
+      require_hosted(store_.place(), placement, id);
       const Simulated simulated = simulate(*prepared, placement, run_.adversary, run_.settings.simulation);
       ViewAttack attack = attack_of(view, *prepared, id, simulated);
       attack.outcome["learned_on"] = learned_on(run_, id);
       if (detector_)
-        judge_attack(view.frame, *prepared, id, clean, simulated, carried_box(simulated, placement), attack);
+        judge_attack(view.frame, *prepared, id, clean, simulated,
+                     labelled_boxes(placement, carried_box(simulated, placement)), attack);
       view.attacks.push_back(std::move(attack));
     }
   }
 
  private:
   void judge_attack(const Frame& whole, const PreparedFrame& prepared, const HostId& id,
-                    const std::vector<Detection>& clean, const Simulated& simulated,
-                    const std::optional<PictureBox>& object, ViewAttack& attack) {
+                    const std::vector<Detection>& clean, const Simulated& simulated, const JudgedBoxes& boxes,
+                    ViewAttack& attack) {
     const Frame& seen = prepared.frame;
     const auto attacked =
         detections(*detector_, view_of(prepared, simulated, detector_->capabilities()), evaluation_);
@@ -89,7 +91,7 @@ class Attacker {
       std::erase_if(proposals, [&](const Detection& p) { return p.score() < judging.score_threshold; });
       return proposals;
     };
-    const HostOutcome outcome = judge(id, seen, sure(clean), sure(attacked), judging, object);
+    const HostOutcome outcome = judge(id, seen, sure(clean), sure(attacked), judging, boxes);
     attack.outcome.update({{"clean_iou", outcome.clean_iou},
                            {"attacked_iou", outcome.attacked_iou},
                            {"clean_score", outcome.clean_score},
