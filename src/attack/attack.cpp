@@ -89,6 +89,11 @@ void check_settings(const AttackSettings& settings) {
     throw FieldError("parts", "size", "is an ellipsoid, which has no flat base", "give --free");
   if (settings.buildable.on) check_buildable(settings.buildable, settings.limits);
   check_search(settings);
+  if (settings.placement.victim == Victim::phantom && !(settings.objective.lambda_fp > 0))
+    throw FieldError("lambda_fp", fmt::format("{:g}", settings.objective.lambda_fp),
+                     "rewards no false positive, and they are what the placement " +
+                         text_of(settings.placement) + " is for (victim = \"phantom\")",
+                     "give a weight above 0, or another --place");
 }
 
 /// The files of the mesh that was learned, and what a result says of a run however it was learned. `steps`:

@@ -73,6 +73,7 @@ ObjectiveValue loss_of(const Observation& seen, std::span<const Detection> propo
           ? labelled_boxes(host.placement, carried_box(seen.simulated(), host.placement)).object
           : std::nullopt;
   ObjectiveSettings settings = seen.settings().objective;
+  settings.hides = host.placement.victim != Victim::phantom;
   ObjectiveValue sum;
   bool found_attacked = false;
   for (const Label& target : host.placement.targets) {

@@ -48,6 +48,7 @@ ObjectiveValue objective(std::span<const Detection> proposals, const HostTruth& 
     const double score = proposal.score();  // the derivative of softplus
     if (score <= settings.relevant_score) continue;
     if (const double overlap = truth.host_iou(proposal); overlap > 0) {
+      if (!settings.hides) continue;
       value.hide += overlap * softplus(proposal.logit);
       value.d_logits[i] = overlap * score;
     } else if (settings.fp_top_k == 0 && truth.label_iou(proposal) == 0) {

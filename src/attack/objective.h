@@ -9,6 +9,7 @@
 //                        threshold; its tail beyond k adds next to nothing to the gradient
 //     fp_top_k = 0       score > 0.1 and no overlap with any ground truth: a background cell below 10 % gets
 //                        no gradient at all
+// Where the placement's victim is a phantom (Victim) the first sum is left out.
 // IoU weights, and which proposals are in a set, are constants: gradients go to the logits.
 #pragma once
 
@@ -26,6 +27,8 @@ struct ObjectiveSettings {
   double lambda_fp = 1.0;
   double lambda_laplacian = 0.001;
   int fp_top_k = 50;  ///< see above; 0: the other rule
+  /// Whether the first sum counts: not where phantoms alone are wanted (Victim::phantom).
+  bool hides = true;
 
   /// Proposals of at most this score are in neither sum.
   double least_score() const { return fp_top_k > 0 ? 0 : relevant_score; }

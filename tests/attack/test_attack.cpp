@@ -149,6 +149,16 @@ TEST(Attack, ASizeOfTheUsersWinsOverThePlacements) {
   EXPECT_EQ(settings.limits.half, limits_of_size(0.3).half);
 }
 
+TEST(Attack, APhantomThatNothingRewardsIsRefused) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3);
+  AttackSettings settings = settings_for(folder / "data", folder / "run", 1);
+  set_from_text("road-ahead", settings.placement);
+  settings.objective.lambda_fp = 0;
+  EXPECT_THAT(error_text<FieldError>([&] { run_attack(settings, stand_ins()); }),
+              testing::AllOf(testing::HasSubstr("lambda_fp"), testing::HasSubstr("road-ahead")));
+}
+
 TEST(Attack, LidarEffectsArePartOfARun) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 3);

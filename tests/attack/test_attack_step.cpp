@@ -96,6 +96,22 @@ TEST(AttackStep, TheLossIsOfEveryTargetAndFalsePositivesCountOnce) {
   EXPECT_FALSE(two.hidden);
 }
 
+TEST(AttackStep, APhantomsLossLeavesTheHostInPeace) {
+  const test::World world = test::make_world(1);
+  const BevBox car = world.placement.targets[0].box.bev;
+  BevBox nobodys = car;
+  nobodys.y -= 10;
+  FixedDetector detector({{car, 0.5}, {nobodys, 0.1}});
+  StepHost host{world.prepared, {}, world.placement, {}};
+  const HostStep hiding = judge_host(detector, host, initial_adversary(), AttackSettings());
+  host.placement.victim = Victim::phantom;
+  const HostStep phantom = judge_host(detector, host, initial_adversary(), AttackSettings());
+  EXPECT_GT(hiding.hide, 0);
+  EXPECT_EQ(phantom.hide, 0);
+  EXPECT_EQ(phantom.false_positive, hiding.false_positive);
+  EXPECT_LT(phantom.false_positive, 0);
+}
+
 // A detector that names another camera is shown the object there, and its gradient comes back from there.
 TEST(AttackStep, OtherCamerasThatTheDetectorNamesAreAttackedToo) {
   test::World world = test::make_world(1);
