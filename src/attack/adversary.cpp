@@ -14,7 +14,7 @@ void set_from_text(const std::string& text, AdversaryLimits& value) {
 }
 
 std::string text_of(const AdversaryLimits& value) {
-  return fmt::format("{}", value.half.x());
+  return value.asked ? fmt::format("{}", value.half.x()) : "the placement's volume";
 }
 
 AdversaryLimits limits_of_size(double size) {

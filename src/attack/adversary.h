@@ -26,7 +26,7 @@ void visit_fields(Visitor& visit, S& s) {
 
 /// The box of the paper's proportions (0.8 : 0.8 : 0.5) whose half length is `size` m.
 AdversaryLimits limits_of_size(double size);
-/// That size as a text. FieldError if it is no number.
+/// That size as a text, or what stands for it where none was asked for. FieldError if it is no number.
 void set_from_text(const std::string& text, AdversaryLimits& value);
 std::string text_of(const AdversaryLimits& value);
 

@@ -119,8 +119,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "parts", .help = "what to learn; size: the start's three half lengths alone (a control)"},
         s.parts);
   visit.list({.name = "limits",
-              .help = "L: the mesh stays within ±L along and across and ±5/8 L in height, m; without it, "
-                      "within the placement's volume (of the roof ±0.8)",
+              .help = "L: the mesh stays within ±L along and across and ±5/8 L in height, m",
               .option = "size"},
              s.limits);
   visit.list({.name = "expectation",

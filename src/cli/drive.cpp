@@ -150,6 +150,10 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   options.quality.ask(asked);
   options.effects.ask(asked);
   override_settings(run, asked, common.seed, true);
+  if (run.settings.placement.victim == Victim::neighbour)
+    throw FieldError("placement", text_of(run.settings.placement),
+                     "hides a neighbour, and a drive follows the vehicle that carries the object",
+                     "give a --place whose victim is the carrier");
   DetectorOptions detector = options.detector;
   use_detector_of(run, detector);
   detector = with_common(detector, common, run.settings);
@@ -161,10 +165,6 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   request.object = run.adversary;
   request.random = baseline_meshes(run, Baseline::sized, 1).front();
   request.place = run.settings.placement;
-  if (request.place.victim == Victim::neighbour)
-    throw FieldError("placement", text_of(request.place),
-                     "hides a neighbour, and a drive follows the vehicle that carries the object",
-                     "give a --place whose victim is the carrier");
   request.simulation = run.settings.simulation;
   request.evaluation.score_threshold = options.score;
   request.evaluation.quiet = common.quiet;

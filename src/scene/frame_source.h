@@ -42,14 +42,13 @@ void visit_fields(Visitor& visit, S& s) {
        .help = "roof the adversary stands on: shape (fitted to the vehicle's returns), box (the label's) or "
                "a shape model (*.shape)"},
       s.rooftop);
-  visit(
-      {.name = "placement",
-       .help = "where the object is put, and whom it deceives: a shipped placement's name, a placement file "
-               "(*.toml), X,Y,Z,YAW (m forward, left and up from the ground under the host, degrees from its "
-               "heading) or world:X,Y,Z,YAW (the same in the LiDAR's frame)",
-       .option = "place",
-       .lacking = "roof"},
-      s.placement);
+  visit({.name = "placement",
+         .help = "where the object is put: a shipped placement, FILE.toml, X,Y,Z,YAW (m forward, left and up "
+                 "from the ground under the host, degrees from its heading) or world:X,Y,Z,YAW (the same in "
+                 "the LiDAR's frame)",
+         .option = "place",
+         .lacking = "roof"},
+        s.placement);
   visit({.name = "cameras",
          .help =
              "cameras of a set with several (nuScenes): first (the front one, and the sweep that it sees) or "
