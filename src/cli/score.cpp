@@ -103,12 +103,13 @@ nlohmann::json certified(const ScoreRequest& request, const RunEvaluation& evalu
 }
 
 nlohmann::json make_board(const ScoreOptions& options, const Common& common) {
-  if (std::filesystem::exists(common.out / "result.json"))
-    for (const std::filesystem::path& file : options.board)
-      if (std::filesystem::equivalent(std::filesystem::is_directory(file) ? file / "result.json" : file,
-                                      common.out / "result.json"))
-        throw InputError("--out", common.out.string(),
-                         "holds one of the results, which the board's would replace", "use another folder");
+  for (const std::filesystem::path& file : options.board) {
+    std::error_code missing;  // of either: no two files then
+    if (std::filesystem::equivalent(std::filesystem::is_directory(file) ? file / "result.json" : file,
+                                    common.out / "result.json", missing))
+      throw InputError("--out", common.out.string(),
+                       "holds one of the results, which the board's would replace", "use another folder");
+  }
   const nlohmann::json board = read_scores(options.board);
   Columns rows = {{"detector", "grade", "0–20 m", "20–40 m", "40–70 m"}};
   for (const nlohmann::json& entry : board) {
