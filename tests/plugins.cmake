@@ -65,7 +65,9 @@ if(TARGET mirage_fusion_objects)
   if(MIRAGE_SANITIZE)  # GCC 12 then sees LibTorch's empty optionals as uninitialised
     target_compile_options(test_fusion_network PRIVATE -Wno-maybe-uninitialized)
   endif()
-  gtest_discover_tests(test_fusion_network DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT ${MIRAGE_TEST_SECONDS})
+  # Nobody sets LibTorch's threads here, nor the BLAS's; beside other tests they would mostly wait for each other, and spin.
+  gtest_discover_tests(test_fusion_network DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT ${MIRAGE_TEST_SECONDS}
+                       ENVIRONMENT OMP_NUM_THREADS=1)
 endif()
 if(TARGET test_validation)
   add_dependencies(test_validation fake_works)
