@@ -16,6 +16,7 @@
 #include "simulation/render_scene.h"
 #include "support/files.h"
 #include "support/gradient_check.h"
+#include "support/random_vector.h"
 
 namespace mirage {
 namespace {
@@ -63,7 +64,7 @@ struct OneHost {
     RandomStream random(4, "rendered pictures");
     mesh = initial_adversary();
     for (Vec3d& v : mesh.mesh.vertices) v *= random.uniform(0.9, 1.1);
-    for (Vec3d& t : mesh.atlas.texels) t = Vec3d{random.uniform(), random.uniform(), random.uniform()};
+    for (Vec3d& t : mesh.atlas.texels) t = test::random_vector(random, 0, 1);
   }
   Simulated simulated(const TexturedMesh& of, const SimulationSettings& settings = {}) const {
     return simulate(*prepared, placement, of, settings);
@@ -190,7 +191,8 @@ TEST(RenderedPictures, TheVjpIsTheDerivativeOfWhatIsShown) {
     return sum;
   };
   TexturedMesh moved = world.mesh;
-  for (Vec3d& v : moved.mesh.vertices) v += Vec3d{random.normal(), random.normal(), random.normal()} * 5e-3;
+  for (Vec3d& v : moved.mesh.vertices)
+    for (double& c : v) c += 5e-3 * random.normal();
   const AdversaryGradient gradient = simulate_vjp(shown(moved), weights, {});
   std::vector<double> vertices, analytic;
   for (std::size_t i = 0; i < moved.mesh.vertices.size(); ++i)

@@ -4,6 +4,7 @@
 #include "geometry/shapes.h"
 #include "raster_extremes.h"
 #include "sensors/projection.h"
+#include "support/random_vector.h"
 
 namespace mirage {
 namespace {
@@ -125,7 +126,7 @@ Extreme with_face(const std::array<Vec3d, 3>& face, std::uint64_t seed = 3) {
   Extreme extreme;
   for (int f = 0; f < 10; ++f) {
     std::array<Vec3d, 3> other;
-    for (Vec3d& v : other) v = Vec3d{random.uniform(-.3, .3), random.uniform(-.3, .3), random.uniform(9, 11)};
+    for (Vec3d& v : other) v = test::random_vector(random, {-.3, -.3, 9}, {.3, .3, 11});
     extreme.mesh.faces.push_back(other);
   }
   extreme.mesh.faces[4] = face;

@@ -6,6 +6,7 @@
 #include "base/random.h"
 #include "geometry/shapes.h"
 #include "simulation/insertion.h"
+#include "support/random_vector.h"
 
 namespace mirage::test {
 
@@ -16,13 +17,12 @@ inline void paint(TexturedMesh& adversary, int resolution, RandomStream& random)
   atlas.texels.clear();
   const auto side = static_cast<std::size_t>(resolution);
   for (std::size_t t = 0; t < side * side * adversary.mesh.faces.size(); ++t)
-    atlas.texels.push_back(Vec3d{random.uniform(.2, .9), random.uniform(.2, .9), random.uniform(.2, .9)});
+    atlas.texels.push_back(random_vector(random, .2, .9));
 }
 
 /// Moves vertices by up to 0.2 m along each axis: faces hide and cross each other.
 inline void crumple(Mesh& mesh, RandomStream& random) {
-  for (Vec3d& v : mesh.vertices)
-    v += Vec3d{random.uniform(-.2, .2), random.uniform(-.2, .2), random.uniform(-.2, .2)};
+  for (Vec3d& v : mesh.vertices) v += random_vector(random, -.2, .2);
 }
 
 /// A KITTI-like rig over an empty world with one car 12 m ahead, a bit to the left.
@@ -73,9 +73,7 @@ inline World make_world(std::uint64_t seed, const Sweep& sweep = {}) {
 
   Mesh& mesh = world.adversary.mesh;
   mesh = icosphere(1);
-  for (Vec3d& v : mesh.vertices)
-    v = v.cwiseProduct(Vec3d(.7, .7, .45)) +
-        Vec3d{random.uniform(-.04, .04), random.uniform(-.04, .04), random.uniform(-.04, .04)};
+  for (Vec3d& v : mesh.vertices) v = v.cwiseProduct(Vec3d(.7, .7, .45)) + random_vector(random, -.04, .04);
   paint(world.adversary, 1, random);  // texel borders are jumps of the forward, not slopes
   return world;
 }

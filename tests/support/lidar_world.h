@@ -6,6 +6,7 @@
 #include "base/random.h"
 #include "geometry/shapes.h"
 #include "simulation/adversary_lidar.h"
+#include "support/random_vector.h"
 
 namespace mirage::test {
 
@@ -38,13 +39,12 @@ inline TexturedMesh dented_ball(const Vec3d& centre, double radius, std::uint64_
   RandomStream random(seed, "dented ball");
   ball.mesh = icosphere(subdivisions);
   for (Vec3d& v : ball.mesh.vertices) {
-    const Vec3d dent{random.uniform(-.06, .06), random.uniform(-.06, .06), random.uniform(-.06, .06)};
+    const Vec3d dent = random_vector(random, -.06, .06);
     v = centre + radius * (v + dent);
   }
   ball.atlas.resolution = 1;
   for (std::size_t f = 0; f < ball.mesh.faces.size(); ++f)
-    ball.atlas.texels.push_back(
-        Vec3d{random.uniform(.2, .9), random.uniform(.2, .9), random.uniform(.2, .9)});
+    ball.atlas.texels.push_back(random_vector(random, .2, .9));
   return ball;
 }
 

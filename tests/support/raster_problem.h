@@ -5,6 +5,7 @@
 
 #include "base/random.h"
 #include "sensors/soft_rasterizer.h"
+#include "support/random_vector.h"
 
 namespace mirage::test {
 
@@ -46,8 +47,7 @@ void fill_random(Image<S>& image, RandomStream& random, double low, double high)
 
 inline std::vector<Vec3d> random_colors(std::size_t count, RandomStream& random) {
   std::vector<Vec3d> colors;
-  for (std::size_t i = 0; i < count; ++i)
-    colors.push_back(Vec3d{random.uniform(), random.uniform(), random.uniform()});
+  for (std::size_t i = 0; i < count; ++i) colors.push_back(random_vector(random, 0, 1));
   return colors;
 }
 
