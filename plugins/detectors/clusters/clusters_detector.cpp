@@ -3,8 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <numbers>
 #include <optional>
+
+#include "base/angles.h"
 
 namespace mirage::clusters {
 namespace {
@@ -56,7 +57,7 @@ double expected_returns(const Cluster& cluster, const BevBox& box) {
   const double middle = std::atan2(box.y, box.x), range = std::hypot(box.x, box.y);
   double right = 0, left = 0;
   for (const Vec2d& corner : corners(box)) {
-    const double azimuth = std::remainder(std::atan2(corner.y(), corner.x()) - middle, 2 * std::numbers::pi);
+    const double azimuth = wrap_angle(std::atan2(corner.y(), corner.x()) - middle);
     right = std::min(right, azimuth), left = std::max(left, azimuth);
   }
   return cluster.density * (left - right) / std::max(range, 1.0);

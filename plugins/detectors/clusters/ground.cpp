@@ -17,15 +17,10 @@ struct Low {
   double rho = 0, z = 0;
 };
 
-/// z = a + b x + c y.
-struct Plane {
-  Eigen::Vector3d of = Eigen::Vector3d::Zero();
-};
-
-/// The ground under the unit, from lowest returns around it: by least squares over those near the plane of
-/// before, from a level one at the height that most share.
-Plane plane_around(const std::vector<Eigen::Vector3d>& lowest) {
-  Plane plane;
+/// The ground under the unit, from lowest returns around it: (a, b, c) of z = a + b x + c y, by least squares
+/// over those near the plane of before, from a level one at the height that most share.
+Eigen::Vector3d plane_around(const std::vector<Eigen::Vector3d>& lowest) {
+  Eigen::Vector3d plane = Eigen::Vector3d::Zero();
   if (lowest.empty()) return plane;
   constexpr double kLayer = 0.2;  // m
   std::map<int, int> layers;
@@ -36,7 +31,7 @@ Plane plane_around(const std::vector<Eigen::Vector3d>& lowest) {
     const int both = count + (above == layers.end() ? 0 : above->second);
     if (both > most) most = both, fullest = layer;
   }
-  plane.of.x() = kLayer * (fullest + 1);
+  plane.x() = kLayer * (fullest + 1);
   for (const double reach : {0.6, 0.5, 0.4, 0.3, 0.3, 0.3, 0.3}) {
     constexpr int kEnoughSeen = 20;
     Eigen::Matrix3d squares = Eigen::Vector3d(1e-6, 50, 50).asDiagonal();  // level where little is seen
@@ -44,17 +39,17 @@ Plane plane_around(const std::vector<Eigen::Vector3d>& lowest) {
     int used = 0;
     for (const Eigen::Vector3d& p : lowest) {
       const Eigen::Vector3d at(1, p.x(), p.y());
-      const double over = p.z() - at.dot(plane.of);
+      const double over = p.z() - at.dot(plane);
       if (!(over < reach && over > -1.5 * reach)) continue;
       squares += at * at.transpose();
       products += at * p.z();
       ++used;
     }
     if (used < kEnoughSeen) break;
-    plane.of = squares.ldlt().solve(products);
+    plane = squares.ldlt().solve(products);
   }
-  const double slope = plane.of.tail<2>().norm();
-  if (slope > kSteepest) plane.of.tail<2>() *= kSteepest / slope;
+  const double slope = plane.tail<2>().norm();
+  if (slope > kSteepest) plane.tail<2>() *= kSteepest / slope;
   return plane;
 }
 
@@ -138,12 +133,12 @@ Ground::Ground(std::span<const Return> returns) : heights_(kSectors * kBins, 0.0
       const double at = azimuth(sector);
       lowest.emplace_back(cell[0].rho * std::cos(at), cell[0].rho * std::sin(at), cell[0].z);
     }
-  const Plane plane = plane_around(lowest);
+  const Eigen::Vector3d plane = plane_around(lowest);
 
   std::vector<double> raw(heights_.size()), distance(heights_.size());
   for (std::size_t sector = 0; sector < kSectors; ++sector) {
     const double c = std::cos(azimuth(sector)), s = std::sin(azimuth(sector));
-    Profile profile({0, plane.of.x()}, plane.of.y() * c + plane.of.z() * s);
+    Profile profile({0, plane.x()}, plane.y() * c + plane.z() * s);
     for (std::size_t bin = 0; bin < kBins; ++bin)
       for (const Low& low : cells[sector * kBins + bin]) {
         const double over = low.z - profile.ahead(low.rho), play = profile.play(low.rho);
