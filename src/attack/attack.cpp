@@ -102,6 +102,7 @@ void finish(const AttackSettings& settings, const AttackState& state, const std:
             const std::vector<Host>& test, long steps, double seconds, const StageSeconds& stages,
             std::size_t workers, AttackResult& result) {
   if (rank() == 0) write_adversary(settings.out / "adversary.glb", state.adversary);
+  await_ranks();  // whoever called may read the run's files
   result.vehicles_train = static_cast<int>(train.size());
   result.vehicles_test = static_cast<int>(test.size());
   Clusters clusters;

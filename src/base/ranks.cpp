@@ -68,6 +68,10 @@ AloneAmongRanks::~AloneAmongRanks() {
   --alone;
 }
 
+void await_ranks() {
+  if (rank_count() > 1) MPI_Barrier(MPI_COMM_WORLD);
+}
+
 bool any_rank(bool value) {
   if (rank_count() == 1) return value;
   int mine = value ? 1 : 0, all = 0;

@@ -33,6 +33,8 @@ class AloneAmongRanks {
   AloneAmongRanks& operator=(const AloneAmongRanks&) = delete;
 };
 
+/// Returns once every rank has come here: what the first wrote before is there for all. A call of all ranks.
+void await_ranks();
 /// True on every rank if it is on one. A call of all ranks.
 bool any_rank(bool value);
 /// block k is rank k % rank_count()'s; afterwards every rank holds all. All blocks are of one size, which

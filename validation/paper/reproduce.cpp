@@ -125,7 +125,7 @@ class Steps {
   std::map<std::string, Step> run_all() {
     if (rank() == 0)
       for (const Case& command : cases_) fs::remove(failure_file(command, settings_.out));
-    any_rank(false);  // nobody reads those of an earlier run
+    await_ranks();  // nobody reads those of an earlier run
     std::list<const Case*> open;
     for (const Case& command : cases_) open.push_back(&command);
     while (!open.empty()) {
