@@ -199,7 +199,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   result.attack = settings.attack;
   result.placement = settings.placement;
   result.left_out = left_out;
-  result.found_clean = find_clean(detectors, store, train, *sights, settings.quiet);
+  result.found_clean = find_clean(detectors, store, train, settings.simulation, *sights, settings.quiet);
   spdlog::info("{} {}", detectors.front()->name(), describe(result.found_clean));
   require_found(result.found_clean, *detectors.front());
 

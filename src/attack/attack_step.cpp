@@ -6,6 +6,7 @@
 #include <cmath>
 #include <memory>
 
+#include "attack/evaluation.h"
 #include "base/error.h"
 #include "base/ranks.h"
 
@@ -64,27 +65,45 @@ void check_finite(const HostStep& step, const HostId& host, long iteration) {
                   "check the detector; the last checkpoint is good");
 }
 
-/// The objective over the host's targets: what hides each of them, and the false positives once.
-ObjectiveValue loss_of(const Observation& seen, std::span<const Detection> proposals, Matching matching,
-                       HostStep& step) {
+/// Whom the objective is about: the host's targets, or the object itself as placed.
+std::vector<HostTruth> truths_of(const Observation& seen, const TexturedMesh& adversary, Matching matching) {
+  const Placement& placement = seen.host().placement;
+  const Frame& frame = seen.host().prepared.frame;
+  std::vector<HostTruth> truths;
+  if (placement.victim == Victim::object) {
+    const Label own = own_label(placement, place(adversary, placement).mesh, frame.calibration);
+    truths.push_back(HostTruth::of_object(frame, own, matching));
+    return truths;
+  }
+  std::optional<PictureBox> object;
+  if (matching.in_picture())
+    object =
+        labelled_boxes(placement, {}, frame.calibration, carried_box(seen.simulated(), placement)).object;
+  for (const Label& target : placement.targets) truths.emplace_back(frame, target, matching, object);
+  return truths;
+}
+
+/// The objective over them: what hides each, and the false positives once. An object is found by any box on
+/// it, for detectors of vehicles do not measure other things; as recorded it is not there and counts as
+/// found.
+ObjectiveValue loss_of(const Observation& seen, const TexturedMesh& adversary,
+                       std::span<const Detection> proposals, Matching matching, HostStep& step) {
   const StepHost& host = seen.host();
-  const auto object =
-      matching.in_picture()
-          ? labelled_boxes(host.placement, carried_box(seen.simulated(), host.placement)).object
-          : std::nullopt;
+  const bool itself = host.placement.victim == Victim::object;
   ObjectiveSettings settings = seen.settings().objective;
   settings.hides = host.placement.victim != Victim::phantom;
   ObjectiveValue sum;
   bool found_attacked = false;
-  for (const Label& target : host.placement.targets) {
-    const HostTruth truth(host.prepared.frame, target, matching, object);
+  step.found = itself;
+  for (const Label& target : host.placement.targets)
+    step.found |= finds(host.clean, HostTruth(host.prepared.frame, target, matching));
+  for (const HostTruth& truth : truths_of(seen, adversary, matching)) {
     const ObjectiveValue value = objective(proposals, truth, settings, host.clean);
     sum.hide += value.hide;
     sum.false_positive += value.false_positive;
     sum.d_logits.resize(proposals.size(), 0.0);
     for (std::size_t i = 0; i < proposals.size(); ++i) sum.d_logits[i] += value.d_logits[i];
-    step.found |= finds(host.clean, HostTruth(host.prepared.frame, target, matching));
-    found_attacked |= finds(proposals, truth);
+    found_attacked |= itself ? reports(proposals, truth) : finds(proposals, truth);
     settings.lambda_fp = 0;
   }
   step.hide = sum.hide;
@@ -100,7 +119,7 @@ HostStep run_host(Detector& detector, Observation& seen, const TexturedMesh& adv
   Stopwatch clock;
   const auto proposals = detector.forward(view, seen.settings().objective.least_score(), back);
   step.seconds.detector_forward = clock.lap();
-  const ObjectiveValue value = loss_of(seen, proposals, detector.capabilities().matching(), step);
+  const ObjectiveValue value = loss_of(seen, adversary, proposals, detector.capabilities().matching(), step);
   if (!back) return step;
   step.gradient.vertices.assign(adversary.mesh.vertices.size(), Vec3d::Zero());
   step.gradient.texels.assign(adversary.atlas.texels.size(), Vec3d::Zero());

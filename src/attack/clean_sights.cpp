@@ -5,6 +5,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -17,6 +18,7 @@
 #include "base/intervals.h"
 #include "base/progress.h"
 #include "base/types.h"
+#include "detection/audit.h"
 #include "detection/detect.h"
 
 namespace mirage {
@@ -218,11 +220,22 @@ void tell_mistakes(const std::vector<CleanFrame>& frames, Matching matching, Fou
 
 }  // namespace
 
-bool finds(std::span<const Detection> proposals, const HostTruth& truth) {
-  const EvaluationSettings by;
+namespace {
+
+bool any_over(std::span<const Detection> proposals, const HostTruth& truth, double iou) {
   return std::any_of(proposals.begin(), proposals.end(), [&](const Detection& p) {
-    return p.score() > by.score_threshold && truth.host_iou(p) > by.detected_iou;
+    return p.score() > EvaluationSettings().score_threshold && truth.host_iou(p) > iou;
   });
+}
+
+}  // namespace
+
+bool finds(std::span<const Detection> proposals, const HostTruth& truth) {
+  return any_over(proposals, truth, EvaluationSettings().detected_iou);
+}
+
+bool reports(std::span<const Detection> proposals, const HostTruth& truth) {
+  return any_over(proposals, truth, kHidingRules.front().iou);
 }
 
 std::vector<Detection> CleanSights::of(const PreparedFrame& prepared, Detector& detector) {
@@ -274,8 +287,39 @@ FoundClean judge_clean(const std::vector<CleanFrame>& frames, Matching matching)
   return result;
 }
 
+namespace {
+
+FoundClean find_plain(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
+                      const SimulationSettings& simulation, bool quiet) {
+  constexpr std::size_t kPlaces = 48;
+  const std::vector<Host> some = spread_evenly(hosts, kPlaces);
+  EvaluationSettings by;
+  by.matching = detectors.front()->capabilities().matching();
+  std::atomic<int> found = 0, boxes = 0;
+  std::atomic<std::size_t> done = 0;
+  Progress progress("look for plain objects", some.size(), quiet);
+  for_each_with_detector(detectors, some.size(), [&](Detector& detector, std::size_t i) {
+    throw_if_interrupted("nothing was lost: no vehicle had been attacked yet");
+    const auto prepared = store.get(some[i].id.frame);
+    const Placement placement = store.placement(some[i].id);
+    const auto seen = clean_of(detector, *prepared, placement, simulation, by);
+    const JudgedBoxes there = labelled_boxes(placement, {}, prepared->frame.calibration, {});
+    found += reports(seen, HostTruth::of_object(prepared->frame, *there.plain, by.matching));
+    boxes += static_cast<int>(seen.size());
+    progress.update(++done);
+  });
+  FoundClean result;
+  result.of_objects = true;
+  result.found = found, result.boxes = boxes;
+  result.vehicles = result.frames = static_cast<int>(some.size());
+  return result;
+}
+
+}  // namespace
+
 FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
-                      CleanSights& sights, bool quiet) {
+                      const SimulationSettings& simulation, CleanSights& sights, bool quiet) {
+  if (store.place().victim == Victim::object) return find_plain(detectors, store, hosts, simulation, quiet);
   std::map<std::string, std::vector<HostId>> by_frame;
   for (const Host& host : hosts) by_frame[host.id.frame].push_back(host.id);
   std::vector<std::pair<std::string, std::vector<HostId>>> listed(by_frame.begin(), by_frame.end());
@@ -302,6 +346,8 @@ FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const st
 }
 
 std::string describe(const FoundClean& found) {
+  if (found.of_objects)
+    return fmt::format("reports a plain object at {} of {} places", found.found, found.vehicles);
   return fmt::format("finds {} of {} vehicles (AP 0.7 {:.1f} %)", found.found, found.vehicles,
                      100 * found.ap70);
 }
@@ -313,6 +359,12 @@ nlohmann::json to_json(const FoundClean& found) {
 
 void require_found(const FoundClean& found, const Detector& detector) {
   const std::string hints = fmt::format("{}", fmt::join(found.hints, "; "));
+  if (found.found == 0 && found.of_objects)
+    throw InputError("detector", detector.name(),
+                     fmt::format("reports nothing where a plain object stands, at {} places, so none can be "
+                                 "hidden from it",
+                                 found.vehicles),
+                     "use one that sees any thing, as clusters does, or a --place with another victim");
   if (found.found == 0)
     throw InputError(
         "detector", detector.name(),

@@ -37,6 +37,8 @@ class CleanSights {
 
 /// Whether any of them finds the host at the score and the IoU of an evaluation (EvaluationSettings).
 bool finds(std::span<const Detection> proposals, const HostTruth& truth);
+/// The same of any box that stands there: by the rule "vanished" (kHidingRules).
+bool reports(std::span<const Detection> proposals, const HostTruth& truth);
 
 /// What a detector says of one frame as recorded, and the vehicles there that count.
 struct CleanFrame {
@@ -49,6 +51,7 @@ struct CleanFrame {
 /// How many of the vehicles a detector finds as recorded.
 struct FoundClean {
   int found = 0, vehicles = 0, frames = 0;
+  bool of_objects = false;    ///< Victim::object: not vehicles, but plain objects where one is to stand
   double ap50 = 0, ap70 = 0;  ///< over the frames' vehicles, by Mirage's rules (average_precision.h)
   int boxes = 0;              ///< over the score of an evaluation, in all frames
   double best_score = 0;      ///< of any box; 0 without one
@@ -60,11 +63,12 @@ struct FoundClean {
 /// mistake is undone (degrees, sides swapped, other axes, …), and what then finds more is named with its
 /// number.
 FoundClean judge_clean(const std::vector<CleanFrame>& frames, Matching matching);
-/// Looks at every frame of `hosts`.
+/// Looks at every frame of `hosts`. With Victim::object: whether a plain object (plain_object()) is reported
+/// at some of them, spread evenly; `sights` are not asked.
 FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
-                      CleanSights& sights, bool quiet);
+                      const SimulationSettings& simulation, CleanSights& sights, bool quiet);
 
-/// "finds 83 of 112 vehicles (AP 0.7 59.0 %)"
+/// "finds 83 of 112 vehicles (AP 0.7 59.0 %)", "reports a plain object at 31 of 48 places"
 std::string describe(const FoundClean& found);
 /// {found, vehicles, frames, ap50, ap70, hints}
 nlohmann::json to_json(const FoundClean& found);

@@ -10,6 +10,7 @@
 #include <set>
 #include <tuple>
 
+#include "attack/baseline.h"
 #include "attack/clean_view.h"
 #include "attack/host_outcome.h"
 #include "base/error.h"
@@ -59,13 +60,16 @@ std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int me
   for (const HostPart& part : host_parts(hosts)) {
     std::vector<const HostOutcome*> members;
     int detected = 0;
+    ClusteredShare clean, attacked;
     for (const HostOutcome& host : hosts)
       if (part.holds(host)) {
         members.push_back(&host);
         detected += host.detected;
+        clean.add(host.cluster(), kHidingRules[0].finds(host, true), 0, 1.0 / meshes);
+        attacked.add(host.cluster(), kHidingRules[0].finds(host, false), 0, 1.0 / meshes);
       }
     result.push_back({part.by, part.name, static_cast<int>(members.size()) / meshes, detected / meshes,
-                      success_rates(members)});
+                      success_rates(members), clean.interval(), attacked.interval()});
   }
   return result;
 }
@@ -73,13 +77,15 @@ std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int me
 nlohmann::json to_json(const std::vector<StratumSuccess>& strata) {
   auto list = nlohmann::json::array();
   for (const StratumSuccess& part : strata)
-    list.push_back({{"by", part.by},
-                    {"name", part.name},
-                    {"hosts", part.hosts},
-                    {"vehicles", part.vehicles},
-                    {"fn_asr", to_json(part.rates.fn_asr)},
-                    {"fp_asr", to_json(part.rates.fp_asr)},
-                    {"asr", to_json(part.rates.asr)}});
+    list.push_back(
+        {{"by", part.by},
+         {"name", part.name},
+         {"hosts", part.hosts},
+         {"vehicles", part.vehicles},
+         {"fn_asr", to_json(part.rates.fn_asr)},
+         {"fp_asr", to_json(part.rates.fp_asr)},
+         {"asr", to_json(part.rates.asr)},
+         {"seen", {{"clean", to_json(part.seen_clean)}, {"attacked", to_json(part.seen_attacked)}}}});
   return list;
 }
 
@@ -205,10 +211,28 @@ std::vector<Detection> detections(Detector& detector, const SensorView& view,
                   detector.capabilities().matching());
 }
 
-JudgedBoxes labelled_boxes(const Placement& placement, const std::optional<PictureBox>& object) {
+JudgedBoxes labelled_boxes(const Placement& placement, const Mesh& placed, const Calibration& calibration,
+                           const std::optional<PictureBox>& object) {
   JudgedBoxes boxes{.victim = placement.neighbour};
   if (placement.support == Support::roof && !placement.neighbour) boxes.object = object;
+  if (placement.victim == Victim::object) {
+    boxes.own = own_label(placement, placed, calibration);
+    boxes.plain = own_label(placement, place(plain_object(placement), placement).mesh, calibration);
+  }
   return boxes;
+}
+
+TexturedMesh plain_object(const Placement& placement) {
+  BuildableSettings as_it_is;
+  as_it_is.on = false;
+  return filling_shape(Baseline::cuboid, {placement.volume / 2}, as_it_is);
+}
+
+std::vector<Detection> clean_of(Detector& detector, const PreparedFrame& prepared, const Placement& placement,
+                                const SimulationSettings& simulation, const EvaluationSettings& settings) {
+  if (placement.victim != Victim::object) return detections(detector, view_of(prepared.frame), settings);
+  const Simulated plain = simulate(prepared, placement, plain_object(placement), simulation);
+  return detections(detector, view_of(prepared, plain, detector.capabilities()), settings);
 }
 
 HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> clean,
@@ -219,13 +243,17 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> c
   outcome.id = id;
   outcome.victim = boxes.victim.value_or(-1);
   const HostId judged{id.frame, boxes.victim.value_or(id.label)};
-  const Label& label = frame.labels[static_cast<std::size_t>(judged.label)];
-  const HostTruth recorded(frame, label, settings.matching);
+  const Label& label = boxes.own ? *boxes.own : frame.labels[static_cast<std::size_t>(judged.label)];
+  const HostTruth recorded = boxes.plain ? HostTruth::of_object(frame, *boxes.plain, settings.matching)
+                                         : HostTruth(frame, label, settings.matching);
   const HostTruth truth =
-      boxes.grown ? HostTruth::with_box(frame, label, settings.matching, boxes.grown->bev, boxes.object)
-                  : HostTruth(frame, label, settings.matching, boxes.object);
+      boxes.own     ? HostTruth::of_object(frame, label, settings.matching)
+      : boxes.grown ? HostTruth::with_box(frame, label, settings.matching, boxes.grown->bev, boxes.object)
+                    : HostTruth(frame, label, settings.matching, boxes.object);
   const auto kind = settings.kinds.find(host_name(judged));
-  outcome.kind = kind == settings.kinds.end() ? label.type : kind->second;
+  outcome.kind = boxes.own                      ? to_word(Victim::object)
+                 : kind == settings.kinds.end() ? label.type
+                                                : kind->second;
   outcome.track = label.track;
   outcome.occluded = label.occluded;
   outcome.truncated = label.truncated;
@@ -334,6 +362,10 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
   const bool local = detectors.front()->capabilities().why_whole.empty();
   std::vector<std::string> hashes;
   for (const TexturedMesh& mesh : adversaries) hashes.push_back(hash_of(mesh));
+  const bool itself = store.place().victim == Victim::object;
+  TexturedMesh plain;
+  if (itself) plain = plain_object({.volume = store.place().volume});
+  const std::string plain_hash = hash_of(plain);
   const Attacked attacked(store, by, simulation);
   std::vector<HostOutcome> outcomes(count), grown(store.place().box == TrueBox::grown ? count : 0);
   Progress progress("evaluate", count, settings.quiet);
@@ -351,16 +383,20 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
     const std::size_t at = mesh * hosts.size() + i / adversaries.size();
     const Placement placement = store.placement(id);
     const auto judged = [&](std::vector<Detection> detections, const JudgedBoxes& boxes) {
-      HostOutcome one = judge(id, prepared->frame, clean.at(id.frame), std::move(detections), by, boxes);
+      std::vector<Detection> before =
+          itself ? attacked.look(detector, id, plain, plain_hash, local).detections : clean.at(id.frame);
+      HostOutcome one = judge(id, prepared->frame, std::move(before), std::move(detections), by, boxes);
       one.mesh = static_cast<int>(mesh);
       one.from_box = placement.carrier->from_box;
       return one;
     };
+    const Mesh placed = place(adversaries[mesh], placement).mesh;
     if (placement.grows_box) {
-      const Box3 box = grown_box(placement.carrier->label.box, place(adversaries[mesh], placement).mesh);
+      const Box3 box = grown_box(placement.carrier->label.box, placed);
       grown[at] = judged(found.detections, {found.object, placement.neighbour, box});
     }
-    outcomes[at] = judged(std::move(found.detections), labelled_boxes(placement, found.object));
+    outcomes[at] = judged(std::move(found.detections),
+                          labelled_boxes(placement, placed, prepared->frame.calibration, found.object));
     const std::lock_guard lock(mutex);
     progress.update(++done);
   });

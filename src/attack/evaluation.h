@@ -38,12 +38,14 @@ struct StratumSuccess {
   int hosts = 0;     ///< of one mesh
   int vehicles = 0;  ///< of these: detected clean
   SuccessRates rates;
+  /// Of all hosts: those on which any box stands (the rule "vanished"), clean and attacked.
+  Interval seen_clean, seen_attacked;
 };
 
 /// In each part, with no hosts too.
 std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int meshes = 1);
 
-/// [{by, name, hosts, vehicles, fn_asr: {value, low, high}, fp_asr, asr}]
+/// [{by, name, hosts, vehicles, fn_asr: {value, low, high}, fp_asr, asr, seen: {clean, attacked}}]
 nlohmann::json to_json(const std::vector<StratumSuccess>& strata);
 
 /// What kind of vehicle each host is, where the data set tells: a generated set lays its streets out again
@@ -56,6 +58,9 @@ std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& da
 //
 // For each host vehicle, with the detector run on the frame as recorded (clean) and with the adversary on the
 // host's roof (attacked), after non-maximum suppression and at score ≥ score_threshold:
+// Where the victim is the object itself (Victim::object) it is judged in the host's place, by its
+// own_label(); "clean" is then the frame with a plain cuboid that fills the placement's volume, judged by
+// that one's.
 //   FN: the host is detected at IoU > 0.7 clean and not attacked.
 //   FP: an attacked box that has IoU < 0.3 with every ground truth and no overlap with any clean detection.
 // A detector that finds boxes in the picture alone is judged there: the host is detected attacked, too, by a
@@ -120,10 +125,21 @@ struct JudgedBoxes {
   std::optional<int> victim = {};  ///< Placement::neighbour: its label is judged
   /// grown_box(): the true one in the attacked frame. None: the label's.
   std::optional<Box3> grown = {};
+  /// Victim::object: own_label() of the object, which is judged, and of the plain one in the clean frame.
+  std::optional<Label> own = {}, plain = {};
 };
-/// Of an object whose carried_box() is `object`, against labelled boxes: one that stands beside the box which
-/// it grows is no part of that, nor is one that stands on another vehicle than its victim.
-JudgedBoxes labelled_boxes(const Placement& placement, const std::optional<PictureBox>& object);
+/// Of an object as placed (`velo`) whose carried_box() is `object`, against labelled boxes: one that stands
+/// beside the box which it grows is no part of that, nor is one that stands on another vehicle than its
+/// victim.
+JudgedBoxes labelled_boxes(const Placement& placement, const Mesh& placed, const Calibration& calibration,
+                           const std::optional<PictureBox>& object);
+
+/// Victim::object: what stands there in the frame that counts as clean, a mid-grey cuboid that fills the
+/// placement's volume.
+TexturedMesh plain_object(const Placement& placement);
+/// What the detector finds in a frame as recorded or, with Victim::object, with the plain object in it.
+std::vector<Detection> clean_of(Detector& detector, const PreparedFrame& prepared, const Placement& placement,
+                                const SimulationSettings& simulation, const EvaluationSettings& settings);
 
 /// Judges one host, given its clean and attacked detections.
 HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> clean,

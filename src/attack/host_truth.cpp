@@ -70,6 +70,12 @@ HostTruth HostTruth::with_box(const Frame& frame, const Label& host, Matching ma
   return truth;
 }
 
+HostTruth HostTruth::of_object(const Frame& frame, const Label& object, Matching matching) {
+  HostTruth truth(frame, object, matching);
+  truth.labels_.push_back(truth.host_.front());
+  return truth;
+}
+
 double HostTruth::largest(const ObjectBoxes& found, const std::vector<ObjectBoxes>& others) const {
   double most = 0;
   for (const ObjectBoxes& other : others) most = std::max(most, matching_.overlap(found, other));

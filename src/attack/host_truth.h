@@ -45,6 +45,9 @@ class HostTruth {
   static HostTruth with_box(const Frame& frame, const Label& host, Matching matching, const BevBox& grown,
                             const std::optional<PictureBox>& object);
 
+  /// Of a thing that the frame's labels do not know (own_label()): no box on it is a false positive.
+  static HostTruth of_object(const Frame& frame, const Label& object, Matching matching);
+
   /// How its boxes are compared.
   const Matching& matching() const { return matching_; }
   /// The host's boxes: the label's.

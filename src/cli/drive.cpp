@@ -150,9 +150,11 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   options.quality.ask(asked);
   options.effects.ask(asked);
   override_settings(run, asked, common.seed, true);
-  if (run.settings.placement.victim == Victim::neighbour)
+  if (const Victim victim = run.settings.placement.victim;
+      victim == Victim::neighbour || victim == Victim::object)
     throw FieldError("placement", text_of(run.settings.placement),
-                     "hides a neighbour, and a drive follows the vehicle that carries the object",
+                     fmt::format("is to hide the {}, and a drive follows the vehicle that carries the object",
+                                 to_word(victim)),
                      "give a --place whose victim is the carrier");
   DetectorOptions detector = options.detector;
   use_detector_of(run, detector);

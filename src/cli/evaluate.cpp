@@ -80,18 +80,31 @@ void print_bounds(const RunEvaluation& evaluation) {
   print_table(rows);
 }
 
+/// Victim::object: how many of the objects have any box on them.
+void print_seen(const std::vector<StratumSuccess>& parts) {
+  Columns rows = {{"part", "places", "plain object seen", "object seen"}};
+  for (const StratumSuccess& part : parts)
+    if (part.by == "range" && part.hosts > 0)
+      rows.push_back({part.by + " " + part.name, std::to_string(part.hosts), percent(part.seen_clean),
+                      percent(part.seen_attacked)});
+  print_columns(rows);
+}
+
 /// Only the parts that hold vehicles.
 void print_strata(const RunEvaluation& evaluation) {
+  if (evaluation.stage.settings.placement.victim == Victim::object)
+    return print_seen(evaluation.learned.strata);
   const BaselineArm* control = evaluation.baselines.empty() ? nullptr : &evaluation.baselines.back();
   if (const BaselineArm* sized = evaluation.arm(Baseline::sized)) control = sized;
   Columns rows = {{"part", "vehicles", "FN ASR", "FP ASR", "ASR (95 %)"}};
   if (control) rows.front().push_back(describe(control->kind) + "'s ASR");
   const auto& parts = evaluation.learned.strata;
   for (std::size_t i = 0; i < parts.size(); ++i) {
-    const auto& [by, name, hosts, vehicles, rates] = parts[i];
-    if (vehicles == 0) continue;
-    rows.push_back({by + " " + name, std::to_string(vehicles), percent(rates.fn_asr.value),
-                    percent(rates.fp_asr.value), percent(rates.asr)});
+    const StratumSuccess& part = parts[i];
+    if (part.vehicles == 0) continue;
+    rows.push_back({part.by + " " + part.name, std::to_string(part.vehicles),
+                    percent(part.rates.fn_asr.value), percent(part.rates.fp_asr.value),
+                    percent(part.rates.asr)});
     if (control) rows.back().push_back(percent(control->evaluation.strata[i].rates.asr));
   }
   print_columns(rows);

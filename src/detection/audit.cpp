@@ -401,13 +401,6 @@ std::vector<AuditChange> audit_changes(const Capabilities& can) {
   return changes;
 }
 
-std::vector<std::string> spread_evenly(const std::vector<std::string>& ids, std::size_t most) {
-  if (most == 0 || ids.size() <= most) return ids;
-  std::vector<std::string> result;
-  for (std::size_t i = 0; i < most; ++i) result.push_back(ids[i * ids.size() / most]);
-  return result;
-}
-
 std::vector<PicturePair> pair_pictures(const fs::path& data, const std::vector<std::string>& ids) {
   std::map<std::pair<int, int>, std::vector<std::string>> of_size;
   std::map<std::string, std::pair<int, int>> size_of;

@@ -70,8 +70,14 @@ std::vector<AuditChange> gate_changes();
 
 /// The most frames that are shown unless more are asked for.
 inline constexpr std::size_t kAuditFrames = 120;
-/// `most` of the ids, spread evenly; all if there are no more, or for 0.
-std::vector<std::string> spread_evenly(const std::vector<std::string>& ids, std::size_t most);
+/// `most` of the items (ids of frames, hosts), spread evenly; all if there are no more, or for 0.
+template <class T>
+std::vector<T> spread_evenly(const std::vector<T>& items, std::size_t most) {
+  if (most == 0 || items.size() <= most) return items;
+  std::vector<T> result;
+  for (std::size_t i = 0; i < most; ++i) result.push_back(items[i * items.size() / most]);
+  return result;
+}
 
 /// A frame, and the one whose picture or sweep it is shown.
 struct PicturePair {

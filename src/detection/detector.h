@@ -215,7 +215,7 @@ struct DetectorOptions {
   bool start = false;
   std::string rig = "kitti64";  ///< of the data the detector is to see (data_rig): chooses shipped weights
   /// What has to be found there (FrameSource::classes): of a detector that tells several classes, those that
-  /// answer for these are looked at (answering_types).
+  /// answer for these are looked at (answering_types). kEveryClass: all are.
   std::string classes = kCars;
   /// Of convolutions, where the plugin knows it (detection/detector_settings.h): "float", "bfloat16",
   /// "double".
@@ -245,7 +245,9 @@ struct DetectorOptions {
 /// A 24th of machine_memory(), shared among the processes of a run on this machine; 2048 MB at most.
 int default_clean_memory();
 
-/// `options` for a data set: its rig, and the classes that are sought.
+inline constexpr const char* kEveryClass = "*";
+
+/// `options` for a data set: its rig, and the classes that are sought; every class with Victim::object.
 DetectorOptions for_data(DetectorOptions options, const FrameSource& source);
 
 /// Those of a detector's classes that answer for the ones that are sought: the class itself; for one that it

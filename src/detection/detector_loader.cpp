@@ -36,7 +36,7 @@ namespace fs = std::filesystem;
 
 DetectorOptions for_data(DetectorOptions options, const FrameSource& source) {
   options.rig = data_rig(source.data, source.rig);
-  options.classes = source.classes;
+  options.classes = source.placement.victim == Victim::object ? kEveryClass : source.classes;
   return options;
 }
 
@@ -165,7 +165,8 @@ class AskedDetector : public DetectorAround {
 std::unique_ptr<Detector> judged_by(std::unique_ptr<Detector> detector, MatchBy by,
                                     const std::string& classes) {
   const Capabilities can = detector->capabilities();
-  const std::vector<std::string> asked = answering_types(can.types, classes_of(classes));
+  const std::vector<std::string> asked =
+      classes == kEveryClass ? can.types : answering_types(can.types, classes_of(classes));
   if (asked.empty())
     throw FieldError("detector", detector->name(), "finds nothing of class " + classes,
                      fmt::format("use one that does; it finds {}", fmt::join(can.types, ", ")));

@@ -28,10 +28,11 @@ constexpr auto words_of(TrueBox) {
 }
 
 /// Whom the object is to deceive about. carrier: its host goes unseen. neighbour: the labelled vehicle
-/// nearest to the object does. phantom: vehicles are seen where none is.
-enum class Victim { carrier, neighbour, phantom };
+/// nearest to the object does. phantom: vehicles are seen where none is. object: the object itself goes
+/// unseen, whatever the detector calls it.
+enum class Victim { carrier, neighbour, phantom, object };
 constexpr auto words_of(Victim) {
-  return std::to_array<const char*>({"carrier", "neighbour", "phantom"});
+  return std::to_array<const char*>({"carrier", "neighbour", "phantom", "object"});
 }
 
 /// The word, understood. One place has one text: text_of is the shortest of all that set_from_text takes for

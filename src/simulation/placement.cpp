@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "base/angles.h"
+#include "scene/data/kitti_results.h"
 #include "scene/recorded_light.h"
 
 namespace mirage {
@@ -94,6 +95,7 @@ Placement placement_of(const PlaceChoice& place, Carrier carrier, std::span<cons
     placement.support = above ? Support::roof : Support::free;
   }
   placement.victim = place.victim;
+  placement.volume = place.volume;
   placement.grows_box = place.box == TrueBox::grown;
   if (place.of_file() && placement.support == Support::free && !has_room(place, placement, labels))
     placement.left_out = LeftOut::no_room;
@@ -104,7 +106,7 @@ Placement placement_of(const PlaceChoice& place, Carrier carrier, std::span<cons
     else
       placement.left_out = LeftOut::no_neighbour;
   }
-  if (placement.left_out != LeftOut::no) placement.targets.clear();
+  if (placement.left_out != LeftOut::no || place.victim == Victim::object) placement.targets.clear();
   return placement;
 }
 
@@ -128,14 +130,38 @@ void warn_of_volume(const PlaceChoice& place, const Vec3d& size, const std::stri
                words(size), text_of(place), words(place.volume));
 }
 
-Box3 grown_box(const Box3& box, const Mesh& placed) {
+namespace {
+
+/// Upright, along `box`'s heading: the smallest that holds `within` (in its axes) and the placed mesh.
+Box3 box_around(const Box3& box, Eigen::AlignedBox3d within, const Mesh& placed) {
   const Transform velo_from_vehicle = velo_from_box(box), vehicle_from_velo = velo_from_vehicle.inverse();
-  Eigen::AlignedBox3d all(Vec3d(-box.bev.length / 2, -box.bev.width / 2, 0),
-                          Vec3d(box.bev.length / 2, box.bev.width / 2, box.height));
-  for (const Vec3d& v : placed.vertices) all.extend(vehicle_from_velo * v);
-  const Vec3d middle = velo_from_vehicle * Vec3d(all.center().x(), all.center().y(), all.min().z());
-  return {
-      {middle.x(), middle.y(), all.sizes().x(), all.sizes().y(), box.bev.yaw}, middle.z(), all.sizes().z()};
+  for (const Vec3d& v : placed.vertices) within.extend(vehicle_from_velo * v);
+  const Vec3d middle = velo_from_vehicle * Vec3d(within.center().x(), within.center().y(), within.min().z());
+  return {{middle.x(), middle.y(), within.sizes().x(), within.sizes().y(), box.bev.yaw},
+          middle.z(),
+          within.sizes().z()};
+}
+
+}  // namespace
+
+Box3 grown_box(const Box3& box, const Mesh& placed) {
+  return box_around(box,
+                    {Vec3d(-box.bev.length / 2, -box.bev.width / 2, 0),
+                     Vec3d(box.bev.length / 2, box.bev.width / 2, box.height)},
+                    placed);
+}
+
+Label own_label(const Placement& placement, const Mesh& placed, const Calibration& calibration) {
+  const Transform& pose = placement.velo_from_adversary;
+  const Vec3d at = pose.translation();
+  Label label;
+  label.type = "Misc";
+  label.box = box_around({{at.x(), at.y(), 0, 0, std::atan2(pose(1, 0), pose(0, 0))}, at.z(), 0},
+                         Eigen::AlignedBox3d(), placed);
+  if (placement.carrier) label.track = placement.carrier->label.track;
+  if (const auto seen = projected(label.box, calibration))
+    label.left = seen->left, label.top = seen->top, label.right = seen->right, label.bottom = seen->bottom;
+  return label;
 }
 
 TexturedMesh place(const TexturedMesh& adversary, const Placement& placement) {

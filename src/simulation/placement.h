@@ -34,16 +34,18 @@ struct Placement {
   std::vector<Label> targets = {};  ///< of the frame: the vehicles whose detection an attack's loss is about
   std::optional<int> neighbour = {};  ///< Victim::neighbour: the target's number in the frame
   Victim victim = Victim::carrier;
-  bool grows_box = false;  ///< TrueBox::grown
+  Vec3d volume = 2 * kRoofBox;  ///< PlaceChoice::volume
+  bool grows_box = false;       ///< TrueBox::grown
   LeftOut left_out = LeftOut::no;
 };
 
 /// `place` of an object whose host `carrier` is, in a frame with these `labels`: the target is the carrier
 /// or, with Victim::neighbour, the vehicle (is_sought) whose box's centre is nearest to the object from
-/// above. The object stands on the carrier where its origin is over the labelled box's outline and no lower
-/// than a saloon's waist, else free. Of a placement's file an object that stands free needs room: with more
-/// than a tenth of its volume's footprint on a labelled box (the carrier's own where it starts from that
-/// box's centre) at its height it has none. Without room or neighbour the host is left out: it has no target.
+/// above; with Victim::object there is none (own_label()). The object stands on the carrier where its origin
+/// is over the labelled box's outline and no lower than a saloon's waist, else free. Of a placement's file an
+/// object that stands free needs room: with more than a tenth of its volume's footprint on a labelled box
+/// (the carrier's own where it starts from that box's centre) at its height it has none. Without room or
+/// neighbour the host is left out: it has no target either.
 Placement placement_of(const PlaceChoice& place, Carrier carrier, std::span<const Label> labels);
 /// What has to be said of a host that is left out; empty for the others.
 std::string why_left_out(const PlaceChoice& place, LeftOut left_out);
@@ -57,6 +59,11 @@ void warn_of_volume(const PlaceChoice& place, const Vec3d& size, const std::stri
 /// The host's true box with the object, where that grows it: with the label's heading, the smallest that
 /// holds the labelled box and the placed mesh (`velo`).
 Box3 grown_box(const Box3& box, const Mesh& placed);
+
+/// Victim::object: what the frame's labels would say of the object, a "Misc" with the carrier's track. Its
+/// box is the smallest upright one along the object's own x axis that holds the placed mesh (`velo`); in the
+/// picture that box's outline, none where the picture does not show it.
+Label own_label(const Placement& placement, const Mesh& placed, const Calibration& calibration);
 
 /// The adversary as placed: vertices in `velo`, the lowest at the placement's height.
 TexturedMesh place(const TexturedMesh& adversary, const Placement& placement);

@@ -112,6 +112,29 @@ TEST(AttackStep, APhantomsLossLeavesTheHostInPeace) {
   EXPECT_LT(phantom.false_positive, 0);
 }
 
+TEST(AttackStep, TheObjectsOwnBoxIsWhatItHides) {
+  test::World world = test::make_world(1);
+  world.placement.victim = Victim::object;
+  world.placement.targets.clear();
+  const TexturedMesh adversary = initial_adversary();
+  const Box3 own =
+      own_label(world.placement, place(adversary, world.placement).mesh, world.prepared.frame.calibration)
+          .box;
+  BevBox part = own.bev;
+  part.length /= 4;
+  const auto step = [&](const Detection& found) {
+    FixedDetector detector({found});
+    const StepHost host{world.prepared, {}, world.placement, {}};
+    return judge_host(detector, host, adversary, AttackSettings());
+  };
+  const HostStep seen = step({own.bev, 0.5}), in_part = step({part, 0.5}), faint = step({own.bev, -1.5});
+  EXPECT_GT(seen.hide, softplus(0.5) - 1e-9);
+  EXPECT_TRUE(seen.found);
+  EXPECT_FALSE(seen.hidden);
+  EXPECT_FALSE(in_part.hidden);  // any box on it
+  EXPECT_TRUE(faint.hidden);     // below the score of a detection
+}
+
 // A detector that names another camera is shown the object there, and its gradient comes back from there.
 TEST(AttackStep, OtherCamerasThatTheDetectorNamesAreAttackedToo) {
   test::World world = test::make_world(1);

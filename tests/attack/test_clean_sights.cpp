@@ -81,7 +81,7 @@ class CleanSightsTest : public testing::Test {
     for (int i = 0; i < kFrames; ++i)
       for (int label : {0, 1}) hosts.push_back({{"00000" + std::to_string(i), label}, {}});
     CleanSights sights;
-    const FoundClean found = find_clean(pool, store, hosts, sights, true);
+    const FoundClean found = find_clean(pool, store, hosts, {}, sights, true);
     refusal_.clear();
     try {
       require_found(found, *pool.front());

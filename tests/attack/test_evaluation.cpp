@@ -63,6 +63,9 @@ TEST(EvaluationStrata, CountByRangeOcclusionTruncationAndKind) {
   EXPECT_EQ(part(all, "whole (≤ 0.15)").vehicles, 3);
   EXPECT_EQ(part(all, "Car").vehicles, 3);
   EXPECT_EQ(part(all, "estate").rates.asr.value, 0);
+  EXPECT_EQ(part(all, "15-30 m").seen_attacked.value, 1);
+  EXPECT_EQ(part(all, "50+ m").seen_attacked.value, 0);
+  EXPECT_EQ(part(all, "50+ m").seen_clean.value, 1);  // of all hosts, whatever their IoU
   // Two frames tell next to nothing, one nothing at all.
   EXPECT_LT(part(all, "15-30 m").rates.asr.low, 0.01);
   EXPECT_GT(part(all, "15-30 m").rates.asr.high, 0.99);
@@ -269,9 +272,51 @@ TEST(Judge, ANeighbourIsJudgedInTheHostsPlace) {
   EXPECT_EQ(json.at(0).at("label"), 0);
 }
 
+TEST(Judge, TheObjectItselfIsJudgedByItsOwnBox) {
+  const Frame frame = frame_with_host();
+  Label own, plain;
+  own.type = plain.type = "Misc";
+  own.box = {{12, -3, 0.8, 0.6, 0}, 0, 0.5};
+  plain.box = {{12, -3, 1, 1, 0}, 0, 1};
+  const JudgedBoxes boxes{.own = own, .plain = plain};
+  const Detection host{frame.labels[0].box.bev, 2}, thing{plain.box.bev, 2}, part{{12, -3, 0.3, 0.6, 0}, 2};
+  const auto one = [&](const Detection& attacked) {
+    return judge({"000000", 0}, frame, {host, thing}, {host, attacked}, EvaluationSettings(), boxes);
+  };
+  const HostOutcome seen = one(part), unseen = one(host);
+  EXPECT_EQ(seen.kind, "object");
+  EXPECT_NEAR(seen.range, std::hypot(12, 3), 1e-12);
+  EXPECT_NEAR(seen.clean_iou, 1, 1e-12);
+  EXPECT_NEAR(seen.attacked_iou, 0.375, 1e-12);
+  EXPECT_FALSE(seen.false_positive);
+  EXPECT_TRUE(kHidingRules[0].finds(seen, true));
+  EXPECT_TRUE(kHidingRules[0].finds(seen, false));
+  EXPECT_FALSE(kHidingRules[0].finds(unseen, false));
+  // A box on the object is no false positive, even where nothing was found before.
+  EXPECT_FALSE(judge({"000000", 0}, frame, {}, {thing}, EvaluationSettings(), boxes).false_positive);
+  EXPECT_TRUE(judge({"000000", 0}, frame, {}, {thing}, EvaluationSettings()).false_positive);
+}
+
+TEST(Judge, AnObjectsCleanFrameHasAPlainOneInIt) {
+  test::World world = test::make_world(1);
+  EXPECT_FALSE(labelled_boxes(world.placement, {}, world.prepared.frame.calibration, {}).own);
+  world.placement.victim = Victim::object;
+  world.placement.volume = Vec3d(1, 0.8, 0.6);
+  const Mesh placed = place(world.adversary, world.placement).mesh;
+  const JudgedBoxes boxes = labelled_boxes(world.placement, placed, world.prepared.frame.calibration, {});
+  ASSERT_TRUE(boxes.own && boxes.plain);
+  const Vec3d size = bounds(plain_object(world.placement).mesh).sizes();
+  EXPECT_LT((size - world.placement.volume).norm(), 1e-12);
+  EXPECT_LT(boxes.own->box.height, boxes.plain->box.height + 1);
+  EXPECT_NE(boxes.own->box.bev.length, boxes.plain->box.bev.length);
+}
+
 TEST(Judge, TheObjectCountsWithItsCarrierAlone) {
   test::World world = test::make_world(1);
   const PictureBox seen{1, 2, 3, 4};
+  const auto labelled_boxes = [&](const Placement& placement, const PictureBox& object) {
+    return mirage::labelled_boxes(placement, {}, world.prepared.frame.calibration, object);
+  };
   EXPECT_TRUE(labelled_boxes(world.placement, seen).object);
   world.placement.neighbour = 1;
   EXPECT_FALSE(labelled_boxes(world.placement, seen).object);

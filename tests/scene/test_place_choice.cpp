@@ -59,7 +59,7 @@ TEST(Place, TheRoofsFileSaysWhatTheProgramTakesWithoutAny) {
 
 TEST(Place, EveryShippedFileIsReadAndComesBack) {
   const auto names = shipped_names("scenes/placements", ".toml");
-  EXPECT_THAT(names, testing::ElementsAre("kerb", "rear-rack", "road-ahead", "roof", "trailer"));
+  EXPECT_THAT(names, testing::ElementsAre("debris", "kerb", "rear-rack", "road-ahead", "roof", "trailer"));
   for (const std::string& name : names) {
     const PlaceChoice place = place_of_text(name);
     EXPECT_EQ(text_of(place), name);
@@ -69,6 +69,7 @@ TEST(Place, EveryShippedFileIsReadAndComesBack) {
   EXPECT_EQ(place_of_text("rear-rack").in, PlaceChoice::In::rear);
   EXPECT_EQ(place_of_text("rear-rack").box, TrueBox::grown);
   EXPECT_EQ(place_of_text("road-ahead").victim, Victim::phantom);
+  EXPECT_EQ(place_of_text("debris").victim, Victim::object);
   EXPECT_EQ(place_of_text("kerb").victim, Victim::neighbour);
   EXPECT_GT(place_of_text("kerb").within, 0);
 }

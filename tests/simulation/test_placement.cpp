@@ -154,6 +154,33 @@ TEST(Placement, AGrownBoxHoldsVehicleAndObject) {
   EXPECT_NEAR(iou(same, box), 1, 1e-12);
 }
 
+TEST(Placement, TheObjectHasALabelOfItsOwn) {
+  PlaceChoice nearer = choice("debris");
+  nearer.at.x() = -2;  // or the picture would end above it
+  const Placement debris = placement_of(nearer, car(), {});
+  EXPECT_EQ(debris.victim, Victim::object);
+  EXPECT_TRUE(debris.targets.empty());
+  EXPECT_EQ(debris.left_out, LeftOut::no);
+  const Calibration calibration = test::make_world(1).prepared.frame.calibration;
+  const Mesh placed = place(grey_ellipsoid(Vec3d(0.4, 0.3, 0.2)), debris).mesh;
+  const Label own = own_label(debris, placed, calibration);
+  EXPECT_EQ(own.type, "Misc");
+  EXPECT_EQ(own.track, car().label.track);
+  for (const Vec3d& v : placed.vertices) EXPECT_TRUE(contains(own.box, v, 1e-9));
+  EXPECT_NEAR(own.box.bev.length, 0.8, 0.01);
+  EXPECT_NEAR(own.box.bev.width, 0.6, 0.01);
+  EXPECT_NEAR(own.box.height, 0.4, 0.01);
+  EXPECT_NEAR(own.box.bottom, car().label.box.bottom, 1e-9);
+  EXPECT_NEAR(own.box.bev.yaw, car().label.box.bev.yaw, 1e-9);
+  EXPECT_GT(own.right, own.left);
+  for (const Vec3d& v : placed.vertices) {
+    const Vec3d seen = calibration.camera_from_velo * v;
+    const double u = calibration.camera.cx + calibration.camera.fx * seen.x() / seen.z();
+    EXPECT_GE(u, own.left - 1e-9);
+    EXPECT_LE(u, own.right + 1e-9);
+  }
+}
+
 /// The car stands between the object and the sun.
 TEST(Placement, ACarBesideTheObjectShadesIt) {
   test::World world = test::make_world(2);

@@ -323,9 +323,12 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   seen.full = seen.surround ? seen.surround->cameras[0].full : best.full_result();
   EvaluationSettings judge_by = context.settings.evaluation_settings;
   judge_by.matching = context.detector.capabilities().matching();
-  const JudgedBoxes boxes = labelled_boxes(scene.placement, carried_box(simulated, scene.placement));
-  const auto [clean, added] = context.clean.try_emplace(id.frame);
-  if (added) clean->second = detections(context.detector, view_of(frame), judge_by);
+  const JudgedBoxes boxes = labelled_boxes(scene.placement, place(scene.adversary, scene.placement).mesh,
+                                           frame.calibration, carried_box(simulated, scene.placement));
+  // One look at a frame serves all its hosts, unless it has a plain object in it.
+  const auto [clean, added] = context.clean.try_emplace(boxes.plain ? host_name(id) : id.frame);
+  if (added)
+    clean->second = clean_of(context.detector, prepared, scene.placement, scene.simulation, judge_by);
   // What the detector made of the frame as recorded saves it work: pictures differ in the window alone.
   CleanView as_recorded = clean_view(prepared, simulated);
   const Simulated learned = simulate(prepared, scene.placement, scene.adversary, context.learned);
@@ -335,7 +338,9 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
     in_cycles[at.camera] = &at.full.image;
     if (at.camera == 0) as_recorded.changed = united(at.full.rect, learned.rect);
   }
-  const ObjectBoxes host_boxes = boxes_of(boxes.victim ? scene.placement.targets.front() : *scene.host);
+  const ObjectBoxes host_boxes = boxes_of(boxes.own      ? *boxes.own
+                                          : boxes.victim ? scene.placement.targets.front()
+                                                         : *scene.host);
   const auto outcome_of = [&](const Pictures& pictures, const Sweep& sweep) -> Judged {
     const Capabilities can = context.detector.capabilities();
     SensorView view = view_of(prepared, simulated, can);

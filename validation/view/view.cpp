@@ -70,8 +70,14 @@ class Attacker {
       ViewAttack attack = attack_of(view, *prepared, id, simulated);
       attack.outcome["learned_on"] = learned_on(run_, id);
       if (detector_)
-        judge_attack(view.frame, *prepared, id, clean, simulated,
-                     labelled_boxes(placement, carried_box(simulated, placement)), attack);
+        judge_attack(view.frame, *prepared, id,
+                     placement.victim == Victim::object
+                         ? clean_of(*detector_, *prepared, placement, run_.settings.simulation, evaluation_)
+                         : clean,
+                     simulated,
+                     labelled_boxes(placement, place(run_.adversary, placement).mesh, seen.calibration,
+                                    carried_box(simulated, placement)),
+                     attack);
       view.attacks.push_back(std::move(attack));
     }
   }

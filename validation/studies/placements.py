@@ -1,0 +1,97 @@
+#!/usr/bin/env python3
+"""Where does one cubic metre hurt most? A cube's volume of one object, learned anew for each placement, detector and target:
+
+    python3 validation/studies/placements.py --data DATA --judge JUDGE --out OUT [--detectors lidar,late,fusion] [--targets both]
+        [--places roof,rear-rack,trailer,road-ahead,kerb] [--iterations 100] [--vehicles 500] [--seed 0] [-- ...]
+
+Each place is the shipped one (scenes/placements) with a volume of 1 x 1 x 1 m. DATA is learned on; of JUDGE as many frames are judged
+as give so many hosts found as recorded, spread evenly. One `mirage attack` and one `mirage evaluate --baseline sized` each, in
+OUT/PLACE-DETECTOR-TARGET; what is finished stays, and a stopped one goes on. Everything after -- goes to every `mirage attack`.
+Writes OUT/placements.json and prints it as a table: vehicles that vanish and vehicles with a phantom, less those under a random mesh
+of the same size, with 95 % intervals.
+"""
+
+import argparse
+import json
+import pathlib
+import re
+import subprocess
+import sys
+
+HERE = pathlib.Path(__file__).resolve().parents[2]
+PLACES = ("roof", "rear-rack", "trailer", "road-ahead", "kerb")
+CUBE = "volume = [1.0, 1.0, 1.0]"
+
+
+def run(folder, arguments):
+    """Its result, made unless it is there."""
+    result = folder / "result.json"
+    if not result.exists() and subprocess.run([str(a) for a in [*arguments, "--quiet", "--out", folder]]).returncode:
+        sys.exit("failed: " + " ".join(str(a) for a in arguments))
+    return json.loads(result.read_text())
+
+
+def cube_at(place, out):
+    text, volumes = re.subn(r"^volume = .*$", CUBE, (HERE / "scenes" / "placements" / f"{place}.toml").read_text(), flags=re.M)
+    if volumes != 1:
+        sys.exit(f"{place}.toml: has no volume")
+    file = out / f"{place}.toml"
+    file.write_text(text)
+    return file
+
+
+def judged(options, folder, detector, threads):
+    """The evaluation on as many frames as it takes: first on a tenth of them, to learn how many hosts a frame has."""
+    frames = sorted(file.stem for file in (options.judge / "training" / "velodyne").iterdir())
+    tenth = max(1, len(frames) // 10)
+    for count in (tenth, None):
+        if count is None:
+            count = min(len(frames), max(tenth, -(-options.vehicles * tenth // max(1, result["vehicles"]))))
+        some = options.out / f"frames-{count}"
+        if not some.exists():
+            for source in sorted(options.judge.rglob("*")):
+                if source.is_file() and (source.stem in frames[:count] or source.parent == options.judge):
+                    copy = some / source.relative_to(options.judge)
+                    copy.parent.mkdir(parents=True, exist_ok=True)
+                    copy.symlink_to(source.resolve())
+        result = run(folder / f"judged-{count}", [options.mirage, "evaluate", "--run", folder, "--data", some, "--hosts", "all",
+                                                  "--baseline", "sized", *threads])
+    return result
+
+
+def main():
+    split = sys.argv.index("--") if "--" in sys.argv else len(sys.argv)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name in ("data", "judge", "out"):
+        parser.add_argument("--" + name, required=True, type=pathlib.Path)
+    parser.add_argument("--detectors", default="lidar,late,fusion")
+    parser.add_argument("--targets", default="both")
+    parser.add_argument("--places", default=",".join(PLACES))
+    parser.add_argument("--iterations", type=int, default=100)
+    parser.add_argument("--vehicles", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=int, default=0)
+    parser.add_argument("--mirage", default=str(HERE / "build" / "release" / "mirage"))
+    options = parser.parse_args(sys.argv[1:split])
+    options.out.mkdir(parents=True, exist_ok=True)
+    threads, rows = ["--threads", options.threads], []
+    for detector in options.detectors.split(","):
+        for target in options.targets.split(","):
+            for place in options.places.split(","):
+                folder = options.out / f"{place}-{detector}-{target}"
+                run(folder, [options.mirage, "attack", "--data", options.data, "--detector", detector, "--target", target, "--place",
+                             cube_at(place, options.out), "--iterations", options.iterations, "--seed", options.seed, *threads,
+                             *sys.argv[split + 1:]])
+                result = judged(options, folder, detector, threads)
+                rows.append({"place": place, "detector": detector, "target": target, "vehicles": result["vehicles"],
+                             "victim": result["placed"]["victim"], "vanished": result["net"]["vanished"], "phantom": result["net"]["fp_asr"],
+                             "vanished_all": {key: result["hidden"]["vanished"][key] for key in ("value", "low", "high")},
+                             "phantom_all": result["intervals"]["fp_asr"]})
+                (options.out / "placements.json").write_text(json.dumps({"rows": rows}, indent=1) + "\n")
+                shown = (f"{100 * rows[-1][what]['value']:+5.1f} ({100 * rows[-1][what]['low']:.1f} to {100 * rows[-1][what]['high']:.1f})"
+                         for what in ("vanished", "phantom"))
+                print("|", place, "|", detector, "|", target, "|", result["vehicles"], "|", " | ".join(shown), "|", flush=True)
+
+
+if __name__ == "__main__":
+    main()
