@@ -334,7 +334,10 @@ FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const st
     const Frame& frame = prepared->frame;
     CleanFrame& clean = frames[i];
     clean.proposals = sights.all_of(*prepared, detector);
-    for (const HostId& id : listed[i].second) clean.hosts.emplace_back(frame, label_of(frame, id), matching);
+    for (HostId id : listed[i].second) {
+      if (store.place().victim == Victim::neighbour) id.label = store.placement(id).neighbour.value();
+      clean.hosts.emplace_back(frame, label_of(frame, id), matching);
+    }
     clean.scored = scored(clean.proposals, ground_truth(frame, detector.region()),
                           frame.calibration.camera.fy, matching);
     clean.width = frame.image.width, clean.height = frame.image.height;

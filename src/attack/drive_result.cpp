@@ -133,6 +133,7 @@ nlohmann::json to_json(const DriveResult& result) {
   const Vehicles& vehicles = result.vehicles;
   nlohmann::json json = {
       {"frames", result.frames},
+      {"left_out", to_json(result.left_out)},
       {"tracker", to_json(result.clean)},
       {"gap_s", medians_of(vehicles, kGap)},
       {"track_gap_s", medians_of(vehicles, kTrackGap)},

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "attack/vehicle_drive.h"
+#include "frames/hosts.h"
 #include "tracking/track_scores.h"
 
 namespace mirage {
@@ -14,6 +15,7 @@ struct DriveResult {
   std::vector<VehicleDrive> vehicles;  ///< by sequence, then by identity
   TrackScores clean;  ///< of tracks of cars and vans as recorded, at an IoU of 0.5 from above
   int frames = 0;
+  HostsLeftOut left_out;  ///< vehicles beside which the object has no room in some frame
 };
 
 /// {vehicles: as to_json(VehicleDrive), gap_s, track_gap_s, confirmed_m: medians over vehicles {clean,
@@ -23,7 +25,7 @@ struct DriveResult {
 /// vehicles: first seen beyond, clean, …: of these, not confirmed before}, never_confirmed: {clean, …},
 /// deaths: [{death, track_gap_s: medians, phantom_share: of the frames}] for kDeaths, roof: medians of
 /// kRideNumbers, survival: [{seconds, clean, attacked, random: share of vehicles with a gap of so long or
-/// more}], tracker: TrackScores as recorded, frames}
+/// more}], tracker: TrackScores as recorded, frames, left_out}
 nlohmann::json to_json(const DriveResult& result);
 
 /// By what the object adds to the longest gap of detection, the most first.

@@ -309,6 +309,17 @@ void add_track_frames(const DriveScene& scene, const std::array<double, 4>& regi
   }
 }
 
+/// The first frame that leaves the vehicle out: what it carries all the way can be nowhere else.
+LeftOut left_out_of(const PlaceChoice& place, const DriveScene& scene, const Followed& vehicle) {
+  for (std::size_t i = 0; i < vehicle.frames.size(); ++i) {
+    const std::vector<Label>& labels = scene.frames()[vehicle.frames[i]].labels;
+    const Carrier carrier{.label = labels[static_cast<std::size_t>(vehicle.labels[i])]};
+    const LeftOut why = placement_of(place, carrier, labels).left_out;
+    if (why != LeftOut::no) return why;
+  }
+  return LeftOut::no;
+}
+
 /// Vehicles of one scene that are judged together.
 struct Group {
   const DriveScene* scene = nullptr;
@@ -339,6 +350,9 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
     std::size_t in_group = 0;
     for (Followed& vehicle : vehicles_of(scene.frames(), region, request.settings.least_frames)) {
       if (request.only && !request.only->contains({scene.name(), vehicle.track})) continue;
+      const LeftOut why = left_out_of(request.place, scene, vehicle);
+      result.left_out.add(why);
+      if (why != LeftOut::no) continue;
       frames += vehicle.frames.size();
       if (in_group++ % together == 0) groups.push_back({&scene, {}});
       groups.back().vehicles.push_back({std::move(vehicle), {}});
@@ -367,6 +381,8 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
   }
   for (Group& group : groups)
     for (Judged& judged : group.vehicles) result.vehicles.push_back(std::move(judged.vehicle));
+  if (rank() == 0) warn_of_left_out(request.place, result.left_out);
+  if (result.vehicles.empty()) refuse_left_out(request.place, result.left_out);
   if (result.vehicles.empty())
     throw InputError(request.data.string(), "labels",
                      fmt::format("no car or van is followed through {} frames in the detector's region",

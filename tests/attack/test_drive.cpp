@@ -6,7 +6,9 @@
 #include <Eigen/Geometry>
 #include <atomic>
 #include <cmath>
+#include <iterator>
 #include <random>
+#include <sstream>
 
 #include "attack/adversary.h"
 #include "attack/drive.h"
@@ -273,6 +275,26 @@ TEST_F(Drives, OneVehicleThroughItsDrive) {
   // It stands; a vehicle that does not come nearer is not confirmed later.
   EXPECT_EQ(drive.at("later_m").at("vehicles"), 0);
   EXPECT_FALSE(drive.at("later_m").contains("than_clean"));
+}
+
+TEST_F(Drives, AVehicleWithoutRoomForTheObjectInOneFrameIsLeftOut) {
+  DriveRequest asked = request();
+  set_from_text("trailer", asked.place);
+  EXPECT_EQ(judged(asked).at("left_out").at("no_room"), 0);
+  // Something stands close behind the car, once.
+  const auto file = data() / "training/label_02/0000.txt";
+  std::string rows = read_file(file), other;
+  const std::size_t start = rows.find("\n3 4 ") + 1;
+  std::istringstream words(rows.substr(start, rows.find('\n', start) - start));
+  std::vector<std::string> row{std::istream_iterator<std::string>(words), {}};
+  ASSERT_EQ(row.size(), 17u);
+  row[1] = "5", row[2] = "Pedestrian";
+  row[15] = std::to_string(std::stod(row[15]) - 4);
+  for (const std::string& word : row) other += word + (&word == &row.back() ? "\n" : " ");
+  write_file(file, rows + other);
+  EXPECT_THROW(judged(asked), FieldError);
+  set_from_text("roof", asked.place);
+  EXPECT_EQ(judged(asked).at("left_out").at("no_room"), 0);
 }
 
 TEST_F(Drives, WhatWasSeenBeforeTheVehicleIsFollowedConfirmsNothing) {

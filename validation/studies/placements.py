@@ -4,8 +4,8 @@
     python3 validation/studies/placements.py --data DATA --judge JUDGE --out OUT [--detectors lidar,late,fusion] [--targets both]
         [--places roof,rear-rack,trailer,road-ahead,kerb] [--iterations 100] [--vehicles 500] [--seed 0] [-- ...]
 
-Each place is the shipped one (scenes/placements) with a volume of 1 x 1 x 1 m. DATA is learned on; of JUDGE as many frames are judged
-as give so many hosts found as recorded, spread evenly. One `mirage attack` and one `mirage evaluate --baseline sized` each, in
+Each place is the shipped one (scenes/placements) with a volume of 1 x 1 x 1 m. DATA is learned on; of JUDGE as many frames, the
+first ones, are judged as give so many hosts that are found as recorded. One `mirage attack` and one `mirage evaluate --baseline sized` each, in
 OUT/PLACE-DETECTOR-TARGET; what is finished stays, and a stopped one goes on. Everything after -- goes to every `mirage attack`.
 Writes OUT/placements.json and prints it as a table: vehicles that vanish and vehicles with a phantom, less those under a random mesh
 of the same size, with 95 % intervals.
@@ -21,6 +21,7 @@ import sys
 HERE = pathlib.Path(__file__).resolve().parents[2]
 PLACES = ("roof", "rear-rack", "trailer", "road-ahead", "kerb")
 CUBE = "volume = [1.0, 1.0, 1.0]"
+FIRST_FRAMES = 26
 
 
 def run(folder, arguments):
@@ -40,13 +41,11 @@ def cube_at(place, out):
     return file
 
 
-def judged(options, folder, detector, threads):
-    """The evaluation on as many frames as it takes: first on a tenth of them, to learn how many hosts a frame has."""
+def judged(options, folder, threads):
+    """The evaluation on as many frames as it takes: each says how many hosts a frame has."""
     frames = sorted(file.stem for file in (options.judge / "training" / "velodyne").iterdir())
-    tenth = max(1, len(frames) // 10)
-    for count in (tenth, None):
-        if count is None:
-            count = min(len(frames), max(tenth, -(-options.vehicles * tenth // max(1, result["vehicles"]))))
+    count, result = min(FIRST_FRAMES, len(frames)), None
+    while True:
         some = options.out / f"frames-{count}"
         if not some.exists():
             for source in sorted(options.judge.rglob("*")):
@@ -56,7 +55,9 @@ def judged(options, folder, detector, threads):
                     copy.symlink_to(source.resolve())
         result = run(folder / f"judged-{count}", [options.mirage, "evaluate", "--run", folder, "--data", some, "--hosts", "all",
                                                   "--baseline", "sized", *threads])
-    return result
+        if count == len(frames) or result["vehicles"] >= 0.95 * options.vehicles:
+            return result
+        count = min(len(frames), -(-count * options.vehicles // max(1, result["vehicles"])))
 
 
 def main():
@@ -82,7 +83,7 @@ def main():
                 run(folder, [options.mirage, "attack", "--data", options.data, "--detector", detector, "--target", target, "--place",
                              cube_at(place, options.out), "--iterations", options.iterations, "--seed", options.seed, *threads,
                              *sys.argv[split + 1:]])
-                result = judged(options, folder, detector, threads)
+                result = judged(options, folder, threads)
                 rows.append({"place": place, "detector": detector, "target": target, "vehicles": result["vehicles"],
                              "victim": result["placed"]["victim"], "vanished": result["net"]["vanished"], "phantom": result["net"]["fp_asr"],
                              "vanished_all": {key: result["hidden"]["vanished"][key] for key in ("value", "low", "high")},
