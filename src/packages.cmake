@@ -104,6 +104,7 @@ mirage_library(mirage_tinyxml2 LAYER scene DEBIAN libtinyxml2-dev HEADER tinyxml
 # Its own CMake package asks for Boost's. With it come Boost.Serialization alone and what is here anyway.
 mirage_library(mirage_pagmo LAYER attack DEBIAN libpagmo-dev HEADER pagmo/algorithms/cmaes.hpp
                LIBRARY pagmo boost_serialization)
+mirage_library(mirage_lcms LAYER attack DEBIAN liblcms2-dev HEADER lcms2.h LIBRARY lcms2)
 mirage_library(mirage_gltf LAYER exchange DEBIAN libtinygltf-dev HEADER tiny_gltf.h LIBRARY tinygltf)
 mirage_library(mirage_turbojpeg LAYER detection DEBIAN libturbojpeg0-dev HEADER turbojpeg.h LIBRARY turbojpeg)
 if(TARGET mirage_image_files AND TARGET mirage_imath)

@@ -25,7 +25,7 @@ from wheel.wheelfile import WheelFile
 SOURCE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 CODE = ("*.py", "*.pyi", "py.typed", "_core{suffix}", "plugins/process/*")
 # Of the project, what commands read as they run: as src/packaging/install.cmake installs it.
-SHIPPED = re.compile(r"(scenes/.*\.(toml|shape|glb)|scenes/objects/zoo\.json|plugins/blender/mirage_blender/.*\.py|"
+SHIPPED = re.compile(r"(scenes/.*\.(toml|shape|glb|ti3)|scenes/objects/zoo\.json|plugins/blender/mirage_blender/.*\.py|"
                      r"validation/(?!benchmarks|studies).*\.(py|toml|j2|html|css|js))")
 PLUGINS = ("plugins/*.so", "plugins/*.json")
 WEIGHTS = ("plugins/weights/*",)

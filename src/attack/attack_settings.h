@@ -128,6 +128,12 @@ void visit_fields(Visitor& visit, S& s) {
               .option = "expect",
               .lacking = ""},
              s.expectation);
+  visit({.name = "gamut",
+         .help = "without --free: colours of the object's print. fogra39 (offset on coated paper), an ICC "
+                 "profile of a CMYK printer, a chart of measured patches (CGATS text) or box:BLACK,WHITE "
+                 "(reflectances)",
+         .lacking = ""},
+        s.buildable.gamut);
   visit.list({.name = "buildable", .lacking = ""}, s.buildable);
   visit({.name = "iterations", .help = "Adam steps", .range = {0, kMostIterations}, .decides = false},
         s.iterations);

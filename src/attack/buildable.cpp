@@ -38,7 +38,7 @@ std::vector<Vec3d> smoothed(const std::vector<Vec3d>& vertices, const std::vecto
 }
 
 void print(TexturedMesh& adversary, const BuildableSettings& settings) {
-  for (Vec3d& t : adversary.atlas.texels) t = t.cwiseMax(settings.black).cwiseMin(settings.white);
+  for (Vec3d& t : adversary.atlas.texels) t = settings.gamut.nearest(t);
 }
 
 /// Vertices of the faces that break a rule.
@@ -203,9 +203,8 @@ BuildableReport buildable_report(const TexturedMesh& adversary, const BuildableS
   const double floor = bounds(mesh).min().z();
   for (const std::size_t i : used_vertices(mesh)) report.base_vertices += mesh.vertices[i].z() <= floor;
   const std::vector<Vec3d>& texels = adversary.atlas.texels;
-  const auto within = std::count_if(texels.begin(), texels.end(), [&](const Vec3d& t) {
-    return t.minCoeff() >= settings.black && t.maxCoeff() <= settings.white;
-  });
+  const auto within =
+      std::count_if(texels.begin(), texels.end(), [&](const Vec3d& t) { return settings.gamut.holds(t); });
   report.printable =
       static_cast<double>(within) / static_cast<double>(std::max<std::size_t>(1, texels.size()));
   return report;

@@ -4,8 +4,10 @@
 
 #include <cstdint>
 #include <nlohmann/json.hpp>
+#include <span>
 
 #include "attack/adversary.h"
+#include "attack/print_gamut.h"
 #include "geometry/mesh.h"
 
 namespace mirage {
@@ -16,30 +18,32 @@ struct BuildableSettings {
   double min_thickness = 0.01;  ///< m, of the walls as geometry/solid.h measures them
   /// Share of a start's height that is cut off for its flat base, unless it has one.
   double base = 1.0 / 6;
-  /// Reflectance of a print's black and white: texels stay between (scene-linear, each channel). A box around
-  /// an offset print's gamut on matt paper; the true gamut is smaller for saturated colours.
-  double black = 0.03, white = 0.85;
+  PrintGamut gamut = {};  ///< texels stay in it
+
+  /// Files of earlier programs end with reflectances of black and white, for each channel by itself.
+  static constexpr std::size_t kFormerNumbers = 2;
+  void read_former(std::span<const double> black_and_white) {
+    gamut = PrintGamut::box(black_and_white[0], black_and_white[1]);
+  }
 };
 
 template <class Visitor, FieldsOf<BuildableSettings> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "buildable",
          .help = "let the mesh's faces pass through each other, as the paper does; otherwise it stays a "
-                 "printable solid with thick walls, a flat base and a printer's colours",
+                 "printable solid with thick walls, a flat base and colours of --gamut",
          .option = "free"},
         s.on);
   visit({.name = "min_thickness", .help = "thinnest wall without --free, m", .range = {0, kLargestSize}},
         s.min_thickness);
   visit({.name = "cut", .range = kShare, .option = "", .lacking = "0"}, s.base);
-  visit({.name = "black", .range = kShare, .option = ""}, s.black);
-  visit({.name = "white", .range = kShare, .option = ""}, s.white);
 }
 
 /// FieldError for a value that no mesh can meet.
 void check_buildable(const BuildableSettings& settings, const AdversaryLimits& limits);
 
 /// The start, made buildable: its lowest part is cut off for a flat base, which stands on the box's floor,
-/// and texels come into the print's range. FieldError for a start that is no such solid.
+/// and texels come into the print's gamut. FieldError for a start that is no such solid.
 void make_buildable(TexturedMesh& adversary, const BuildableSettings& settings,
                     const AdversaryLimits& limits);
 
@@ -69,7 +73,7 @@ struct BuildableReport {
   long base_vertices = 0;              ///< on the lowest height
   double base_area = 0;                ///< m², of faces that lie on it
   bool watertight = false;
-  double printable = 0;  ///< share of texels within the print's range
+  double printable = 0;  ///< share of texels within the print's gamut
   /// A solid that stands: watertight, no faces that intersect, walls of at least `least` (m), a flat base,
   /// and colours that a printer has.
   bool holds(double least) const {

@@ -29,6 +29,8 @@ namespace fs = std::filesystem;
 constexpr std::size_t kMostHosts = 1'000'000;
 constexpr const char* kMadeHere = "made-here";  // the cache's name for code that this user's runs wrote
 constexpr const char* kPlaced = "placed";       // what the run's placement said when it was made
+constexpr const char* kGamut = "gamut";
+constexpr const char* kGamutColours = "gamut_colours";  // of the run's gamut when it was made
 constexpr const char* kAgain = "restore the file, or run mirage attack again into an empty folder";
 
 bool is_plugin(const std::string& name) {
@@ -99,6 +101,9 @@ RunIdentity identity(const AttackSettings& settings) {
   lacking["rooftop_model_hash"] = "";
   if (settings.rig.ends_with(".toml")) id["rig_hash"] = file_hash(settings.rig);
   if (content_of(settings.placement).is_object()) id[kPlaced] = to_json(settings.placement);
+  const PrintGamut& gamut = settings.buildable.gamut;
+  if (!gamut.is_box() && (settings.buildable.on || gamut.name() != kDefaultGamut))
+    id[kGamutColours] = to_json(gamut);
   return {id, lacking};
 }
 
@@ -223,8 +228,12 @@ Run read_run(const fs::path& folder, TrustRun trust) {
   nlohmann::json settings = whole;
   if (!json.has(kPlaced) && json.has("placement") && json.text("placement").ends_with(".toml"))
     json.fail(kPlaced, "is missing: the run says what its placement's file said");
-  if (json.has(kPlaced)) settings.erase("placement");  // its file may have changed since, or be elsewhere
+  if (json.has(kPlaced)) settings.erase("placement");   // its file may have changed since, or be elsewhere
+  if (json.has(kGamutColours)) settings.erase(kGamut);  // the same
   read_fields(JsonFields(file, settings, kAgain), run.settings);
+  if (json.has(kGamutColours))
+    run.settings.buildable.gamut =
+        read_gamut(whole.at(kGamutColours), file, kGamutColours, json.text(kGamut));
   if (json.has(kPlaced)) {
     json.object(kPlaced);
     run.settings.placement = read_place(whole.at(kPlaced), file, kPlaced, json.text("placement"));

@@ -7,6 +7,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -198,6 +199,15 @@ struct RunIdentity {
   nlohmann::json lacking;  ///< lacking_json() of its settings
 };
 
+/// Numbers that a list ended with in files of earlier programs, and S::read_former understands.
+template <class S>
+constexpr std::size_t former_numbers() {
+  if constexpr (requires { S::kFormerNumbers; })
+    return S::kFormerNumbers;
+  else
+    return 0;
+}
+
 /// Entries that a list of a file may have.
 inline constexpr std::size_t kMostListed = 100'000'000;
 
@@ -286,7 +296,16 @@ class JsonReader {
     const auto numbers = numbers_of(inner);
     std::size_t least = numbers.size();  // an earlier program's list is shorter
     while (least > 0 && numbers[least - 1].second.lacking) --least;
-    const auto read = json.numbers(field.name, numbers.size(), -Range::kMost, Range::kMost, least);
+    constexpr std::size_t kFormer = former_numbers<T>();
+    std::size_t most = numbers.size();
+    if constexpr (kFormer > 0)
+      if (json.list(field.name, kMostListed).size() > most) least = most += kFormer;
+    auto read = json.numbers(field.name, most, -Range::kMost, Range::kMost, least);
+    if constexpr (kFormer > 0)
+      if (read.size() > numbers.size()) {
+        named(field, [&] { inner.read_former(std::span(read).subspan(numbers.size())); });
+        read.resize(numbers.size());
+      }
     for (std::size_t i = read.size(); i < numbers.size(); ++i)
       set_lacking(numbers[i].second, *numbers[i].first);
     for (std::size_t i = 0; i < read.size(); ++i)

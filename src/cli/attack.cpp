@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "base/error.h"
+#include "base/files.h"
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/options.h"
@@ -124,6 +125,8 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   const AttackResult result = run_attack(settings);
   if (rank() == 0) {
     common.made_of->add(settings);
+    if (settings.buildable.on)
+      common.made_of->input("gamut", content_hash(to_json(settings.buildable.gamut).dump()));
     if (settings.renderer) common.made_of->set("renderer", settings.renderer->identity());
     add_frames(*common.made_of, settings, list_frames(settings.data));
     add_detector(*common.made_of, settings.detector);

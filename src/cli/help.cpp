@@ -42,8 +42,9 @@ const std::vector<std::pair<std::string, std::vector<std::string>>>& headings() 
         "--matching", "--trust-run", "--start", "--camera", "--lidar", "--fresh", "--gate", "--claim",
         "--score", "--iou", "--keep-start", "--certify"}},
       {"Object",
-       {"--size", "--parts", "--mesh", "--free", "--min-thickness", "--baseline", "--random-meshes",
-        "--mesh-forward", "--mesh-up", "--model", "--mesh-format", "--objects", "--sizes"}},
+       {"--size", "--parts", "--mesh", "--free", "--gamut", "--min-thickness", "--baseline",
+        "--random-meshes", "--mesh-forward", "--mesh-up", "--model", "--mesh-format", "--objects",
+        "--sizes"}},
       {"Camera, light and LiDAR",
        {"--quality", "--sigma", "--gamma", "--supersampling", "--light", "--camera-effects",
         "--lidar-effects", "--lidar-gradient", "--renderer", "--cycles", "--cycles-samples", "--cycles-renew",
@@ -234,6 +235,7 @@ std::vector<std::string> usual_words(const CLI::App& command, const CLI::Option&
   if (name == "--weights") return {kRealWeights};
   if (name == "--rooftop") return {"shape", "box"};
   if (name == "--place") return shipped_names("scenes/placements", ".toml");
+  if (name == "--gamut") return shipped_names("scenes/prints", ".ti3");
   if (name == "--mesh" && command.get_name() != "drive") return {"zoo"};
   if (name == "--sun") return {"frame", "photo"};
   if (name == "--hosts") return {"test", "train", "all"};

@@ -193,7 +193,7 @@ TEST_F(HostileRun, EachFieldIsCheckedAndNamed) {
            {"/limits", {1, 2}, "run.json: limits"},
            {"/limits/1", -0.8, "run.json: limits[1]"},
            {"/limits/2", 1e300, "run.json: limits[2]"},
-           {"/buildable", {0.01, 0.5}, "run.json: buildable"},
+           {"/buildable", {0.01, 0.5, 0.1}, "run.json: buildable"},
            {"/simulation", 1, "run.json: simulation: not a JSON object"},
            {"/simulation/sigma", 0, "run.json: simulation.sigma"},
            {"/simulation/sigma", 1e9, "run.json: simulation.sigma"},

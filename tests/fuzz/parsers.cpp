@@ -11,6 +11,7 @@
 #include <stdexcept>
 
 #include "attack/checkpoint.h"
+#include "attack/print_gamut.h"
 #include "attack/run.h"
 #include "base/config.h"
 #include "base/error.h"
@@ -235,6 +236,17 @@ void placement(const fs::path& file) {
          "what a run says of it reads as something else");
 }
 
+void gamut(const fs::path& file) {
+  const PrintGamut read = read_gamut(file, "print");
+  for (const Vec3d& colour : read.colours())
+    demand(colour.minCoeff() >= 0 && colour.maxCoeff() <= 1, "a colour that no texture holds");
+  for (const Vec3d& texel : {Vec3d(0, 0, 0), Vec3d(1, 0, 0), Vec3d(0.2, 0.9, 1)})
+    demand(read.holds(read.nearest(texel)), "the nearest colour is outside");
+  const PrintGamut again = read_gamut(to_json(read), file, "gamut_colours", "print");
+  demand(again.nearest({1, 0, 0}) == read.nearest({1, 0, 0}),
+         "what a run says of it reads as something else");
+}
+
 void shape(const fs::path& file) {
   const ShapeModel model = read_shape_model(file);
   for (const float value : model.values) demand(std::isfinite(value), "a distance is not finite");
@@ -337,6 +349,7 @@ constexpr Parser kParsers[] = {{"calibration", "calib.txt", calibration},
                                {"toml", "any.toml", toml},
                                {"rig", "rig.toml", rig},
                                {"placement", "place.toml", placement},
+                               {"gamut", "print.icc", gamut},
                                {"shape", "cars.shape", shape},
                                {"weights", "some.weights", weights},
                                {"run", "run.json", run},

@@ -10,6 +10,7 @@
 #include "attack/checkpoint.h"
 #include "base/files.h"
 #include "base/image_io.h"
+#include "base/installation.h"
 #include "exchange/gltf.h"
 #include "exchange/mesh_files.h"
 #include "fuzz/parsers.h"
@@ -17,6 +18,7 @@
 #include "scene/data/kitti.h"
 #include "scene/shape/shape_model.h"
 #include "support/layouts.h"
+#include "support/print_profile.h"
 
 namespace mirage::fuzz {
 namespace {
@@ -136,6 +138,14 @@ std::string weights(bool parts) {
   return tensor_file_bytes(facts, {{"stem.conv.weight", {Element::float32, {2, 3}, bytes(kKernel)}},
                                    {"stem.conv.bias", {Element::float16, {2}, bytes(kHalves)}},
                                    {"training.steps", {Element::int64, {}, bytes(kSteps)}}});
+}
+
+std::string gamut_profile() {
+  std::vector<Vec3d> overprints;
+  for (int inks = 0; inks < 16; ++inks)
+    overprints.emplace_back(inks & 1 ? 0.1 : 0.8, inks & 2 ? 0.1 : 0.9, inks & 4 ? 0.05 : 0.7);
+  for (std::size_t black = 8; black < 16; ++black) overprints[black] *= 0.05;
+  return test::print_profile(overprints);
 }
 
 std::string run() {
@@ -262,6 +272,13 @@ std::vector<Seed> seeds() {
       {"placement", "grown",
        "what = \"rack\"\nanchor = \"rear\"\noffset = [-0.5, 0, 0.5]\nyaw = -90\nvolume = [0.8, 1, 1]\nbox = "
        "\"grown\"\nvictim = \"carrier\"\n"},
+      {"gamut", "xyz", read_file(shipped_file("scenes/prints/fogra39.ti3"))},
+      {"gamut", "lab",
+       "IT8.7/4\nORIGINATOR \"nobody\"\nNUMBER_OF_FIELDS 5\nBEGIN_DATA_FORMAT\nSAMPLE_ID SAMPLE_NAME LAB_L "
+       "LAB_A "
+       "LAB_B\nEND_DATA_FORMAT\nNUMBER_OF_SETS 5\nBEGIN_DATA\n1 A1 95 0 -2\n2 A2 55 -37 -50\n3 A3 48 74 "
+       "-3\n4 \"A 4\" 89 -5 93\n5 A5 16 0 0\nEND_DATA\n"},
+      {"gamut", "profile", gamut_profile()},
       {"shape", "small", shape()},
       {"weights", "whole", weights(false)},
       {"weights", "with-parts", weights(true)},

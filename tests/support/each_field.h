@@ -76,7 +76,7 @@ void change(const Field& field, T& value) {
   else if constexpr (HasWords<T>)
     value = value == T() ? static_cast<T>(words_of(value).size() - 1) : T();
   else if constexpr (HasText<T>)
-    set_from_text("1,2,3,4", value);
+    set_from_text(std::string(field.name) == "gamut" ? "box:0.1,0.8" : "1,2,3,4", value);
   else if constexpr (Number<T>)
     value = static_cast<T>(other_number(field.range, static_cast<double>(value)));
   else if constexpr (NumberVector<T>)
