@@ -282,6 +282,15 @@ def everything(suite, source, build):
                [("a plugin", f'detector = "{detector}"'.encode()), ("letters", "é = 1".encode()),
                 *((f"{n} keys", b"".join(b"k%d=1\n" % i for i in range(n))) for n in (30000, 100000))],
                taken=False, empty=b"?")
+    gamut = given / "print.ti3"
+    gamut.write_bytes((source / "scenes/prints/fogra39.ti3").read_bytes())
+    patches = b"CTI3\nNUMBER_OF_FIELDS 4\nBEGIN_DATA_FORMAT\nSAMPLE_ID XYZ_X XYZ_Y XYZ_Z\nEND_DATA_FORMAT\nNUMBER_OF_SETS %d\nBEGIN_DATA\n%sEND_DATA\n"
+    suite.kind("gamut", gamut, ["attack", "--data", given / "none", "--gamut", gamut, *common, out], (given,),
+               [*found(source, "gamut"), ("another chart", b'CTI3\n.INCLUDE "%s"\n' % str(suite.secret).encode()),
+                ("10^9 patches", patches % (10**9, b"1 2 3 4\n")), ("30 000 patches, and none", patches % (30000, b"")),
+                ("a line of 1 MB", b"CTI3\n" + b"K" * 10**6), ("a million keywords", b"CTI3\n" + b"KEYWORD \"K\"\n" * 10**5),
+                ("a profile of nothing", b"\0" * 36 + b"acsp" + b"\0" * 200), ("tags of 4 GB", b"\0" * 36 + b"acsp" + b"\0" * 88 + b"\xff" * 400)],
+               taken=False, empty=b"?")
     read = ["export", "--run", run, "--data", data, "--trust-run", *common, out]
     text = json.loads((run / "run.json").read_text())
 
