@@ -89,6 +89,12 @@ void check_settings(const AttackSettings& settings) {
     throw FieldError("parts", "size", "is an ellipsoid, which has no flat base", "give --free");
   if (settings.buildable.on) check_buildable(settings.buildable, settings.limits);
   check_search(settings);
+  if (settings.expectation.worst > 0 && !settings.expectation.any())
+    throw FieldError("expectation", "worst", "chooses among draws in which nothing varies",
+                     "name what varies, too, as in shape:0.02,worst:4");
+  if (settings.expectation.worst > 0 && settings.attack == AttackSearch::black_box)
+    throw FieldError("expectation", "worst", "has no gradient to choose for",
+                     "leave it out, or --attack plain");
   if (settings.placement.victim == Victim::phantom && !(settings.objective.lambda_fp > 0))
     throw FieldError("lambda_fp", fmt::format("{:g}", settings.objective.lambda_fp),
                      "rewards no false positive, and they are what the placement " +

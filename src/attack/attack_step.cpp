@@ -147,6 +147,39 @@ HostStep judge_host(Detector& detector, const StepHost& host, const TexturedMesh
   return run_host(detector, seen, adversary, false);
 }
 
+HostStep step_host(Detector& detector, StepHost host, const TexturedMesh& adversary,
+                   const AttackSettings& settings, std::uint64_t number, bool back) {
+  const Expectation& expectation = settings.expectation;
+  if (!expectation.any())
+    return back ? attack_host(detector, host, adversary, settings)
+                : judge_host(detector, host, adversary, settings);
+  HostSeconds judging;
+  if (expectation.draws() > 1) {
+    HostStep worst;
+    int chosen = 0;
+    for (int k = 0; k < expectation.draws(); ++k) {
+      const WorldDraw draw(expectation, settings.seed, candidate_draw(number, k));
+      host.draw = &draw;
+      HostStep step = judge_host(detector, host, adversary, settings);
+      judging += step.seconds;
+      const double loss = step.hide + step.false_positive, most = worst.hide + worst.false_positive;
+      if (k == 0 || !(loss <= most)) worst = std::move(step), chosen = k;  // not a number is told, not passed
+      if (!std::isfinite(loss)) break;
+    }
+    if (!back) {
+      worst.seconds = judging;
+      return worst;
+    }
+    number = candidate_draw(number, chosen);
+  }
+  const WorldDraw draw(expectation, settings.seed, number);
+  host.draw = &draw;
+  HostStep step = back ? attack_host(detector, host, adversary, settings)
+                       : judge_host(detector, host, adversary, settings);
+  step.seconds += judging;
+  return step;
+}
+
 AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
                              const std::vector<Host>& hosts, const Mesh& mesh,
                              std::shared_ptr<CleanSights> sights)
@@ -173,15 +206,11 @@ LossRow AttackStepper::judge(const TexturedMesh& adversary, const std::vector<Ho
   for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {
     const HostId& id = hosts[mine[i]].id;
     const auto prepared = store_.get(id.frame);
-    const WorldDraw draw(settings_.expectation, settings_.seed, first_world + mine[i]);
     const auto clean = sights_->of(*prepared, detector);
-    const StepHost host{*prepared,
-                        id,
-                        store_.placement(id),
-                        clean,
-                        settings_.expectation.any() ? &draw : nullptr,
-                        {pictures_.get(), &rendered}};
-    isolated([&] { steps[mine[i]] = judge_host(detector, host, adversary, settings_); });
+    const StepHost host{*prepared, id, store_.placement(id), clean, nullptr, {pictures_.get(), &rendered}};
+    isolated([&] {
+      steps[mine[i]] = step_host(detector, host, adversary, settings_, first_world + mine[i], false);
+    });
   });
   for (const std::size_t k : mine) stages.threads += steps[k].seconds;
   stages.hosts = clock.lap();
@@ -234,17 +263,12 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
   for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {
     const std::size_t k = mine[i];
     const HostId& id = hosts_[batch[k]].id;
-    const WorldDraw draw(settings.expectation, settings.seed,
-                         static_cast<std::uint64_t>(state.iteration * settings.batch) + k);
+    const auto number = static_cast<std::uint64_t>(state.iteration * settings.batch) + k;
     const auto clean = sights_->of(*frames[i], detector);
-    const StepHost host{*frames[i],
-                        id,
-                        store_.placement(id),
-                        clean,
-                        settings.expectation.any() ? &draw : nullptr,
-                        {pictures_.get(), &state.rendered}};
+    const StepHost host{*frames[i], id,      store_.placement(id),
+                        clean,      nullptr, {pictures_.get(), &state.rendered}};
     isolated([&] {  // or a loop inside would take another host's work, and its time
-      steps[k] = attack_host(detector, host, state.adversary, settings);
+      steps[k] = step_host(detector, host, state.adversary, settings, number, true);
     });
   });
   for (const std::size_t k : mine) {

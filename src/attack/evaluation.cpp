@@ -182,7 +182,7 @@ class Attacked {
  private:
   FoundAttacked drawn(Detector& detector, const HostId& id, const TexturedMesh& mesh, bool local) const {
     const auto recorded = store_.get(id.frame);
-    const WorldDraw draw(settings_.expectation, settings_.expectation_seed, fnv1a(host_name(id)));
+    const WorldDraw draw(settings_.expectation, settings_.expectation_seed, draw_of(id));
     const DrawnHost world(settings_.expectation.any() ? &draw : nullptr, *recorded, store_.placement(id),
                           mesh, simulation_);
     Simulated simulated = simulate(world.prepared(), world.placement(), world.object(), world.simulation());
@@ -204,6 +204,10 @@ class Attacked {
 };
 
 }  // namespace
+
+std::uint64_t draw_of(const HostId& vehicle) {
+  return fnv1a(host_name(vehicle));
+}
 
 std::vector<Detection> detections(Detector& detector, const SensorView& view,
                                   const EvaluationSettings& settings) {

@@ -114,6 +114,9 @@ const char* how_to_go_on(FrameStore& store, const EvaluationSettings& settings);
 /// content_hash of every coordinate, index and texel.
 std::string hash_of(const TexturedMesh& textured);
 
+/// Which draw of the world every object on the vehicle meets.
+std::uint64_t draw_of(const HostId& vehicle);
+
 /// Detections of one view: proposals over the threshold after suppression.
 std::vector<Detection> detections(Detector& detector, const SensorView& view,
                                   const EvaluationSettings& settings);

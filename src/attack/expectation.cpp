@@ -27,6 +27,16 @@ double shape_of(const std::string& word, const std::string& number) {
   return sigma;
 }
 
+/// Of "worst:4".
+double draws_of(const std::string& word, const std::string& number) {
+  int draws = 0;
+  const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), draws);
+  if (error != std::errc() || end != number.data() + number.size() || draws < 2 || draws > kMostMined)
+    throw InputError("expectation", word, "is no number of draws",
+                     fmt::format("use 2 to {}, as in worst:4", kMostMined));
+  return draws;
+}
+
 /// `sun` turned by `angle` about a random axis square to it.
 Vec3d turned_sun(const Vec3d& sun, double angle, double side) {
   const Vec3d across = sun.unitOrthogonal(), axis = Eigen::AngleAxisd(side, sun) * across;
@@ -55,6 +65,10 @@ Expectation parse_expectation(const std::string& words) {
       e.shape = shape_of(word, word.substr(6));
       continue;
     }
+    if (word.starts_with("worst:")) {
+      e.worst = draws_of(word, word.substr(6));
+      continue;
+    }
     const auto named = [&](const char* name) {
       known = known || word == name;
       return all || word == name;
@@ -76,9 +90,32 @@ Expectation parse_expectation(const std::string& words) {
     if (!known)
       throw unknown_word(
           "expectation", word,
-          {"roof", "tilt", "shape", "colour", "sun", "light", "exposure", "noise", "all", "none"});
+          {"roof", "tilt", "shape", "colour", "sun", "light", "exposure", "noise", "worst:4", "all", "none"});
   }
+  if (e.worst > 0 && !e.any())
+    throw InputError("expectation", words, "chooses among draws in which nothing varies",
+                     "name what varies, too, as in shape:0.02,worst:4");
   return e;
+}
+
+void require_judged(const Expectation& expectation) {
+  if (expectation.worst > 0)
+    throw InputError("expectation", fmt::format("worst:{}", expectation.worst), "is for mirage attack alone",
+                     "leave it out: what is judged meets one draw for each vehicle");
+}
+
+void require_built(const Expectation& expectation) {
+  require_judged(expectation);
+  const bool noise = expectation.image_noise > 0 || expectation.range_noise > 0;
+  if (!expectation.any_in_frame() && !noise) return;
+  const char* word = expectation.sun > 0        ? "sun"
+                     : expectation.light > 0    ? "light"
+                     : expectation.exposure > 0 ? "exposure"
+                                                : "noise";
+  throw InputError("expectation", word,
+                   "changes the world, and what is validated is the object in "
+                   "the recorded one",
+                   "use some of shape, colour, roof and tilt");
 }
 
 std::string text_of(const Expectation& value) {

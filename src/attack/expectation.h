@@ -12,6 +12,9 @@
 
 namespace mirage {
 
+/// Of Expectation::worst.
+inline constexpr double kMostMined = 64;
+
 /// What varies, each with its spread (standard deviations of normal draws; 0: as it is).
 struct Expectation {
   double roof_shift = 0;   ///< m, along and across the roof; height a fifth of it
@@ -24,6 +27,12 @@ struct Expectation {
   double tilt = 0;         ///< rad, about both horizontal axes of the roof
   double shape = 0;   ///< m, rms distance of a vertex of the object from its design: prints, scans, dents
   double colour = 0;  ///< of the logarithm of each channel of all texels: a print's cast; white clips
+  /// Draws for each host and step, of which the one with the greatest loss is
+  /// learned on (kMostMined at most); 0: one draw, and so their mean over the
+  /// steps. What attacks that are robust in the world mine: hard draws count,
+  /// easy ones teach nothing (R-PGA, 2026; Madry et al., ICLR 2018, of the
+  /// inner maximum).
+  double worst = 0;
 
   /// Whether anything is drawn.
   bool any() const;
@@ -31,6 +40,8 @@ struct Expectation {
   bool any_in_object() const { return shape > 0 || colour > 0; }
   /// Whether the frame itself changes (WorldDraw::frame).
   bool any_in_frame() const { return sun > 0 || light > 0 || exposure > 0; }
+  /// Draws to choose the worst of; 1: nothing is chosen.
+  int draws() const { return worst > 1 ? static_cast<int>(worst) : 1; }
 };
 
 template <class Visitor, FieldsOf<Expectation> S>
@@ -45,14 +56,30 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "tilt", .range = {0, 10}, .lacking = "0"}, s.tilt);
   visit({.name = "shape", .range = {0, 10}, .lacking = "0"}, s.shape);
   visit({.name = "colour", .range = {0, 10}, .lacking = "0"}, s.colour);
+  visit({.name = "worst", .range = {0, kMostMined}, .lacking = "0"}, s.worst);
 }
 
 /// "none", or words of roof, tilt, shape, colour, sun, light, exposure, noise separated by commas, or "all":
 /// the named ones at 5 cm and 2°, 2°, 1 cm, 0.15, 20°, 0.3, 0.2, 0.01 and 2 cm. "shape:0.02" is a shape off
-/// by 2 cm. InputError for any other word.
+/// by 2 cm.
+/// "worst:4" beside others learns on the worst of 4 draws. InputError for any other word, and for the worst
+/// of draws in which nothing varies.
 Expectation parse_expectation(const std::string& words);
 inline void set_from_text(const std::string& text, Expectation& value) {
   value = parse_expectation(text);
+}
+/// InputError for words that only an attack understands (worst): what is judged
+/// meets one draw.
+void require_judged(const Expectation& expectation);
+/// InputError for words that change more than the object and its pose (sun,
+/// light, exposure, noise), and for worst: a renderer draws the recorded world
+/// with the object as the workshop made it.
+void require_built(const Expectation& expectation);
+/// The number of candidate k (from 0) of the draws to choose from in the place
+/// of draw `number` (below 2^50, or 2^62 more): of none other, and of no draw
+/// that is not chosen.
+constexpr std::uint64_t candidate_draw(std::uint64_t number, int k) {
+  return number + (std::uint64_t{1} << 61) + (static_cast<std::uint64_t>(k) << 50);
 }
 /// "none", or "some".
 std::string text_of(const Expectation& value);

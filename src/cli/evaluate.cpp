@@ -161,6 +161,7 @@ nlohmann::json run(const EvaluateOptions& options, const Common& common) {
   for (const auto& [name, text] : options.computed) set_field(request.detector, name, text);
   request.settings.quiet = common.quiet;
   request.settings.expectation = parse_expectation(options.expect);
+  require_judged(request.settings.expectation);
   request.settings.expectation_seed = common.seed;
   options.effects.check();
   options.quality.ask(request.asked);

@@ -240,7 +240,8 @@ std::vector<std::string> usual_words(const CLI::App& command, const CLI::Option&
   if (name == "--sun") return {"frame", "photo"};
   if (name == "--hosts") return {"test", "train", "all"};
   if (name == "--baseline") return {"start", "sized", "ellipsoid", "cuboid", "all", "none"};
-  if (name == "--expect") return {"roof", "sun", "light", "exposure", "noise", "all", "none"};
+  if (name == "--expect")
+    return {"roof", "tilt", "shape", "colour", "sun", "light", "exposure", "noise", "all", "none"};
   if (name == "--camera-effects") return {"ideal", "unit", "blur", "noise"};
   if (name == "--lidar-effects")
     return {"ideal", "as-recorded", "unit", "noise", "drop-out", "divergence", "motion", "albedo"};

@@ -249,6 +249,72 @@ TEST(AttackStep, TheSilhouetteTellsThatALargerObjectCatchesMoreReturns) {
   EXPECT_TRUE(detector.watched.empty());
 }
 
+TEST(AttackStep, OfTheWorstDrawsTheOneWithTheGreatestLossGivesTheGradient) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 1);
+  FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
+  const HostId id = find_hosts(store, "000000", {0, 50, -25, 25}, {}).at(0).id;
+  const auto prepared = store.get("000000");
+  test::StandInDetector detector;
+  const StepHost host{*prepared, id, store.placement(id)};
+  AttackSettings settings = test::tiny_attack();
+  settings.expectation = parse_expectation("shape:0.05,colour,worst:5");
+  const TexturedMesh mesh = random_adversary(2);
+  std::set<int> chosen;
+  for (std::uint64_t number = 0; number < 12; ++number) {
+    std::vector<HostStep> all;
+    for (int k = 0; k < 5; ++k) {
+      const WorldDraw draw(settings.expectation, settings.seed, candidate_draw(number, k));
+      StepHost in_world = host;
+      in_world.draw = &draw;
+      all.push_back(attack_host(detector, in_world, mesh, settings));
+    }
+    const auto worst = std::max_element(all.begin(), all.end(), [](const HostStep& a, const HostStep& b) {
+      return a.hide + a.false_positive < b.hide + b.false_positive;
+    });
+    chosen.insert(static_cast<int>(worst - all.begin()));
+    const HostStep step = step_host(detector, host, mesh, settings, number, true);
+    EXPECT_EQ(step.hide, worst->hide);
+    EXPECT_EQ(step.false_positive, worst->false_positive);
+    EXPECT_EQ(step.gradient.vertices, worst->gradient.vertices);
+    EXPECT_EQ(step.gradient.texels, worst->gradient.texels);
+    const HostStep judged = step_host(detector, host, mesh, settings, number, false);
+    EXPECT_EQ(judged.hide, worst->hide);
+    EXPECT_TRUE(judged.gradient.vertices.empty());
+  }
+  EXPECT_GE(chosen.size(), 3u) << "it is not always the same one";
+
+  // Without it each step meets its one draw, and without any words the world as
+  // recorded.
+  settings.expectation.worst = 0;
+  const WorldDraw draw(settings.expectation, settings.seed, 7);
+  StepHost in_world = host;
+  in_world.draw = &draw;
+  EXPECT_EQ(step_host(detector, host, mesh, settings, 7, true).gradient.vertices,
+            attack_host(detector, in_world, mesh, settings).gradient.vertices);
+  settings.expectation = {};
+  EXPECT_EQ(step_host(detector, host, mesh, settings, 7, true).gradient.vertices,
+            attack_host(detector, host, mesh, settings).gradient.vertices);
+}
+
+TEST(AttackStep, TheWorstDrawsAreTheSameForAnyNumberOfThreadsAndAfterAStop) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3);
+  const auto learned = [&](const char* out, std::size_t threads, std::vector<int> stops) {
+    DetectorPool pool;
+    for (std::size_t i = 0; i < threads; ++i) pool.push_back(std::make_unique<test::StandInDetector>());
+    for (const int iterations : stops) {
+      auto settings = settings_for(folder, out, iterations);
+      settings.expectation = parse_expectation("shape:0.02,colour,worst:3");
+      run_attack(settings, pool);
+    }
+    return read_file(folder / out / "adversary.glb");
+  };
+  const std::string one = learned("one", 1, {5});
+  EXPECT_EQ(learned("three", 3, {5}), one);
+  EXPECT_EQ(learned("stopped", 2, {2, 5}), one);
+}
+
 TEST(AttackStep, StagesAddUpToTheHostsTime) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 2);

@@ -193,6 +193,42 @@ TEST(Expectation, WordsSwitchWhatVaries) {
               AllOf(HasSubstr("expectation: "), HasSubstr("moon")));
 }
 
+TEST(Expectation, TheWorstOfDrawsIsOfSomeThatVary) {
+  const Expectation e = parse_expectation("worst:4,shape:0.02");
+  EXPECT_EQ(e.draws(), 4);
+  EXPECT_EQ(e.shape, 0.02);
+  EXPECT_EQ(parse_expectation("all").draws(), 1);
+  for (const char* wrong : {"worst:1", "worst:65", "worst:2.5", "worst:x", "worst:"})
+    EXPECT_THAT(test::error_text<InputError>([&] { parse_expectation(std::string("roof,") + wrong); }),
+                HasSubstr("use 2 to 64, as in worst:4"))
+        << wrong;
+  for (const char* alone : {"worst:4", "none,worst:4"})
+    EXPECT_THAT(test::error_text<InputError>([&] { parse_expectation(alone); }),
+                HasSubstr("draws in which nothing varies"));
+  EXPECT_THAT(test::error_text<InputError>([&] { require_judged(e); }), HasSubstr("mirage attack alone"));
+  // No number twice, and none of an attack without it or of its validation
+  // (from 2^62 on).
+  std::set<std::uint64_t> numbers;
+  std::size_t all = 0;
+  for (const std::uint64_t base : {std::uint64_t{0}, std::uint64_t{1} << 62})
+    for (std::uint64_t step = 0; step < 50; ++step) {
+      numbers.insert(base + step);
+      for (int k = 0; k < 64; ++k) numbers.insert(candidate_draw(base + step, k));
+      all += 65;
+    }
+  EXPECT_EQ(numbers.size(), all);
+}
+
+TEST(Expectation, WhatIsValidatedIsTheBuiltObjectInTheRecordedWorld) {
+  for (const char* good : {"none", "shape:0.02,colour", "roof,tilt"}) require_built(parse_expectation(good));
+  for (const char* wrong : {"sun", "light", "exposure", "noise"})
+    EXPECT_THAT(test::error_text<InputError>(
+                    [&] { require_built(parse_expectation(std::string("shape,") + wrong)); }),
+                AllOf(HasSubstr(wrong), HasSubstr("use some of shape, colour, roof and tilt")));
+  EXPECT_THAT(test::error_text<InputError>([&] { require_built(parse_expectation("shape,worst:2")); }),
+              HasSubstr("worst:2"));
+}
+
 TEST(Expectation, DrawsHaveTheStatedSpreadAndDependOnTheirIndexAlone) {
   const Expectation e = parse_expectation("all");
   Placement known;
