@@ -126,6 +126,43 @@ TEST(Resume, AStoppedValidationEndsAtTheSameResult) {
   EXPECT_NE(json::parse(read_file(first)).at("key"), json::parse(kept).at("key"));
 }
 
+TEST(Resume, TheObjectIsAsTheWorkshopMadeItForBothRenderers) {
+  const test::TemporaryFolder folder;
+  ValidationSettings settings = tiny_validation(folder);
+  const TexturedMesh designed = read_adversary(settings.run / "adversary.glb");
+  settings.expect = "shape:0.03,colour,roof,tilt";
+  settings.seed = 5;
+  const json whole = validated(settings);
+  EXPECT_EQ(whole.at("expect"), settings.expect);
+  EXPECT_EQ(whole.at("vehicles"), 2);
+  for (const json& target : whole.at("targets")) EXPECT_TRUE(target.at("met")) << target;
+  // The exported scene has the object that evaluate --expect judges on this
+  // vehicle.
+  FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
+  for (const HostId& id : {HostId{"000000", 0}, HostId{"000001", 0}}) {
+    const WorldDraw draw(parse_expectation(settings.expect), settings.seed, draw_of(id));
+    const Mesh expected = place(draw.built(designed), draw.placement(store.placement(id))).mesh;
+    const RenderScene scene = read_scene(settings.out / "scenes" / (host_name(id) + ".glb"));
+    double off = 1;
+    for (const RenderScene::Thing& thing : scene.things) {
+      const auto& vertices = thing.textured.mesh.vertices;
+      if (vertices.size() != expected.vertices.size()) continue;
+      off = 0;
+      for (std::size_t i = 0; i < vertices.size(); ++i)
+        off = std::max(off, (vertices[i] - expected.vertices[i]).norm());
+    }
+    EXPECT_LT(off, 1e-5);
+  }
+  // Another world, another key; and as designed there is no such object.
+  const std::string vehicle = read_file(settings.out / "hosts/000001_0.json");
+  settings.seed = 6;
+  validated(settings);
+  EXPECT_NE(read_file(settings.out / "hosts/000001_0.json"), vehicle);
+  settings.expect = "shape,sun";
+  EXPECT_THAT(test::error_text<InputError>([&] { validate(settings, plain()); }),
+              testing::HasSubstr("expectation: sun: "));
+}
+
 TEST(Resume, EachCameraThatSeesTheObjectIsCompared) {
   const test::TemporaryFolder folder;
   const ValidationSettings settings = tiny_validation(folder, Cameras::all);
@@ -259,6 +296,12 @@ TEST(ValidationKey, ChangesWithEverySettingThatAResultDependsOn) {
   changed("noise", [](Judged& j) { j.settings.noise = 0.05; });
   changed("seed", [](Judged& j) { ++j.settings.seed; });
   changed("score", [](Judged& j) { j.settings.evaluation_settings.score_threshold = 0.5; });
+  changed("expectation",
+          [](Judged& j) { j.settings.evaluation_settings.expectation = parse_expectation("shape"); });
+  changed("expectation", [](Judged& j) {
+    j.settings.evaluation_settings.expectation = parse_expectation("shape");
+    ++j.settings.evaluation_settings.expectation_seed;
+  });
   changed("IoU", [](Judged& j) { j.settings.evaluation_settings.detected_iou = 0.5; });
   EXPECT_TRUE(keys.insert(judged.key("3.5")).second) << "Blender";
 }

@@ -160,6 +160,10 @@ std::string validation_key(const ValidationSettings& settings, const Run& run, c
   made_of.set("score_threshold", evaluation.score_threshold);
   made_of.set("detected_iou", evaluation.detected_iou);
   made_of.set("false_positive_iou", evaluation.false_positive_iou);
+  if (evaluation.expectation.any()) {
+    made_of.set("expectation", fields_json(evaluation.expectation));
+    made_of.set("expectation_seed", evaluation.expectation_seed);
+  }
   return made_of.identity();
 }
 
@@ -201,6 +205,9 @@ std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count) {
 
 Validation validate(const ValidationSettings& given, const StartReference& start) {
   ValidationSettings settings = given;
+  settings.evaluation_settings.expectation = parse_expectation(settings.expect);
+  settings.evaluation_settings.expectation_seed = settings.seed;
+  require_built(settings.evaluation_settings.expectation);
   Run run = read_run(settings.run, settings.trust);
   const SimulationSettings learned = run.settings.simulation;
   override_settings(run, settings.asked, settings.seed);
@@ -247,10 +254,12 @@ Validation validate(const ValidationSettings& given, const StartReference& start
   validation.samples = settings.samples;
   validation.run = settings.run;
   validation.placement = run.settings.placement;
+  validation.expect = settings.expect;
   validation.reference = renderer->identity();
   validation.report = settings.out / "report.html";
   settings.made_of->add(run.settings);
   settings.made_of->set("samples", settings.samples);
+  settings.made_of->set("expect", settings.expect);
   settings.made_of->input(validation.reference.key, validation.reference.version);
   add_frames(*settings.made_of, run.settings, hosts);
   add_detector(*settings.made_of, settings.detector);
@@ -302,6 +311,7 @@ json to_json(const Validation& validation) {
               {"run", validation.run.string()},
               {"placement", text_of(validation.placement)},
               {"placed", to_json(validation.placement)},
+              {"expect", validation.expect},
               {"clusters", to_json(validation.verdict.judged().clusters)},
               {"report", validation.report.string()}});
   if (nearest) out["verdict"]["nearest"] = nearest - arms.data();

@@ -40,6 +40,7 @@ struct Validation {
   int samples = 0;               ///< of the reference a pixel, as asked for
   std::filesystem::path run;     ///< of the attack
   PlaceChoice placement;         ///< of the object
+  std::string expect;            ///< ValidationSettings::expect
   std::filesystem::path report;  ///< report.html, which write_report() makes
 };
 

@@ -263,9 +263,15 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   HostScene scene;
   scene.prepared = &prepared;
   scene.host = &label_of(frame, id);
-  scene.placement = context.store.placement(id);
-  require_hosted(context.store.place(), scene.placement, id);
-  scene.adversary = context.run.adversary;
+  const Placement known = context.store.placement(id);
+  require_hosted(context.store.place(), known, id);
+  // Built once: every renderer and every arm has this object, in this pose.
+  const EvaluationSettings& evaluation = context.settings.evaluation_settings;
+  const WorldDraw draw(evaluation.expectation, evaluation.expectation_seed, draw_of(id));
+  const DrawnHost built(evaluation.expectation.any() ? &draw : nullptr, prepared, known,
+                        context.run.adversary, context.learned);
+  scene.placement = built.placement();
+  scene.adversary = built.object();
   scene.placed = place(scene.adversary, scene.placement);
   scene.simulation = context.run.settings.simulation;
   scene.samples = context.settings.samples;
@@ -331,7 +337,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
     clean->second = clean_of(context.detector, prepared, scene.placement, scene.simulation, judge_by);
   // What the detector made of the frame as recorded saves it work: pictures differ in the window alone.
   CleanView as_recorded = clean_view(prepared, simulated);
-  const Simulated learned = simulate(prepared, scene.placement, scene.adversary, context.learned);
+  const Simulated learned = simulate(prepared, scene.placement, scene.adversary, built.simulation());
   as_recorded.changed = learned.rect;
   Pictures in_cycles(frame.cameras());
   for (const Looked& at : looks) {

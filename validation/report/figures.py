@@ -27,6 +27,7 @@ MADE_OF = [
     ("data", ("provenance.data", "provenance.settings.data")),
     ("data, hash", ("provenance.data_hash", "provenance.inputs.data")),
     ("run", ("run",)),
+    ("object as built", ("expect",)),
     ("run's seed", ("provenance.settings.seed",)),
     ("seed", ("provenance.seed",)),
     ("program", ("provenance.version", "provenance.program")),
