@@ -122,20 +122,16 @@ void visit_fields(Visitor& visit, S& s) {
               .help = "L: the mesh stays within ±L along and across and ±5/8 L in height, m",
               .option = "size"},
              s.limits);
-  visit.list(
-      {.name = "expectation",
-       .help = "environment to sample for each host and step: none, all, or some of "
-               "roof,tilt,shape,colour,sun,light,exposure,noise; shape:0.02: vertices off by 2 cm; worst:4 "
-               "beside others: the worst of 4 draws in place of one",
-       .option = "expect",
-       .lacking = ""},
-      s.expectation);
+  visit.list({.name = "expectation",
+              .help = "environment to sample for each host and step: none, all, or some of "
+                      "roof,tilt,shape,colour,sun,light,exposure,noise; shape:0.02: vertices off by 2 cm; "
+                      "paints:24: 24 colours; worst:4: the worst of 4 draws",
+              .option = "expect",
+              .lacking = ""},
+             s.expectation);
   visit({.name = "gamut",
-         .help = "without --free: colours of the object's print. fogra39 "
-                 "(offset on coated paper), an ICC "
-                 "profile of a CMYK printer, a chart of measured patches "
-                 "(CGATS text) or box:BLACK,WHITE "
-                 "(reflectances)",
+         .help = "colours of the print, without --free: fogra39 (offset, coated paper), a CMYK printer's ICC "
+                 "profile, a chart of patches (CGATS text) or box:BLACK,WHITE",
          .lacking = ""},
         s.buildable.gamut);
   visit.list({.name = "buildable", .lacking = ""}, s.buildable);

@@ -52,10 +52,9 @@ HostStep attack_host(Detector& detector, const StepHost& host, const TexturedMes
 HostStep judge_host(Detector& detector, const StepHost& host, const TexturedMesh& adversary,
                     const AttackSettings& settings);
 
-/// attack_host(), or judge_host() without the way `back`, in draw `number` of
-/// the world: with Expectation::worst in the candidate of it that has the
-/// greatest loss (the first of equals), and without anything that varies in the
-/// world as recorded. `host` has no draw of its own. Its seconds are of all
+/// attack_host(), or judge_host() without the way `back`, in draw `number` of the world: with
+/// Expectation::worst in the candidate of it that has the greatest loss (the first of equals), and without
+/// anything that varies in the world as recorded. `host` has no draw of its own. Its seconds are of all
 /// candidates together.
 HostStep step_host(Detector& detector, StepHost host, const TexturedMesh& adversary,
                    const AttackSettings& settings, std::uint64_t number, bool back);
@@ -75,8 +74,8 @@ class AttackStepper {
   /// iteration are read meanwhile. What it takes is added to `spent`.
   LossRow step(AttackState& state, StageSeconds* spent = nullptr) const;
   /// A mesh as it is: means of these hosts' losses, and the smoothness. The same on every rank, and for the
-  /// same mesh in any iteration: what --expect draws is world `first_world` + k for host k (the worst of its
-  /// candidates), and a renderer draws this very mesh. What it takes is added to `spent`.
+  /// same mesh in any iteration: what --expect draws is world `first_world` + k for host k (or the worst of
+  /// its candidates), and a renderer draws this very mesh. What it takes is added to `spent`.
   LossRow judge(const TexturedMesh& adversary, const std::vector<Host>& hosts, std::uint64_t first_world,
                 StageSeconds* spent = nullptr) const;
   /// The objective on hosts that are not learned on, in worlds beyond those of any step.

@@ -6,6 +6,7 @@
 #include <charconv>
 #include <cmath>
 #include <numbers>
+#include <opencv2/core.hpp>
 
 #include "base/angles.h"
 #include "base/error.h"
@@ -27,14 +28,52 @@ double shape_of(const std::string& word, const std::string& number) {
   return sigma;
 }
 
-/// Of "worst:4".
-double draws_of(const std::string& word, const std::string& number) {
-  int draws = 0;
-  const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), draws);
-  if (error != std::errc() || end != number.data() + number.size() || draws < 2 || draws > kMostMined)
-    throw InputError("expectation", word, "is no number of draws",
-                     fmt::format("use 2 to {}, as in worst:4", kMostMined));
-  return draws;
+/// Of "worst:4", "paints:24": a number of `what`.
+double count_of(const std::string& word, const char* what, double most) {
+  const std::string number = word.substr(word.find(':') + 1);
+  int count = 0;
+  const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), count);
+  if (error != std::errc() || end != number.data() + number.size() || count < 2 || count > most)
+    throw InputError("expectation", word, fmt::format("is no number of {}", what),
+                     fmt::format("use 2 to {}, as in {}:4", most, word.substr(0, word.find(':'))));
+  return count;
+}
+
+/// Of each texel the cluster among `count` (k-means, from quantiles of luminance: the same every time).
+std::vector<int> clusters_of(const std::vector<Vec3d>& texels, int count) {
+  count = std::min(count, static_cast<int>(texels.size()));
+  cv::Mat colours(static_cast<int>(texels.size()), 3, CV_32F), labels(colours.rows, 1, CV_32S);
+  std::vector<int> by_luminance(texels.size());
+  for (int i = 0; i < colours.rows; ++i) {
+    by_luminance[static_cast<std::size_t>(i)] = i;
+    for (int c = 0; c < 3; ++c)
+      colours.at<float>(i, c) = static_cast<float>(texels[static_cast<std::size_t>(i)][c]);
+  }
+  std::stable_sort(by_luminance.begin(), by_luminance.end(), [&](int a, int b) {
+    return texels[static_cast<std::size_t>(a)].sum() < texels[static_cast<std::size_t>(b)].sum();
+  });
+  for (int k = 0; k < colours.rows; ++k)
+    labels.at<int>(by_luminance[static_cast<std::size_t>(k)]) =
+        static_cast<int>(static_cast<std::int64_t>(k) * count / colours.rows);
+  constexpr int kRounds = 20;
+  if (count > 1)
+    cv::kmeans(colours, count, labels, cv::TermCriteria(cv::TermCriteria::COUNT, kRounds, 0), 1,
+               cv::KMEANS_USE_INITIAL_LABELS);
+  return {labels.begin<int>(), labels.end<int>()};
+}
+
+/// Each value becomes the mean of its cluster's: its own VJP.
+void average(const std::vector<int>& cluster, std::vector<Vec3d>& values) {
+  std::vector<Vec3d> sum(cluster.size(), Vec3d::Zero());
+  std::vector<double> count(cluster.size(), 0);
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    sum[static_cast<std::size_t>(cluster[i])] += values[i];
+    ++count[static_cast<std::size_t>(cluster[i])];
+  }
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const auto k = static_cast<std::size_t>(cluster[i]);
+    values[i] = sum[k] / count[k];
+  }
 }
 
 /// `sun` turned by `angle` about a random axis square to it.
@@ -66,7 +105,11 @@ Expectation parse_expectation(const std::string& words) {
       continue;
     }
     if (word.starts_with("worst:")) {
-      e.worst = draws_of(word, word.substr(6));
+      e.worst = count_of(word, "draws", kMostMined);
+      continue;
+    }
+    if (word.starts_with("paints:")) {
+      e.paints = count_of(word, "colours", kMostPaints);
       continue;
     }
     const auto named = [&](const char* name) {
@@ -88,9 +131,9 @@ Expectation parse_expectation(const std::string& words) {
       e.range_noise = 0.02;
     }
     if (!known)
-      throw unknown_word(
-          "expectation", word,
-          {"roof", "tilt", "shape", "colour", "sun", "light", "exposure", "noise", "worst:4", "all", "none"});
+      throw unknown_word("expectation", word,
+                         {"roof", "tilt", "shape", "colour", "sun", "light", "exposure", "noise", "paints:24",
+                          "worst:4", "all", "none"});
   }
   if (e.worst > 0 && !e.any())
     throw InputError("expectation", words, "chooses among draws in which nothing varies",
@@ -115,7 +158,7 @@ void require_built(const Expectation& expectation) {
   throw InputError("expectation", word,
                    "changes the world, and what is validated is the object in "
                    "the recorded one",
-                   "use some of shape, colour, roof and tilt");
+                   "use some of shape, colour, paints, roof and tilt");
 }
 
 std::string text_of(const Expectation& value) {
@@ -180,18 +223,27 @@ TexturedMesh WorldDraw::built(const TexturedMesh& designed) const {
   const double each = expectation_.shape / std::sqrt(3.0);
   for (Vec3d& v : built.mesh.vertices)
     for (double& coordinate : v) coordinate += random.normal() * each;
+  std::vector<Vec3d>& texels = built.atlas.texels;
+  if (expectation_.paints > 0) average(clusters_of(texels, static_cast<int>(expectation_.paints)), texels);
   if (!(expectation_.colour > 0)) return built;
   const Vec3d cast = this->cast();
-  for (Vec3d& texel : built.atlas.texels) texel = texel.cwiseProduct(cast).cwiseMin(1.0);
+  for (Vec3d& texel : texels) texel = texel.cwiseProduct(cast).cwiseMin(1.0);
   return built;
 }
 
 void WorldDraw::built_vjp(const TexturedMesh& designed, AdversaryGradient& gradient) const {
-  if (!(expectation_.colour > 0)) return;
-  const Vec3d cast = this->cast();
-  for (std::size_t i = 0; i < gradient.texels.size(); ++i)
-    for (int c = 0; c < 3; ++c)
-      gradient.texels[i][c] *= designed.atlas.texels[i][c] * cast[c] < 1 ? cast[c] : 0;
+  std::vector<Vec3d> texels = designed.atlas.texels;
+  std::vector<int> cluster;
+  if (expectation_.paints > 0 && !gradient.texels.empty()) {
+    cluster = clusters_of(texels, static_cast<int>(expectation_.paints));
+    average(cluster, texels);
+  }
+  if (expectation_.colour > 0) {
+    const Vec3d cast = this->cast();
+    for (std::size_t i = 0; i < gradient.texels.size(); ++i)
+      for (int c = 0; c < 3; ++c) gradient.texels[i][c] *= texels[i][c] * cast[c] < 1 ? cast[c] : 0;
+  }
+  if (!cluster.empty()) average(cluster, gradient.texels);
 }
 
 void WorldDraw::add_noise(ImageF& image) const {

@@ -12,6 +12,8 @@
 
 namespace mirage {
 
+/// Of Expectation::paints.
+inline constexpr double kMostPaints = 1000;
 /// Of Expectation::worst.
 inline constexpr double kMostMined = 64;
 
@@ -27,17 +29,18 @@ struct Expectation {
   double tilt = 0;         ///< rad, about both horizontal axes of the roof
   double shape = 0;   ///< m, rms distance of a vertex of the object from its design: prints, scans, dents
   double colour = 0;  ///< of the logarithm of each channel of all texels: a print's cast; white clips
-  /// Draws for each host and step, of which the one with the greatest loss is
-  /// learned on (kMostMined at most); 0: one draw, and so their mean over the
-  /// steps. What attacks that are robust in the world mine: hard draws count,
-  /// easy ones teach nothing (R-PGA, 2026; Madry et al., ICLR 2018, of the
-  /// inner maximum).
+  /// Colours that the whole object is made of (kMostPaints at most): each texel gets the mean of its cluster
+  /// among so many. 0: any colour.
+  double paints = 0;
+  /// Draws for each host and step (kMostMined at most), of which the one with the greatest loss is learned
+  /// on: the inner maximum of Madry et al., ICLR 2018, by sampling, as R-PGA (2026) mines it. 0: one draw,
+  /// and so their mean over the steps.
   double worst = 0;
 
   /// Whether anything is drawn.
   bool any() const;
   /// Whether the object is another one than designed (WorldDraw::built).
-  bool any_in_object() const { return shape > 0 || colour > 0; }
+  bool any_in_object() const { return shape > 0 || colour > 0 || paints > 0; }
   /// Whether the frame itself changes (WorldDraw::frame).
   bool any_in_frame() const { return sun > 0 || light > 0 || exposure > 0; }
   /// Draws to choose the worst of; 1: nothing is chosen.
@@ -56,28 +59,25 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "tilt", .range = {0, 10}, .lacking = "0"}, s.tilt);
   visit({.name = "shape", .range = {0, 10}, .lacking = "0"}, s.shape);
   visit({.name = "colour", .range = {0, 10}, .lacking = "0"}, s.colour);
+  visit({.name = "paints", .range = {0, kMostPaints}, .lacking = "0"}, s.paints);
   visit({.name = "worst", .range = {0, kMostMined}, .lacking = "0"}, s.worst);
 }
 
 /// "none", or words of roof, tilt, shape, colour, sun, light, exposure, noise separated by commas, or "all":
 /// the named ones at 5 cm and 2°, 2°, 1 cm, 0.15, 20°, 0.3, 0.2, 0.01 and 2 cm. "shape:0.02" is a shape off
-/// by 2 cm.
-/// "worst:4" beside others learns on the worst of 4 draws. InputError for any other word, and for the worst
-/// of draws in which nothing varies.
+/// by 2 cm, "paints:24" an object of 24 colours. "worst:4" beside others learns on the worst of 4 draws.
+/// InputError for any other word, and for the worst of draws in which nothing varies.
 Expectation parse_expectation(const std::string& words);
 inline void set_from_text(const std::string& text, Expectation& value) {
   value = parse_expectation(text);
 }
-/// InputError for words that only an attack understands (worst): what is judged
-/// meets one draw.
+/// InputError for words that only an attack understands (worst): what is judged meets one draw.
 void require_judged(const Expectation& expectation);
-/// InputError for words that change more than the object and its pose (sun,
-/// light, exposure, noise), and for worst: a renderer draws the recorded world
-/// with the object as the workshop made it.
+/// InputError for words that change more than the object and its pose (sun, light, exposure, noise), and for
+/// worst: a renderer draws the recorded world with the object as the workshop made it.
 void require_built(const Expectation& expectation);
-/// The number of candidate k (from 0) of the draws to choose from in the place
-/// of draw `number` (below 2^50, or 2^62 more): of none other, and of no draw
-/// that is not chosen.
+/// The number of candidate k (from 0) of the draws to choose from in the place of draw `number` (below 2^50,
+/// or 2^62 more): of none other, and of no draw that is not chosen.
 constexpr std::uint64_t candidate_draw(std::uint64_t number, int k) {
   return number + (std::uint64_t{1} << 61) + (static_cast<std::uint64_t>(k) << 50);
 }
@@ -99,9 +99,9 @@ class WorldDraw {
   PreparedFrame frame(const PreparedFrame& known) const;
   /// The settings with the range noise of the object's returns.
   SimulationSettings simulation(const SimulationSettings& known) const;
-  /// The object as it comes from the workshop: vertices off, colours with a cast.
+  /// The object as it comes from the workshop: vertices off, few colours, with a cast.
   TexturedMesh built(const TexturedMesh& designed) const;
-  /// Turns d loss / d built into d loss / d designed.
+  /// Turns d loss / d built into d loss / d designed; which texels share a colour is held fixed.
   void built_vjp(const TexturedMesh& designed, AdversaryGradient& gradient) const;
   /// The camera's noise, on the picture that has the object in it; its VJP is the identity.
   void add_noise(ImageF& image) const;

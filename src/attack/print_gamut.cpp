@@ -221,6 +221,7 @@ PrintGamut PrintGamut::box(double black, double white, const std::string& text) 
     throw FieldError(kGamutField, text.empty() ? fmt::format("{}{},{}", kBox, black, white) : text,
                      "is no range of reflectances", "use box:BLACK,WHITE, as box:0.03,0.85");
   std::vector<Vec3d> corners;
+  corners.reserve(8);
   for (int i = 0; i < 8; ++i)
     corners.emplace_back(i & 1 ? white : black, i & 2 ? white : black, i & 4 ? white : black);
   return *of(fmt::format("{}{},{}", kBox, black, white), corners);

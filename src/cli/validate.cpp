@@ -124,10 +124,8 @@ void add_options(CLI::App& app, ValidateOptions& options) {
   app.add_option("--defense", settings.detector.defense, "the detector's defence (default: the run's)");
   add_trust_option(app, settings.trust);
   app.add_option("--expect", settings.expect,
-                 "what a workshop makes of the object, drawn for each vehicle "
-                 "as by mirage evaluate --expect "
-                 "with the same --seed: some of shape,colour,roof,tilt, as "
-                 "shape:0.02,colour")
+                 "the object as a workshop makes it, drawn as by mirage evaluate --expect: some of "
+                 "shape,colour,roof,tilt")
       ->capture_default_str();
   app.add_option("--frames", settings.frames,
                  fmt::format("frames to validate, test frames first. 0: as many as hold {} vehicles",

@@ -63,16 +63,17 @@ std::optional<ConvexPolytope> ConvexPolytope::hull(std::span<const Vec3d> points
       }))
     return std::nullopt;
   const auto at = [&](int i) -> const Vec3d& { return points[static_cast<std::size_t>(i)]; };
-  const auto [a, most] = farthest(points, [](const Vec3d& p) { return -p.x(); });
-  const auto [b, length] = farthest(points, [&](const Vec3d& p) { return (p - at(a)).norm(); });
+  const int a = farthest(points, [](const Vec3d& p) { return -p.x(); }).first;
+  const Vec3d& start = at(a);
+  const auto [b, length] = farthest(points, [&](const Vec3d& p) { return (p - start).norm(); });
   if (!(length > kThinnest)) return std::nullopt;
-  const Vec3d along = (at(b) - at(a)) / length;
-  const auto [c, width] = farthest(points, [&](const Vec3d& p) { return (p - at(a)).cross(along).norm(); });
+  const Vec3d along = (at(b) - start) / length;
+  const auto [c, width] = farthest(points, [&](const Vec3d& p) { return (p - start).cross(along).norm(); });
   if (!(width > kThinnest)) return std::nullopt;
-  const Vec3d up = along.cross(at(c) - at(a)).normalized();
-  const auto [d, height] = farthest(points, [&](const Vec3d& p) { return std::abs(up.dot(p - at(a))); });
+  const Vec3d up = along.cross(at(c) - start).normalized();
+  const auto [d, height] = farthest(points, [&](const Vec3d& p) { return std::abs(up.dot(p - start)); });
   if (!(height > kThinnest)) return std::nullopt;
-  const bool above = up.dot(at(d) - at(a)) > 0;
+  const bool above = up.dot(at(d) - start) > 0;
   const int second = above ? c : b, third = above ? b : c;  // so that the first facet looks away from d
   std::vector<Facet> facets;
   for (const std::array<int, 3>& corners :

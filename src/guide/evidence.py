@@ -240,7 +240,7 @@ def placements(result):
     detectors = list(dict.fromkeys(row["detector"] for row in result["rows"]))
     places = list(dict.fromkeys(row["place"] for row in result["rows"]))
     found = {(row["place"], row["detector"]): row for row in result["rows"]}
-    whats = (("vanished", "vanish"), ("phantom", "phantom"))
+    whats = (("vanished", "hidden"), ("phantom", "phantom"))
 
     def cell(place, detector, what):
         if (place, detector) not in found:
@@ -250,8 +250,8 @@ def placements(result):
         return of["value"] / 0.3, f"{100 * of['value']:+.1f}".replace("-", "−"), between(of), (what == "phantom") == (row["victim"] == "phantom")
 
     return cells("Where does one cubic metre hurt most?",
-                 "One cubic metre: vehicles that vanish or meet a phantom, net of a random mesh of its size (points, 95 %); framed: what was learned",
-                 150, [f"{detector}: {said}" for detector in detectors for _, said in whats],
+                 "One cubic metre: vehicles hidden, or with a phantom (points net of size, 95 %)",
+                 150, [f"{detector} {said}" for detector in detectors for _, said in whats],
                  [(place, [cell(place, detector, what) for detector in detectors for what, _ in whats]) for place in places])
 
 
@@ -262,7 +262,7 @@ def plots(source):
     made = {"detectors": plot("AP 0.7 on 44 KITTI frames, 95 %", rows),
             "objects": objects(zoo(source)),
             "audits": audits(source, {name: f"audit-generated-{name}" for name in DETECTORS}),
-            "placements": placements(stored(source, "placements")),
+            "placements": placements(stored(source, "placements")["figures"]),
             "seconds": seconds(source),
             "grades": grades(stored(source, "score-fusion")),
             "regressions": regressions(stored(source, "compare-fusion-refined"))}

@@ -3,8 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
+#include <numeric>
+#include <set>
 
 #include "attack/attack.h"
 #include "attack/attack_step.h"
@@ -285,7 +288,8 @@ TEST(Expectation, TheGradientOfTheBuiltObjectReachesItsDesign) {
   for (std::size_t i = 0; i < x.size(); ++i) w.push_back(random.normal());
   long clipped = 0;
   for (std::uint64_t number = 0; number < 6; ++number) {
-    const WorldDraw draw(parse_expectation("shape:0.02,colour"), 7, number);
+    const WorldDraw draw(parse_expectation(number % 2 ? "shape:0.02,colour" : "shape:0.02,colour,paints:24"),
+                         7, number);
     const auto built = [&](const std::vector<double>& at) {
       TexturedMesh mesh = designed;
       std::size_t i = 0;
@@ -318,6 +322,30 @@ TEST(Expectation, TheGradientOfTheBuiltObjectReachesItsDesign) {
     test::check_gradient(f, x, d, 1e-6, 1e-6, 1e-3);
   }
   EXPECT_GT(clipped, 0);
+}
+
+TEST(Expectation, AnObjectOfFewPaintsIsNearTheDesign) {
+  const TexturedMesh designed = random_adversary(1);
+  const std::vector<Vec3d>& before = designed.atlas.texels;
+  const WorldDraw draw(parse_expectation("paints:24"), 5, 1);
+  const std::vector<Vec3d> painted = draw.built(designed).atlas.texels;
+  std::set<std::array<double, 3>> paints;
+  Vec3d sum = Vec3d::Zero();
+  double squares = 0, spread = 0;
+  const Vec3d mean =
+      std::accumulate(before.begin(), before.end(), Vec3d(0, 0, 0)) / static_cast<double>(before.size());
+  for (std::size_t i = 0; i < painted.size(); ++i) {
+    paints.insert({painted[i].x(), painted[i].y(), painted[i].z()});
+    sum += painted[i] - before[i];
+    squares += (painted[i] - before[i]).squaredNorm();
+    spread += (mean - before[i]).squaredNorm();
+  }
+  EXPECT_GE(paints.size(), 20u);
+  EXPECT_LE(paints.size(), 24u);
+  EXPECT_LT(sum.norm(), 1e-8);
+  EXPECT_LT(squares, spread / 4);
+  EXPECT_EQ(draw.built(designed).atlas.texels, painted);
+  EXPECT_EQ(WorldDraw(draw.expectation(), 9, 4).built(designed).atlas.texels, painted);  // no draw is in it
 }
 
 TEST(Expectation, EveryObjectOnAVehicleMeetsTheSameDraw) {

@@ -205,6 +205,10 @@ def main(source, build):
     for ending in (".h", ".cpp"):
         for path in files_of(source, ending):
             problems += [f"{os.path.relpath(path, source)}: {problem}" for problem in broken_citations(source, path)]
+    for path in files_of(os.path.join(source, "plugins"), ".sh"):
+        if options:
+            text = "".join(f"    {line}\n" for line in read(path).splitlines())
+            problems += [f"{os.path.relpath(path, source)}: {problem}" for problem in unknown_options(options, text)]
     problems += [f"README.md: {problem}" for problem in too_long(read(os.path.join(source, "README.md")))]
     if total > ALL_WORDS:
         problems.append(f"{total} words in all pages, more than {ALL_WORDS}")

@@ -35,9 +35,8 @@ struct ValidationSettings {
   BudgetOf budget_of = BudgetOf::radiance;
   double budget_confidence = 0.9;  ///< share of unseen scenes that are to be within the budget
   bool sign_off = false;           ///< write a page to sign beside the report, too
-  /// What the workshop makes of the object, drawn for each vehicle as by
-  /// `mirage evaluate --expect` of the same seed: words of parse_expectation
-  /// that require_built takes.
+  /// What the workshop makes of the object, drawn for each vehicle as by `mirage evaluate --expect` of the
+  /// same seed: words of parse_expectation that require_built takes.
   std::string expect = "none";
   std::uint64_t seed = 0;
   bool quiet = false;
