@@ -245,8 +245,9 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   if (rank() == 0)  // the only one that tells; the others take from its part of the rest meanwhile
     result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, stage.settings,
                                       result.settings.quiet, &seen);
-  const CleanDetections clean =
-      clean_detections(result.detectors, *result.store, result.hosts, result.settings, seen);
+  CleanDetections clean;
+  if (stage.settings.placement.victim != Victim::object)  // its clean frames have a plain object in them
+    clean = clean_detections(result.detectors, *result.store, result.hosts, result.settings, seen);
   const auto judged = [&](std::span<const TexturedMesh> meshes) {
     return evaluate(result.detectors, *result.store, result.hosts, clean, meshes, stage.settings.simulation,
                     result.settings);

@@ -164,7 +164,8 @@ CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& stor
                                  const std::vector<HostId>& hosts, const EvaluationSettings& settings,
                                  const CleanDetections& seen = {});
 
-/// Runs the detector on every host with each of the adversaries on its roof.
+/// Runs the detector on every host with each of the adversaries on its roof. `clean` is not asked with
+/// Victim::object.
 Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                     const CleanDetections& clean, std::span<const TexturedMesh> adversaries,
                     const SimulationSettings& simulation, const EvaluationSettings& settings);

@@ -227,7 +227,7 @@ TEST(Expectation, WhatIsValidatedIsTheBuiltObjectInTheRecordedWorld) {
   for (const char* wrong : {"sun", "light", "exposure", "noise"})
     EXPECT_THAT(test::error_text<InputError>(
                     [&] { require_built(parse_expectation(std::string("shape,") + wrong)); }),
-                AllOf(HasSubstr(wrong), HasSubstr("use some of shape, colour, roof and tilt")));
+                AllOf(HasSubstr(wrong), HasSubstr("use some of shape, colour, paints, roof and tilt")));
   EXPECT_THAT(test::error_text<InputError>([&] { require_built(parse_expectation("shape,worst:2")); }),
               HasSubstr("worst:2"));
 }

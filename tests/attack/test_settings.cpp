@@ -171,7 +171,7 @@ TEST(Settings, AListThatGrewIsReadAsItWas) {
   list.erase(list.begin() + 6, list.end());  // shorter than any program wrote
   EXPECT_THAT(
       test::error_text<InputError>([&] { read_fields(JsonFields("run.json", run, "restore it"), read); }),
-      testing::HasSubstr("expectation: not a list of 11 numbers"));
+      testing::HasSubstr("expectation: not a list of 12 numbers"));
 }
 
 TEST(Settings, ARunOfAnEarlierProgramGoesOnWithTheSameSettingsAndNoOthers) {

@@ -332,9 +332,10 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   const JudgedBoxes boxes = labelled_boxes(scene.placement, place(scene.adversary, scene.placement).mesh,
                                            frame.calibration, carried_box(simulated, scene.placement));
   // One look at a frame serves all its hosts, unless it has a plain object in it.
-  const auto [clean, added] = context.clean.try_emplace(boxes.plain ? host_name(id) : id.frame);
-  if (added)
-    clean->second = clean_of(context.detector, prepared, scene.placement, scene.simulation, judge_by);
+  const auto looked = context.clean.try_emplace(boxes.plain ? host_name(id) : id.frame);
+  std::vector<Detection>& clean = looked.first->second;
+  if (looked.second)
+    clean = clean_of(context.detector, prepared, scene.placement, scene.simulation, judge_by);
   // What the detector made of the frame as recorded saves it work: pictures differ in the window alone.
   CleanView as_recorded = clean_view(prepared, simulated);
   const Simulated learned = simulate(prepared, scene.placement, scene.adversary, built.simulation());
@@ -359,7 +360,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
         view.others.push_back(sensor_beside(frame, k - 1, pictures[k]));
     if (can.why_whole.empty()) view.clean = &as_recorded;
     Appearance look = look_at(context.detector, view, host_boxes, judge_by);
-    return {judge(id, frame, clean->second, std::move(look.found), judge_by, boxes), look.logit};
+    return {judge(id, frame, clean, std::move(look.found), judge_by, boxes), look.logit};
   };
   const Judged seen_raster_as = outcome_of(pictures_of(simulated), simulated.sweep);
   const Judged seen_cycles_as = outcome_of(in_cycles, simulated.sweep);
