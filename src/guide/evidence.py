@@ -120,7 +120,7 @@ def cells(title, said, left, columns, rows):
            f'font-family="sans-serif" font-size="13" role="img"><title>{escape(title)}</title>'
            f'<rect width="100%" height="100%" fill="#fff"/><text x="10" y="18" font-weight="bold">{escape(said)}</text>']
     for k, name in enumerate(columns):
-        out.append(f'<text x="{left + wide * (k + 0.5):.0f}" y="{top - 8}" text-anchor="middle">{escape(name)}</text>')
+        out.append(f'<text x="{left + wide * (k + 0.5):.0f}" y="{top - 8}" text-anchor="middle" font-size="12">{escape(name)}</text>')
     for i, (name, values) in enumerate(rows):
         y = top + high * i
         out.append(f'<text x="{left - 8}" y="{y + 22}" text-anchor="end">{escape(name)}</text>')
