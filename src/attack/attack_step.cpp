@@ -150,11 +150,8 @@ HostStep judge_host(Detector& detector, const StepHost& host, const TexturedMesh
 HostStep step_host(Detector& detector, StepHost host, const TexturedMesh& adversary,
                    const AttackSettings& settings, std::uint64_t number, bool back) {
   const Expectation& expectation = settings.expectation;
-  if (!expectation.any())
-    return back ? attack_host(detector, host, adversary, settings)
-                : judge_host(detector, host, adversary, settings);
   HostSeconds judging;
-  if (expectation.draws() > 1) {
+  if (expectation.any() && expectation.draws() > 1) {
     HostStep worst;
     int chosen = 0;
     for (int k = 0; k < expectation.draws(); ++k) {
@@ -173,7 +170,7 @@ HostStep step_host(Detector& detector, StepHost host, const TexturedMesh& advers
     number = candidate_draw(number, chosen);
   }
   const WorldDraw draw(expectation, settings.seed, number);
-  host.draw = &draw;
+  host.draw = expectation.any() ? &draw : nullptr;
   HostStep step = back ? attack_host(detector, host, adversary, settings)
                        : judge_host(detector, host, adversary, settings);
   step.seconds += judging;

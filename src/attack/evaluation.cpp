@@ -394,7 +394,7 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
       one.from_box = placement.carrier->from_box;
       return one;
     };
-    const Mesh placed = place(adversaries[mesh], placement).mesh;
+    const Mesh placed = placement.grows_box || itself ? place(adversaries[mesh], placement).mesh : Mesh();
     if (placement.grows_box) {
       const Box3 box = grown_box(placement.carrier->label.box, placed);
       grown[at] = judged(found.detections, {found.object, placement.neighbour, box});

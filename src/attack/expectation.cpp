@@ -232,6 +232,7 @@ TexturedMesh WorldDraw::built(const TexturedMesh& designed) const {
 }
 
 void WorldDraw::built_vjp(const TexturedMesh& designed, AdversaryGradient& gradient) const {
+  if (!(expectation_.paints > 0) && !(expectation_.colour > 0)) return;
   std::vector<Vec3d> texels = designed.atlas.texels;
   std::vector<int> cluster;
   if (expectation_.paints > 0 && !gradient.texels.empty()) {

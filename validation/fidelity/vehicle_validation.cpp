@@ -329,8 +329,8 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   seen.full = seen.surround ? seen.surround->cameras[0].full : best.full_result();
   EvaluationSettings judge_by = context.settings.evaluation_settings;
   judge_by.matching = context.detector.capabilities().matching();
-  const JudgedBoxes boxes = labelled_boxes(scene.placement, place(scene.adversary, scene.placement).mesh,
-                                           frame.calibration, carried_box(simulated, scene.placement));
+  const JudgedBoxes boxes = labelled_boxes(scene.placement, scene.placed.mesh, frame.calibration,
+                                           carried_box(simulated, scene.placement));
   // One look at a frame serves all its hosts, unless it has a plain object in it.
   const auto looked = context.clean.try_emplace(boxes.plain ? host_name(id) : id.frame);
   std::vector<Detection>& clean = looked.first->second;
