@@ -112,8 +112,7 @@ long pairs(const Scene& s) {
 template <class V>
 [[gnu::always_inline]] inline float multiply_adds(long rounds) {
   V x[12];
-  for (int i = 0; i < 12; ++i)
-    for (std::size_t lane = 0; lane < sizeof(V) / 4; ++lane) x[i][lane] = 0.5f + 0.01f * float(i);
+  for (int i = 0; i < 12; ++i) x[i] = V{} + (0.5f + 0.01f * static_cast<float>(i));
   const V a = x[0] * 0 + 0.999f, b = x[0] * 0 + 0.001f;
   for (long round = 0; round < rounds; ++round)
     for (int i = 0; i < 12; ++i) x[i] = x[i] * a + b;
