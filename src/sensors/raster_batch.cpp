@@ -14,7 +14,7 @@ bool in_kernel(const SoftRasterSettings<double>& settings) {
                     settings.silhouette == SilhouetteBlend::product;
   const bool hard = settings.coverage == Coverage::hard && settings.color == ColorBlend::hard &&
                     settings.silhouette == SilhouetteBlend::hard;
-  return (soft || hard) && settings.background == Background::silhouette && settings.perspective_texture &&
+  return (soft || (hard && settings.background == Background::silhouette)) && settings.perspective_texture &&
          !settings.frozen_barycentrics;
 }
 
@@ -55,11 +55,6 @@ RasterTape& RasterTape::operator=(RasterTape&&) noexcept = default;
 
 namespace {
 
-/// What the kernel has the VJP of.
-bool vjp_in_kernel(const RasterJob& job) {
-  return in_kernel(*job.settings) && job.mesh->texture == Texture::atlas;
-}
-
 /// Every face's texels (or its corners' colours) in planes, and where they start.
 void lay_out_texels(const ScreenMesh<double>& mesh, std::vector<float>& texels,
                     std::vector<std::size_t>& starts) {
@@ -96,6 +91,8 @@ raster::Constants constants_of(const RasterJob& job, const raster::Setup& setup)
   constexpr double kSlack = 1e-6;
   k.key_low = bounded((setup.middle - settings.far) / setup.depth_range - kSlack);
   k.key_high = bounded((setup.middle - settings.near) / setup.depth_range + kSlack);
+  k.logit = settings.background != Background::silhouette;
+  k.background_key = bounded(background_logit(settings) - (settings.far - setup.middle) / setup.depth_range);
   k.mesh = &mesh;
   return k;
 }
@@ -286,11 +283,11 @@ void rasterize_batch_vjp(std::span<const RasterJob> jobs, std::span<const ImageF
   const auto& tiles = touched_tiles(tapes);
   parallel_for(tiles.size(), [&](std::size_t i) {
     const auto j = static_cast<std::size_t>(tiles[i].job);
-    if (vjp_in_kernel(jobs[j])) draw_vjp(jobs[j], d_rgba[j], tapes[j], tiles[i].tile);
+    if (in_kernel(*jobs[j].settings)) draw_vjp(jobs[j], d_rgba[j], tapes[j], tiles[i].tile);
   });
   parallel_for(jobs.size(), [&](std::size_t j) {
     const RasterJob& job = jobs[j];
-    if (vjp_in_kernel(job))
+    if (in_kernel(*job.settings))
       sum_gradient(job, *tapes[j].state, gradients[j]);
     else
       gradients[j] = rasterize_vjp(*job.mesh, *job.settings, to_double(*job.target), to_double(d_rgba[j]));

@@ -1,7 +1,7 @@
 // The fast soft rasteriser: the definition of soft_rasterizer.h in float, vectorised (Highway, instruction
-// set chosen at run time), in tiles, for many objects at once. It draws what Mirage uses: soft (the defaults)
-// and hard (coverage, colour and silhouette), with perspective texture. A job of any other options, and the
-// VJP of colours by vertex, take the plain loop in double.
+// set chosen at run time), in tiles, for many objects at once. It draws soft (the defaults, with any
+// background) and hard (coverage, colour and silhouette), with perspective texture. A job of any other
+// options takes the plain loop in double.
 //
 // Faces are set up in double and binned into tiles of 32 × 32 samples; within a tile they are drawn from
 // front to back, and a block of samples that nothing behind can change any more is left (its error is below

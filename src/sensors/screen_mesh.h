@@ -132,6 +132,12 @@ Vec2<S> ndc_from_pixel(S u, S v, int width, int height) {
   return {(2 * u + 1 - S(width)) / longer, (S(height) - 1 - 2 * v) / longer};
 }
 
+/// Of the photograph behind the object among the faces' z̄; of no meaning for Background::silhouette.
+template <class S>
+S background_logit(const SoftRasterSettings<S>& settings) {
+  return (settings.background == Background::authors_logit ? 2 : 1) * settings.epsilon;
+}
+
 /// T: squared distance (NDC², or barycentric²) outside a face from which on it is skipped.
 template <class S>
 S cut_off(const SoftRasterSettings<S>& settings) {

@@ -52,7 +52,7 @@ void blend_silhouette(const std::vector<Fragment<S>>& fragments, std::size_t fac
 template <class S>
 S softmax_weights(std::vector<Fragment<S>>& fragments, const SoftRasterSettings<S>& settings) {
   const bool logit = settings.background != Background::silhouette;
-  const S background = (settings.background == Background::authors_logit ? 2 : 1) * settings.epsilon;
+  const S background = background_logit(settings);
   S top = logit ? background : -std::numeric_limits<S>::infinity();
   for (const auto& f : fragments)
     if (f.colored) top = std::max(top, f.normalized_z);

@@ -152,7 +152,7 @@ Extreme kernel_scene_of(const Case& c) {
   settings.coverage = hard ? Coverage::hard : Coverage::euclidean;
   settings.color = hard ? ColorBlend::hard : ColorBlend::softmax;
   settings.silhouette = hard ? SilhouetteBlend::hard : SilhouetteBlend::product;
-  settings.background = Background::silhouette;
+  if (hard) settings.background = Background::silhouette;
   settings.perspective_texture = true;
   settings.frozen_barycentrics = false;
   return extreme;

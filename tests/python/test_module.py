@@ -276,6 +276,47 @@ class Pieces(unittest.TestCase):
         with self.assertRaisesRegex(mirage.InputError, "blend"):
             mirage.rasterize(mesh, camera, 48, 64, blend="wet")
 
+    def test_many_pictures_in_one_call(self):
+        random = np.random.default_rng(6)
+        meshes = [mirage.icosphere(1, resolution=2) for _ in range(2)]
+        for mesh, away in zip(meshes, (5, 7)):
+            mesh.vertices[:, 2] += away
+            mesh.texels[:] = random.random(mesh.texels.shape)
+        cameras = [(60, 60, 32, 24), (90, 90, 20, 30)]
+        settings = dict(background=random.random((48, 64, 3), dtype=np.float32), sigma=1e-4, near=3, far=9)
+        singly = [mirage.rasterize(mesh, camera, 48, 64, **settings) for mesh, camera in zip(meshes, cameras)]
+        both = mirage.rasterize(meshes, cameras, 48, 64, **settings)
+        d_image, d_mask = random.normal(size=both.image.shape), random.normal(size=both.mask.shape).astype(np.float32)
+        # As it lies: turned round, with gaps, in another order; floats and doubles are one gradient.
+        laid = np.empty((48, 2, 128, 3), np.float32)[:, :, ::2][::-1].transpose(1, 0, 2, 3)
+        laid[:] = d_image
+        for n, (alone, pair, strided) in enumerate(zip(singly, both.vjp(d_image, d_mask), both.vjp(laid, d_mask))):
+            np.testing.assert_array_equal(both.image[n], alone.image)
+            np.testing.assert_array_equal(both.mask[n], alone.mask)
+            for one, other, third in zip(alone.vjp(d_image[n], d_mask[n]), pair, strided):
+                self.assertGreater(np.abs(one).max(), 0)
+                np.testing.assert_array_equal(one, other)
+                np.testing.assert_array_equal(one, third)
+        views = mirage.rasterize(meshes[0], cameras, 48, 64, **settings)
+        gradient = views.vjp(d_image)
+        parts = [mirage.rasterize(meshes[0], camera, 48, 64, **settings).vjp(d_image[n])
+                 for n, camera in enumerate(cameras)]
+        for k in (0, 1):
+            np.testing.assert_allclose(gradient[k], parts[0][k] + parts[1][k], rtol=1e-12)
+        with self.assertRaisesRegex(mirage.InputError, "3 cameras for 2 meshes"):
+            mirage.rasterize(meshes, cameras + cameras[:1], 48, 64, **settings)
+        d_image[1, 30, 20, 0] = np.nan
+        with self.assertRaisesRegex(mirage.Failure, "d_image: is not finite"):
+            both.vjp(d_image)
+
+    def test_a_background_is_the_one_that_was_given(self):
+        background = np.full((48, 64, 3), 0.25, np.float32)
+        mesh = mirage.icosphere(1)
+        mesh.vertices[:, 2] += 6
+        drawn = mirage.rasterize(mesh, (60, 60, 32, 24), 48, 64, background=background)
+        background[:] = 0.75
+        self.assertEqual(drawn.image[0, 0, 0], 0.25)
+
     def test_cast_rays(self):
         mesh = mirage.icosphere(3, (1, 1, 1))
         origins = np.array([[5.0, 0.1, 0.2], [5.0, 3.0, 0.0]])

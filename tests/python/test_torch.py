@@ -130,6 +130,32 @@ class InThePlaceOfPyTorch3D(unittest.TestCase):
         self.assertTrue(torch.equal(images[0], images[1]))
         self.assertTrue(torch.equal(images[0], mirage.pytorch3d.soft_rasterize(verts, faces, colors, 32, sigma=sigma)))
 
+        # A camera for each mesh: the second stands elsewhere.
+        moved = torch.tensor([0.3, 0.0, 0.0])
+        two = simple(transform_points_ndc=lambda v: torch.stack([v, v + moved]),
+                     get_world_to_view_transform=lambda: simple(transform_points=lambda v: torch.stack([v, v])))
+        renderer.cameras = two
+        images = renderer(meshes)
+        self.assertTrue(torch.equal(images[1],
+                                    mirage.pytorch3d.soft_rasterize(verts + moved, faces, colors, 32, sigma=sigma)))
+        meshes.verts_list, meshes.faces_list = (lambda: [verts] * 3), (lambda: [faces] * 3)
+        meshes.textures.atlas_list = lambda: [colors] * 3
+        with self.assertRaisesRegex(mirage.InputError, "2 cameras for 3 meshes"):
+            renderer(meshes)
+
+    def test_colours_of_vertices_in_float_as_in_double(self):
+        verts, faces, _ = self.scene()
+        colors = torch.rand(42, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(4))
+        upstream = torch.rand(2, 40, 60, 4, dtype=torch.float64, generator=torch.Generator().manual_seed(5))
+        gradients = []
+        for dtype in (torch.float64, torch.float32):
+            leaves = [tensor.to(dtype).requires_grad_() for tensor in (verts, colors)]
+            drawn = mirage.pytorch3d.soft_rasterize([leaves[0]] * 2, [faces] * 2, [leaves[1]] * 2, (40, 60), sigma=1e-4,
+                                                    gamma=1e-2)
+            gradients.append(torch.autograd.grad(drawn, leaves, upstream.to(dtype)))
+        for exact, fast in zip(*gradients):
+            self.assertLess((exact - fast).norm(), 1e-3 * exact.norm())
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -119,6 +119,46 @@ TEST(RasterBatch, AgreesWithTheReferenceOnEveryInstructionSet) {
   });
 }
 
+/// Of PyTorch3D's kind: a background that competes with the faces, colours by vertex.
+TEST(RasterBatch, DrawsALogitBackgroundAndColoursByVertexAsTheReference) {
+  on_every_instruction_set([] {
+    Difference worst;
+    for (const auto& [sigma, gamma, epsilon] :
+         {std::tuple{1e-5, 1e-2, 1e-3}, {1e-5, 1e-4, 1e-10}, {1e-5, 1., .1}})
+      for (const bool by_vertex : {false, true})
+        for (const bool hard : {false, true}) {
+          if (hard && gamma != 1e-2) continue;  // has no γ
+          Ball scene = ball(3, 12, sigma, gamma, by_vertex ? 1 : 2);
+          SoftRasterSettings<double>& settings = scene.settings;
+          settings.epsilon = epsilon;
+          if (hard) {
+            settings.coverage = Coverage::hard;
+            settings.color = ColorBlend::hard;
+            settings.silhouette = SilhouetteBlend::hard;
+          } else {
+            settings.background = Background::paper_logit;
+          }
+          if (by_vertex) {
+            RandomStream random(4, "corner colours");
+            scene.mesh.texture = Texture::vertex;
+            scene.mesh.texels.resize(3 * scene.mesh.faces.size());
+            for (Vec3d& color : scene.mesh.texels)
+              for (int c = 0; c < 3; ++c) color[c] = random.uniform();
+          }
+          ASSERT_TRUE(in_kernel(settings));
+          const Difference d = compare(scene);
+          worst.image = std::max(worst.image, d.image);
+          worst.vertices = std::max(worst.vertices, d.vertices);
+          worst.texels = std::max(worst.texels, d.texels);
+        }
+    std::printf("%-8s image %.1e   vertices %.1e   texels %.1e\n", raster_instruction_set(), worst.image,
+                worst.vertices, worst.texels);
+    EXPECT_LE(worst.image, 2e-4);
+    EXPECT_LE(worst.vertices, 2e-4);
+    EXPECT_LE(worst.texels, 2e-4);
+  });
+}
+
 struct Drawn {
   std::vector<ImageF> images;
   std::vector<ScreenGradient<double>> gradients;

@@ -46,9 +46,17 @@ std::vector<Vec3d> rows_of_three(const py::handle& values, const std::string& na
   check_shape(any, name, shape);
   if (shape.empty() || shape.back() != 3)
     throw InputError(name, "shape", "is " + text_of(shape), "give rows of three numbers");
+  std::vector<Vec3d> rows(static_cast<std::size_t>(any.size() / 3));
+  if (rows.empty()) return rows;
+  double* const to = rows.front().data();
+  using Floats = py::array_t<float, py::array::c_style>;
+  if (Floats::check_(any)) {  // as tensors are: no array between
+    const auto* from = static_cast<const float*>(any.data());
+    std::copy(from, from + any.size(), to);
+    return rows;
+  }
   const py::array_t<double, py::array::c_style | py::array::forcecast> array(any);
-  std::vector<Vec3d> rows(static_cast<std::size_t>(array.size() / 3));
-  if (!rows.empty()) std::memcpy(rows.front().data(), array.data(), rows.size() * sizeof(Vec3d));
+  std::memcpy(to, array.data(), rows.size() * sizeof(Vec3d));
   return rows;
 }
 

@@ -1,4 +1,6 @@
 #include <cmath>
+#include <mutex>
+#include <span>
 
 #include "arrays.h"
 #include "base/error.h"
@@ -6,29 +8,73 @@
 #include "bind.h"
 #include "sensors/projection.h"
 #include "sensors/raster_batch.h"
+#include "validation/thread_clock.h"
 
 namespace mirage::python {
 namespace {
 
 constexpr double kNearestVertex = 0.1;  // m; faces are clipped at this depth, as in an insertion
 
-/// A picture by the soft rasteriser and what its VJP needs.
-struct Raster {
-  ScreenMesh<double> screen;  ///< where no mesh was projected
-  ProjectedMesh projected;
-  std::vector<Vec3d> p_camera;
-  std::size_t texels = 0;
+/// A mesh in one picture: in a camera's frame, or on screen already.
+struct Subject {
+  bool is_projected = false;
+  std::vector<Vec3d> vertices;  ///< in the camera's frame, or on screen before `scale`
+  std::vector<Face> faces;
+  std::size_t colors = 0;  ///< rows of three as given
   PinholeCamera camera;
-  bool is_projected = false, in_double = false;
-  SoftRasterSettings<double> settings;
-  RasterTarget<float> target;
-  ImageF background;
-  RasterTape tape;
-  Image<double> rgba;
+  ProjectedMesh projected;      ///< screen alone is filled where no camera is
+  Vec3d scale = Vec3d::Ones();  ///< of the screen's corners
 
-  const ScreenMesh<double>& drawn() const { return is_projected ? projected.screen : screen; }
+  RasterTarget<float> target;
+  Image<double> rgba;  ///< where drawn in double
+};
+
+/// Pictures by the soft rasteriser and what their VJP needs.
+struct Raster {
+  std::vector<Subject> subjects;
+  std::vector<RasterTape> tapes;
+  SoftRasterSettings<double> settings;
+  int height = 0, width = 0;
+  bool in_double = false;
+  std::array<float, 3> color{};  ///< of the background, where it is no picture
+  py::array_t<float, py::array::c_style | py::array::forcecast> background;  ///< or empty
+  py::array image;  ///< made with a background that its owner may change; else when asked for
+
+  std::vector<RasterJob> jobs() const {
+    std::vector<RasterJob> jobs;
+    for (const Subject& s : subjects) jobs.push_back({&s.projected.screen, &settings, &s.target});
+    return jobs;
+  }
+  const float* photograph() const { return background.size() ? background.data() : nullptr; }
 };
 using Shared = std::shared_ptr<Raster>;
+
+/// Tapes of pictures that are gone: their memory is worth keeping.
+class TapePool {
+ public:
+  std::vector<RasterTape> take(std::size_t count) {
+    const std::lock_guard lock(mutex_);
+    std::vector<RasterTape> tapes;
+    for (; tapes.size() < count && !free_.empty(); free_.pop_back()) tapes.push_back(std::move(free_.back()));
+    tapes.resize(count);
+    return tapes;
+  }
+  void give_back(std::vector<RasterTape> tapes) {
+    constexpr std::size_t kMost = 8;
+    const std::lock_guard lock(mutex_);
+    for (RasterTape& tape : tapes)
+      if (free_.size() < kMost) free_.push_back(std::move(tape));
+  }
+
+ private:
+  std::mutex mutex_;
+  std::vector<RasterTape> free_;
+};
+
+TapePool& tape_pool() {
+  static TapePool pool;
+  return pool;
+}
 
 /// Of one name each; what is not named keeps its default.
 SoftRasterSettings<double> settings_of(const std::map<std::string, double>& numbers,
@@ -68,184 +114,398 @@ SoftRasterSettings<double> settings_of(const std::map<std::string, double>& numb
   return settings;
 }
 
-void draw(Raster& raster, int height, int width, const py::object& background, int supersampling) {
+void choose_background(Raster& raster, const py::object& background) {
+  if (background.is_none()) return;
+  const py::array any = any_array(background, "background");
+  raster.background = any;
+  if (raster.background.size() == 3) {
+    std::copy_n(raster.background.data(), 3, raster.color.begin());
+    raster.background = {};
+  } else if (raster.background.size() != py::ssize_t{3} * raster.height * raster.width) {
+    throw InputError("background", "shape", std::to_string(raster.background.size()) + " numbers",
+                     "give a colour (3) or a picture (height × width × 3)");
+  }
+}
+
+/// Pixels [from, to) of the background, whatever is drawn over it; with channels after it that are 0.
+template <class T>
+void fill_background(const Raster& raster, std::size_t from, std::size_t to, int channels, T* out) {
+  const float* photograph = raster.photograph();
+  for (std::size_t i = from; i < to; ++i) {
+    for (int c = 0; c < 3; ++c)
+      *out++ = static_cast<T>(photograph ? photograph[3 * i + static_cast<std::size_t>(c)]
+                                         : raster.color[static_cast<std::size_t>(c)]);
+    for (int c = 3; c < channels; ++c) *out++ = 0;
+  }
+}
+
+void draw_subject(const Raster& raster, Subject& subject, int supersampling) {
+  RasterTarget<float>& target = subject.target;
+  target.width = raster.width;
+  target.height = raster.height;
+  target.supersampling = supersampling;
+  target.rect = touched_pixels(subject.projected.screen, raster.settings, raster.width, raster.height,
+                               {0, 0, raster.width, raster.height});
+  const PixelRect& rect = target.rect;
+  if (rect.empty()) target.rect = {};
+  target.background = ImageF(rect.width(), rect.height(), 3);
+  for (int v = rect.v0; v < rect.v1; ++v) {
+    const std::size_t row = static_cast<std::size_t>(v) * static_cast<std::size_t>(raster.width);
+    fill_background(raster, row + static_cast<std::size_t>(rect.u0), row + static_cast<std::size_t>(rect.u1),
+                    3, target.background.pixel(0, v - rect.v0));
+  }
+  if (raster.in_double)
+    subject.rgba = rasterize(subject.projected.screen, raster.settings, to_double(target));
+}
+
+void draw(Raster& raster, int supersampling) {
+  for (Subject& subject : raster.subjects) draw_subject(raster, subject, supersampling);
+  if (!raster.in_double) rasterize_batch(raster.jobs(), raster.tapes);
+}
+
+/// Channels [first, first + count) of a subject's RGBA over its picture, count numbers a pixel.
+template <class T>
+void put(const Raster& raster, std::size_t n, int first, int count, T* out) {
+  const PixelRect& rect = raster.subjects[n].target.rect;
+  for (int v = 0; v < rect.height(); ++v) {
+    T* to = out + static_cast<std::ptrdiff_t>(count) *
+                      (static_cast<std::ptrdiff_t>(rect.v0 + v) * raster.width + rect.u0);
+    for (int u = 0; u < rect.width(); ++u)
+      for (int c = 0; c < count; ++c)
+        *to++ = static_cast<T>(raster.in_double ? raster.subjects[n].rgba.at(u, v, first + c)
+                                                : double(raster.tapes[n].rgba.at(u, v, first + c)));
+  }
+}
+
+/// A subject's whole picture: RGB, or RGBA.
+template <class T>
+void compose(const Raster& raster, std::size_t n, int channels, T* out) {
+  const auto width = static_cast<std::size_t>(raster.width), row = static_cast<std::size_t>(channels) * width;
+  for (std::size_t v = 0; v < static_cast<std::size_t>(raster.height); ++v)
+    if (raster.photograph() || v == 0)
+      fill_background(raster, v * width, (v + 1) * width, channels, out + v * row);
+    else
+      std::copy_n(out, row, out + v * row);
+  put(raster, n, 0, channels, out);
+}
+
+/// Where an upstream gradient lies: its own memory, whatever its strides.
+template <class T>
+struct Strided {
+  const char* data = nullptr;
+  std::ptrdiff_t row = 0, column = 0, channel = 0;  // bytes
+
+  double at(int v, int u, int c) const {
+    T value;
+    std::memcpy(&value, data + row * v + column * u + channel * c, sizeof value);
+    return double(value);
+  }
+};
+
+/// Reads `count` channels of the window's upstream gradients. False for a number that is not finite.
+template <class T, class To>
+bool take(const Strided<T>& from, const PixelRect& rect, int first, int count, Image<To>& d_rgba) {
+  bool finite = true;
+  for (int v = 0; v < rect.height(); ++v)
+    for (int u = 0; u < rect.width(); ++u)
+      for (int c = 0; c < count; ++c) {
+        const double value = from.at(rect.v0 + v, rect.u0 + u, c);
+        finite &= std::isfinite(value);
+        d_rgba.at(u, v, first + c) = static_cast<To>(value);
+      }
+  return finite;
+}
+
+struct Gradient {
+  std::vector<Vec3d> vertices, colors;
+};
+
+/// The screen's gradient → the subject's vertices and colours.
+Gradient gather(const Subject& subject, const ScreenGradient<double>& screen) {
+  Gradient gradient{std::vector<Vec3d>(subject.vertices.size(), Vec3d::Zero()),
+                    std::vector<Vec3d>(subject.colors, Vec3d::Zero())};
+  if (subject.is_projected) {
+    project_mesh_vjp(subject.projected, subject.vertices, subject.camera, kNearestVertex, screen,
+                     gradient.vertices, gradient.colors);
+    return gradient;
+  }
+  const bool by_vertex = subject.projected.screen.texture == Texture::vertex;
+  for (std::size_t f = 0; f < subject.faces.size(); ++f)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto vertex = static_cast<std::size_t>(subject.faces[f][k]);
+      gradient.vertices[vertex] += screen.faces[f][k].cwiseProduct(subject.scale);
+      if (by_vertex) gradient.colors[vertex] += screen.texels[3 * f + k];
+    }
+  if (!by_vertex) gradient.colors = screen.texels;
+  return gradient;
+}
+
+/// upstream[n] as take() fills it, in the precision of the drawing.
+std::vector<Gradient> backward(Raster& raster, const std::vector<ImageF>& upstream,
+                               const std::vector<Image<double>>& upstream_in_double) {
+  std::vector<ScreenGradient<double>> screens(raster.subjects.size());
+  if (raster.in_double)
+    for (std::size_t n = 0; n < screens.size(); ++n) {
+      const Subject& subject = raster.subjects[n];
+      screens[n] = rasterize_vjp(subject.projected.screen, raster.settings, to_double(subject.target),
+                                 upstream_in_double[n]);
+    }
+  else
+    rasterize_batch_vjp(raster.jobs(), upstream, raster.tapes, screens);
+  std::vector<Gradient> gradients;
+  for (std::size_t n = 0; n < screens.size(); ++n)
+    gradients.push_back(gather(raster.subjects[n], screens[n]));
+  return gradients;
+}
+
+Shape shape_of(const Raster& raster, int channels) {
+  Shape shape = {ssize(raster.subjects.size()), raster.height, raster.width};
+  if (channels > 1) shape.push_back(channels);
+  return shape;
+}
+
+template <class T>
+py::array pictures(const Raster& raster, int channels) {
+  const py::array_t<T> array(shape_of(raster, channels));
+  T* out = const_cast<T*>(array.data());
+  const py::gil_scoped_release free;
+  const std::ptrdiff_t size = std::ptrdiff_t{channels} * raster.height * raster.width;
+  for (std::size_t n = 0; n < raster.subjects.size(); ++n, out += size) compose(raster, n, channels, out);
+  return array;
+}
+
+py::array image(Raster& raster, int channels) {
+  if (channels == 3 && raster.image.size()) return raster.image;
+  return raster.in_double ? pictures<double>(raster, channels) : pictures<float>(raster, channels);
+}
+
+template <class T>
+py::array masks(const Raster& raster) {
+  // Pages that nothing is drawn on are never touched.
+  const auto array = py::module_::import("numpy")
+                         .attr("zeros")(shape_of(raster, 1), py::dtype::of<T>())
+                         .template cast<py::array_t<T>>();
+  T* out = const_cast<T*>(array.data());
+  for (std::size_t n = 0; n < raster.subjects.size();
+       ++n, out += std::ptrdiff_t{raster.height} * raster.width)
+    put(raster, n, 3, 1, out);
+  return array;
+}
+
+py::list vjp(Raster& raster, const py::object& d_image, const py::object& d_mask) {
+  std::vector<ImageF> upstream;
+  std::vector<Image<double>> in_double;
+  for (const Subject& subject : raster.subjects) {
+    const PixelRect& rect = subject.target.rect;
+    if (raster.in_double)
+      in_double.emplace_back(rect.width(), rect.height(), 4);
+    else
+      upstream.emplace_back(rect.width(), rect.height(), 4);
+  }
+  const auto read = [&](const py::object& given, const char* name, int first, int count) {
+    if (given.is_none()) return;
+    py::array array = any_array(given, name);
+    check_shape(array, name, shape_of(raster, count));
+    const bool is_float = py::isinstance<py::array_t<float>>(array);
+    if (!is_float && !py::isinstance<py::array_t<double>>(array))
+      array = array_of<double>(array, name, shape_of(raster, count));
+    bool finite = true;
+    for (std::size_t n = 0; n < raster.subjects.size(); ++n) {
+      const PixelRect& rect = raster.subjects[n].target.rect;
+      const auto in = [&]<class T>(T) {
+        const Strided<T> from{static_cast<const char*>(array.data()) + array.strides(0) * ssize(n),
+                              array.strides(1), array.strides(2), count > 1 ? array.strides(3) : 0};
+        finite &= raster.in_double ? take(from, rect, first, count, in_double[n])
+                                   : take(from, rect, first, count, upstream[n]);
+      };
+      if (is_float)
+        in(float());
+      else
+        in(double());
+    }
+    if (!finite) throw Failure(name, "is not finite", "check the loss that it comes from");
+  };
+  const bool together = !d_image.is_none() && d_mask.is_none() && any_array(d_image, "d_image").ndim() == 4 &&
+                        any_array(d_image, "d_image").shape(3) == 4;
+  read(d_image, "d_image", 0, together ? 4 : 3);
+  read(d_mask, "d_mask", 3, 1);
+  std::vector<Gradient> gradients;
+  {
+    const py::gil_scoped_release free;
+    gradients = backward(raster, upstream, in_double);
+  }
+  const auto rows = [](std::vector<Vec3d> values) {
+    const auto kept = std::make_shared<std::vector<Vec3d>>(std::move(values));
+    return view(kept->empty() ? nullptr : kept->front().data(), {ssize(kept->size()), 3}, kept, true);
+  };
+  py::list list;
+  for (Gradient& gradient : gradients)
+    list.append(py::make_tuple(rows(std::move(gradient.vertices)), rows(std::move(gradient.colors))));
+  return list;
+}
+
+/// Without its subjects.
+Shared raster_of(int height, int width, const py::object& background,
+                 const std::map<std::string, double>& numbers,
+                 const std::map<std::string, std::string>& words, int supersampling, bool in_double,
+                 std::size_t count) {
   if (height < 1 || width < 1 || height > 32768 || width > 32768)
     throw InputError("rasterize", "size", std::to_string(height) + " × " + std::to_string(width),
                      "give 1 to 32768 pixels a side");
   if (supersampling < 1 || supersampling > 32)
     throw InputError("rasterize", "supersampling", std::to_string(supersampling), "use 1 to 32");
-  raster.background = ImageF(width, height, 3);
-  if (!background.is_none()) {
-    const py::array any = any_array(background, "background");
-    const py::array_t<float, py::array::c_style | py::array::forcecast> given(any);
-    const std::size_t count = raster.background.data.size();
-    if (given.size() != 3 && static_cast<std::size_t>(given.size()) != count)
-      throw InputError("background", "shape", std::to_string(given.size()) + " numbers",
-                       "give a colour (3) or a picture (height × width × 3)");
-    for (std::size_t i = 0; i < count; ++i)
-      raster.background.data[i] = given.data()[given.size() == 3 ? i % 3 : i];
-  }
-  const py::gil_scoped_release free;
-  RasterTarget<float>& target = raster.target;
-  target.width = width;
-  target.height = height;
-  target.supersampling = supersampling;
-  target.rect = touched_pixels(raster.drawn(), raster.settings, width, height, {0, 0, width, height});
-  const PixelRect& rect = target.rect;
-  target.background = ImageF(rect.width(), rect.height(), 3);
-  for (int v = 0; v < rect.height(); ++v)
-    std::copy_n(raster.background.pixel(rect.u0, rect.v0 + v), 3 * rect.width(),
-                target.background.pixel(0, v));
-  if (rect.empty()) return;
-  if (raster.in_double) {
-    raster.rgba = rasterize(raster.drawn(), raster.settings, to_double(target));
-  } else {
-    const RasterJob job{&raster.drawn(), &raster.settings, &target};
-    rasterize_batch({&job, 1}, {&raster.tape, 1});
-    raster.rgba = to_double(raster.tape.rgba);
-  }
+  Shared raster(new Raster, [](Raster* r) {
+    tape_pool().give_back(std::move(r->tapes));
+    delete r;
+  });
+  raster->settings = settings_of(numbers, words);
+  raster->in_double = in_double;
+  raster->height = height;
+  raster->width = width;
+  choose_background(*raster, background);
+  raster->subjects.resize(count);
+  raster->tapes = tape_pool().take(in_double ? 0 : count);
+  return raster;
 }
 
-template <class T>
-py::array_t<T> picture(const Raster& raster, int first, int count) {
-  const ImageF& background = raster.background;
-  std::vector<T> values(static_cast<std::size_t>(background.width) * background.height * count);
-  if (first == 0) std::copy(background.data.begin(), background.data.end(), values.begin());
-  const PixelRect& rect = raster.target.rect;
-  for (int v = 0; v < rect.height(); ++v)
-    for (int u = 0; u < rect.width(); ++u)
-      for (int c = 0; c < count; ++c)
-        values[count * (static_cast<std::size_t>(rect.v0 + v) * background.width + rect.u0 + u) + c] =
-            static_cast<T>(raster.rgba.at(u, v, first + c));
-  Shape shape = {background.height, background.width};
-  if (count > 1) shape.push_back(count);
-  return own(std::move(values), shape);
-}
-
-py::array any_picture(const Raster& raster, int first, int count) {
-  if (raster.in_double) return picture<double>(raster, first, count);
-  return picture<float>(raster, first, count);
-}
-
-/// The window's part of the upstream gradients.
-Image<double> upstream(const Raster& raster, const py::object& d_image, const py::object& d_mask) {
-  const PixelRect& rect = raster.target.rect;
-  const py::ssize_t height = raster.background.height, width = raster.background.width;
-  Image<double> d_rgba(rect.width(), rect.height(), 4);
-  const auto take = [&](const py::object& given, const char* name, int first, int count) {
-    if (given.is_none()) return;
-    const auto array =
-        array_of<double>(given, name, count == 1 ? Shape{height, width} : Shape{height, width, count});
-    for (int v = 0; v < rect.height(); ++v)
-      for (int u = 0; u < rect.width(); ++u)
-        for (int c = 0; c < count; ++c) {
-          const double value = array.data()[count * ((rect.v0 + v) * width + rect.u0 + u) + c];
-          if (!std::isfinite(value))
-            throw Failure(name, "is not finite", "check the loss that it comes from");
-          d_rgba.at(u, v, first + c) = value;
-        }
-  };
-  take(d_image, "d_image", 0, 3);
-  take(d_mask, "d_mask", 3, 1);
-  return d_rgba;
-}
-
-py::tuple vjp(const Shared& raster, const py::object& d_image, const py::object& d_mask) {
-  const Image<double> d_rgba = upstream(*raster, d_image, d_mask);
-  ScreenGradient<double> gradient;
-  const auto d_vertices = std::make_shared<std::vector<Vec3d>>(raster->p_camera.size(), Vec3d::Zero());
-  const auto d_texels = std::make_shared<std::vector<Vec3d>>(raster->texels, Vec3d::Zero());
-  const ScreenMesh<double>& drawn = raster->drawn();
+void finish(Raster& raster, int supersampling) {
   {
     const py::gil_scoped_release free;
-    if (raster->target.rect.empty()) {
-      gradient.faces.assign(drawn.faces.size(), {Vec3d::Zero(), Vec3d::Zero(), Vec3d::Zero()});
-      gradient.texels.assign(drawn.texels.size(), Vec3d::Zero());
-    } else if (raster->in_double) {
-      gradient = rasterize_vjp(drawn, raster->settings, to_double(raster->target), d_rgba);
-    } else {
-      const RasterJob job{&drawn, &raster->settings, &raster->target};
-      ImageF narrow(d_rgba.width, d_rgba.height, 4);
-      std::copy(d_rgba.data.begin(), d_rgba.data.end(), narrow.data.begin());
-      rasterize_batch_vjp({&job, 1}, {&narrow, 1}, {&raster->tape, 1}, {&gradient, 1});
-    }
-    if (raster->is_projected)
-      project_mesh_vjp(raster->projected, raster->p_camera, raster->camera, kNearestVertex, gradient,
-                       *d_vertices, *d_texels);
+    draw(raster, supersampling);
   }
-  if (raster->is_projected)
-    return py::make_tuple(view(d_vertices->front().data(), {ssize(d_vertices->size()), 3}, d_vertices, true),
-                          view(d_texels->front().data(), {ssize(d_texels->size()), 3}, d_texels, true));
-  const auto kept = std::make_shared<ScreenGradient<double>>(std::move(gradient));
-  return py::make_tuple(view(kept->faces.empty() ? nullptr : kept->faces.front().front().data(),
-                             {ssize(kept->faces.size()), 3, 3}, kept, true),
-                        view(kept->texels.empty() ? nullptr : kept->texels.front().data(),
-                             {ssize(kept->texels.size()), 3}, kept, true));
+  if (!raster.photograph()) return;
+  raster.image = image(raster, 3);
 }
 
-Shared rasterize_mesh(const TexturedMesh& mesh, const std::array<double, 4>& intrinsics, int height,
-                      int width, const py::object& background, const std::map<std::string, double>& numbers,
-                      const std::map<std::string, std::string>& words, int supersampling, bool in_double) {
-  check_mesh(mesh, "mesh");
-  if (mesh.mesh.faces.empty()) throw InputError("mesh", "faces", "there are none", "give a mesh with faces");
-  auto raster = std::make_shared<Raster>();
-  raster->settings = settings_of(numbers, words);
-  raster->in_double = in_double;
-  raster->is_projected = true;
-  raster->camera = {intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3], width, height};
-  raster->p_camera = mesh.mesh.vertices;
-  raster->texels = mesh.atlas.texels.size();
-  raster->projected = project_mesh(raster->p_camera, mesh.mesh.faces, raster->camera, kNearestVertex,
+void project(Subject& subject, const TexturedMesh& mesh, const std::array<double, 4>& intrinsics, int height,
+             int width) {
+  subject.is_projected = true;
+  subject.camera = {intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3], width, height};
+  subject.vertices = mesh.mesh.vertices;
+  subject.colors = mesh.atlas.texels.size();
+  subject.projected = project_mesh(subject.vertices, mesh.mesh.faces, subject.camera, kNearestVertex,
                                    Texture::atlas, mesh.atlas.resolution, mesh.atlas.texels);
-  draw(*raster, height, width, background, supersampling);
+}
+
+/// meshes[n] by intrinsics[n].
+Shared rasterize_meshes(const std::vector<std::shared_ptr<TexturedMesh>>& meshes,
+                        const std::vector<std::array<double, 4>>& intrinsics, int height, int width,
+                        const py::object& background, const std::map<std::string, double>& numbers,
+                        const std::map<std::string, std::string>& words, int supersampling, bool in_double) {
+  for (const auto& mesh : meshes) {
+    check_mesh(*mesh, "mesh");
+    if (mesh->mesh.faces.empty())
+      throw InputError("mesh", "faces", "there are none", "give a mesh with faces");
+  }
+  Shared raster =
+      raster_of(height, width, background, numbers, words, supersampling, in_double, meshes.size());
+  for (std::size_t n = 0; n < meshes.size(); ++n)
+    project(raster->subjects[n], *meshes[n], intrinsics[n], height, width);
+  finish(*raster, supersampling);
   return raster;
 }
 
-Shared rasterize_screen(const py::object& faces, const py::object& texels, bool of_vertices, int height,
-                        int width, const py::object& background, const std::map<std::string, double>& numbers,
-                        const std::map<std::string, std::string>& words, int supersampling, bool in_double) {
-  const auto corners = array_of<double>(faces, "faces", {-1, 3, 3});
-  auto raster = std::make_shared<Raster>();
-  raster->settings = settings_of(numbers, words);
-  raster->in_double = in_double;
-  ScreenMesh<double>& screen = raster->screen;
-  screen.faces.resize(static_cast<std::size_t>(corners.shape(0)));
-  const double* from = corners.data();
-  for (auto& face : screen.faces)
-    for (Vec3d& corner : face) {
-      corner = Vec3d(from[0], from[1], from[2]);
-      from += 3;
+/// On screen already: vertices (V×3), faces (F×3), colours of vertices (V×3) or of C×C texels a face.
+void read_screen(Subject& subject, const py::handle& vertices, const py::handle& faces,
+                 const py::handle& colors, bool by_vertex, const Vec3d& scale) {
+  subject.scale = scale;
+  subject.vertices = rows_of_three(vertices, "vertices");
+  const std::vector<Vec3d> given = rows_of_three(colors, "colors");
+  subject.colors = given.size();
+  const auto corners = array_of<int>(faces, "faces", {-1, 3});
+  const auto count = static_cast<std::size_t>(corners.shape(0));
+  subject.faces.resize(count);
+  const int* index = corners.data();
+  for (Face& face : subject.faces)
+    for (int& corner : face) {
+      corner = *index++;
+      if (corner < 0 || static_cast<std::size_t>(corner) >= subject.vertices.size())
+        throw InputError("faces", "", std::to_string(corner) + " is no vertex",
+                         "give 0 to " + std::to_string(subject.vertices.size()) + " − 1");
     }
-  screen.texels = rows_of_three(texels, "texels");
-  screen.texture = of_vertices ? Texture::vertex : Texture::atlas;
-  const std::size_t count = screen.faces.size();
-  if (!of_vertices)
-    while (count * screen.resolution * screen.resolution < screen.texels.size()) ++screen.resolution;
-  const std::size_t per_face =
-      of_vertices ? 3 : static_cast<std::size_t>(screen.resolution) * screen.resolution;
-  if (screen.texels.size() != count * per_face)
-    throw InputError(
-        "texels", "shape",
-        std::to_string(screen.texels.size()) + " colours for " + std::to_string(count) + " faces",
-        of_vertices ? "give faces × 3 × 3 numbers" : "give faces × C × C × 3 numbers");
-  raster->texels = screen.texels.size();
-  draw(*raster, height, width, background, supersampling);
+  ScreenMesh<double>& screen = subject.projected.screen;
+  screen.texture = by_vertex ? Texture::vertex : Texture::atlas;
+  if (!by_vertex)
+    while (count * screen.resolution * screen.resolution < given.size()) ++screen.resolution;
+  const std::size_t wanted =
+      by_vertex ? subject.vertices.size() : count * screen.resolution * screen.resolution;
+  if (given.size() != wanted)
+    throw InputError("colors", "shape",
+                     std::to_string(given.size()) + " colours for " +
+                         (by_vertex ? std::to_string(subject.vertices.size()) + " vertices"
+                                    : std::to_string(count) + " faces"),
+                     by_vertex ? "give vertices × 3 numbers" : "give faces × C × C × 3 numbers");
+  screen.faces.resize(count);
+  for (std::size_t f = 0; f < count; ++f)
+    for (std::size_t k = 0; k < 3; ++k)
+      screen.faces[f][k] =
+          subject.vertices[static_cast<std::size_t>(subject.faces[f][k])].cwiseProduct(scale);
+  if (!by_vertex) {
+    screen.texels = given;
+    return;
+  }
+  for (const Face& face : subject.faces)
+    for (const int corner : face) screen.texels.push_back(given[static_cast<std::size_t>(corner)]);
+}
+
+Shared rasterize_screens(const std::vector<py::object>& vertices, const std::vector<py::object>& faces,
+                         const std::vector<py::object>& colors, bool by_vertex,
+                         const std::array<double, 3>& scale, int height, int width,
+                         const py::object& background, const std::map<std::string, double>& numbers,
+                         const std::map<std::string, std::string>& words, int supersampling, bool in_double) {
+  Shared raster =
+      raster_of(height, width, background, numbers, words, supersampling, in_double, vertices.size());
+  for (std::size_t n = 0; n < vertices.size(); ++n)
+    read_screen(raster->subjects[n], vertices[n], faces[n], colors[n], by_vertex,
+                {scale[0], scale[1], scale[2]});
+  finish(*raster, supersampling);
   return raster;
+}
+
+/// CPU time (ms) of a picture of `channels` with its VJP through C++ alone: [kernel, with the filling of the
+/// picture and the reading of a gradient as large], what the module's overhead is over.
+std::array<double, 2> time_rasterization(const TexturedMesh& mesh, const std::array<double, 4>& intrinsics,
+                                         int height, int width, const py::object& background,
+                                         const std::map<std::string, double>& numbers,
+                                         const std::map<std::string, std::string>& words, int channels) {
+  const auto size = static_cast<std::size_t>(channels) * static_cast<std::size_t>(height * width);
+  const std::vector<float> d_image(size, 1);
+  std::vector<float> picture(size);
+  const std::ptrdiff_t pixel = std::ptrdiff_t{4} * channels;
+  const Strided<float> upstream{reinterpret_cast<const char*>(d_image.data()), pixel * width, pixel, 4};
+  const Shared raster = raster_of(height, width, background, numbers, words, 1, false, 1);
+  const py::gil_scoped_release free;
+  double kernel = cpu_ms([&] {
+    project(raster->subjects[0], mesh, intrinsics, height, width);
+    draw(*raster, 1);
+  });
+  const PixelRect& rect = raster->subjects[0].target.rect;
+  std::vector<ImageF> d_rgba(1);
+  const double around = cpu_ms([&] {
+    compose(*raster, 0, channels, picture.data());
+    d_rgba[0] = ImageF(rect.width(), rect.height(), 4);
+    take(upstream, rect, 0, channels, d_rgba[0]);
+  });
+  kernel += cpu_ms([&] { backward(*raster, d_rgba, {}); });
+  return {kernel, kernel + around};
 }
 
 }  // namespace
 
 void bind_rasterizer(py::module_& module) {
-  py::class_<Raster, Shared>(module, "Raster", "A picture by the soft rasteriser.")
+  py::class_<Raster, Shared>(module, "Raster", "N pictures by the soft rasteriser.")
       .def_property_readonly(
-          "image", [](const Raster& r) { return any_picture(r, 0, 3); },
-          "H×W×3 float32 (float64 if drawn in double): the mesh over the background, scene-linear RGB.")
+          "image", [](Raster& r) { return image(r, 3); },
+          "N×H×W×3 float32 (float64 if drawn in double): the mesh over the background, scene-linear RGB.")
       .def_property_readonly(
-          "mask", [](const Raster& r) { return any_picture(r, 3, 1); },
-          "H×W float32 (float64 if drawn in double): the silhouette S, 0 … 1.")
-      .def("_vjp", &vjp, py::arg("d_image") = py::none(), py::arg("d_mask") = py::none());
-  module.def("rasterize_mesh", &rasterize_mesh);
-  module.def("rasterize_screen", &rasterize_screen);
+          "mask", [](const Raster& r) { return r.in_double ? masks<double>(r) : masks<float>(r); },
+          "N×H×W float32 (float64 if drawn in double): the silhouette S, 0 … 1.")
+      .def_property_readonly(
+          "rgba", [](Raster& r) { return image(r, 4); }, "N×H×W×4: both.")
+      .def("vjp", &vjp, py::arg("d_image") = py::none(), py::arg("d_mask") = py::none());
+  module.def("rasterize_meshes", &rasterize_meshes);
+  module.def("rasterize_screens", &rasterize_screens);
+  module.def("time_rasterization", &time_rasterization);
 }
 
 }  // namespace mirage::python

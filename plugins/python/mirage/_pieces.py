@@ -12,30 +12,52 @@ if TYPE_CHECKING:
 
 
 class Raster:
-    """A picture by the soft rasteriser.
+    """A picture by the soft rasteriser, or N of them where meshes or cameras are a list.
 
-    image: H×W×3, the mesh over the background, scene-linear RGB; mask: H×W, the silhouette, 0 … 1. float32, or float64
-    if drawn in double.
+    image: (N×)H×W×3, the mesh over the background, scene-linear RGB; mask: (N×)H×W, the silhouette, 0 … 1. float32, or
+    float64 if drawn in double.
     """
 
-    def __init__(self, drawn: _core.Raster, mesh: _core.Mesh):
-        self._drawn = drawn
-        self._texels_shape = mesh.texels.shape
+    def __init__(self, drawn: _core.Raster, shapes: list, one_picture: bool, one_mesh: bool):
+        self._drawn, self._shapes = drawn, shapes
+        self._one_picture, self._one_mesh = one_picture, one_mesh
 
     @property
     def image(self) -> numpy.ndarray:
-        """H×W×3, the mesh over the background, scene-linear RGB."""
-        return self._drawn.image
+        """(N×)H×W×3, the mesh over the background, scene-linear RGB."""
+        return self._drawn.image[0] if self._one_picture else self._drawn.image
 
     @property
     def mask(self) -> numpy.ndarray:
-        """H×W, the silhouette, 0 … 1."""
-        return self._drawn.mask
+        """(N×)H×W, the silhouette, 0 … 1."""
+        return self._drawn.mask[0] if self._one_picture else self._drawn.mask
 
-    def vjp(self, d_image: Any = None, d_mask: Any = None) -> tuple[numpy.ndarray, numpy.ndarray]:
-        """d loss / d image (H×W×3) and d loss / d mask (H×W), either None, to (d_vertices (V×3), d_texels)."""
-        d_vertices, d_texels = self._drawn._vjp(d_image, d_mask)
-        return d_vertices, d_texels.reshape(self._texels_shape)
+    def vjp(self, d_image: Any = None, d_mask: Any = None) -> Any:
+        """d loss / d image and d loss / d mask, either None, each of its picture's shape, to (d_vertices (V×3), d_texels):
+        of one mesh the sum over its pictures, of a list of meshes a list."""
+        if self._one_picture:
+            d_image, d_mask = (None if d is None else _array(d)[None] for d in (d_image, d_mask))
+        pairs = [(vertices, texels.reshape(shape))
+                 for (vertices, texels), shape in zip(self._drawn.vjp(d_image, d_mask), self._shapes)]
+        if not self._one_mesh:
+            return pairs
+        return pairs[0] if len(pairs) == 1 else (sum(v for v, _ in pairs), sum(t for _, t in pairs))
+
+
+def _array(values: Any) -> Any:
+    """What can be indexed: arrays and tensors as they are, lists as arrays."""
+    if hasattr(values, "shape"):
+        return values
+    import numpy
+
+    return numpy.asarray(values)
+
+
+def _is_one_camera(camera: Any) -> bool:
+    """Four numbers or three rows of three, not a list of such."""
+    first = camera[0]
+    return not (isinstance(first, _core.Frame) or hasattr(first, "__len__")) or (
+        len(camera) == 3 and len(first) == 3 and not hasattr(first[0], "__len__"))
 
 
 def _intrinsics(camera: Any) -> tuple[float, float, float, float]:
@@ -48,29 +70,41 @@ def _intrinsics(camera: Any) -> tuple[float, float, float, float]:
     return tuple(float(value) for value in values)
 
 
-def rasterize(mesh: _core.Mesh, camera: Any, height: int, width: int, *, background: Any = None, sigma: float = 5e-7,
+def rasterize(mesh: _core.Mesh | Sequence[_core.Mesh], camera: Any, height: int, width: int, *,
+              background: Any = None, sigma: float = 5e-7,
               gamma: float = 1e-2, epsilon: float = 1e-3, dist_eps: float = 1e-4, near: float | None = None,
               far: float | None = None, supersampling: int = 1, blend: str = "silhouette", sides: str = "both",
               double: bool = False) -> Raster:
     """Draws a mesh with the soft rasteriser (Liu et al., ICCV 2019), unlit: texels are the colours that are seen.
 
     mesh: vertices in the camera's frame (x right, y down, z forward, m). camera: (fx, fy, cx, cy) in pixels, a 3×3
-    matrix or a frame; pixel (0, 0) is the centre of the top left one. background: RGB or H×W×3 (None: black).
+    matrix or a frame; pixel (0, 0) is the centre of the top left one. Either may be a list: N meshes, N cameras, or a
+    mesh by N cameras, drawn in one call. background: RGB or H×W×3 (None: black), of all.
     sigma: softness of edges in NDC² of the picture's longer side; gamma: of depth, in units of (far − near).
     near, far: depth range in m (None: the mesh's own and a margin). supersampling: samples along a pixel's side.
     blend: "silhouette" (edges stay where they are) or "logit" (the paper's background, of logit epsilon).
     dist_eps: coverage below which a face is skipped. sides: "both", "counter_clockwise" or "clockwise" on screen.
     double: the plain loop in float64.
     """
+    one_mesh = isinstance(mesh, _core.Mesh)
+    meshes = [mesh] if one_mesh else list(mesh)
+    one_camera = isinstance(camera, _core.Frame) or _is_one_camera(camera)
+    cameras = [_intrinsics(one) for one in ([camera] if one_camera else camera)]
+    count = max(len(meshes), len(cameras))
+    if not meshes or {len(meshes), len(cameras)} - {1, count}:
+        raise _core.InputError(f"rasterize: camera: {len(cameras)} cameras for {len(meshes)} meshes; give as many, or one")
     if near is None or far is None:
-        depths = mesh.vertices[:, 2][mesh.faces]  # a vertex that no face uses is not drawn
-        front, back = (float(depths.min()), float(depths.max())) if depths.size else (1.0, 1.0)
+        depths = [m.vertices[:, 2][m.faces] for m in meshes]  # a vertex that no face uses is not drawn
+        depths = [d for d in depths if d.size]
+        front = min((float(d.min()) for d in depths), default=1.0)
+        back = max((float(d.max()) for d in depths), default=1.0)
         near = max(0.05, front - 0.5) if near is None else near
         far = max(near + 1.0, back + 0.5) if far is None else far
     numbers = {"sigma": sigma, "gamma": gamma, "epsilon": epsilon, "dist_eps": dist_eps, "near": near, "far": far}
-    drawn = _core.rasterize_mesh(mesh, _intrinsics(camera), height, width, background, numbers,
-                                 {"blend": blend, "sides": sides}, supersampling, double)
-    return Raster(drawn, mesh)
+    meshes, cameras = (items * count if len(items) == 1 else items for items in (meshes, cameras))
+    drawn = _core.rasterize_meshes(meshes, cameras, height, width, background, numbers, {"blend": blend, "sides": sides},
+                                   supersampling, double)
+    return Raster(drawn, [m.texels.shape for m in meshes], one_mesh and one_camera, one_mesh)
 
 
 def cast_rays(meshes: _core.Mesh | Sequence[_core.Mesh], origins: Any, directions: Any, *, t_min: float = 0.0,

@@ -23,33 +23,40 @@ from . import _core
 BLUR_FLOOR = 1e-30  # of the coverage at the blur radius: beyond it float64 has no use for a face anyway
 
 
+def _array(tensor: torch.Tensor) -> Any:
+    return tensor.detach().cpu().numpy()
+
+
 class _Soft(torch.autograd.Function):
-    """RGBA of one mesh: corners (F×3×3: screen x, y and depth), colours (F×C×C×3, or F×3×3 of the corners)."""
+    """N×H×W×4 of N meshes, or H×W×4 of `one`: their vertices (V×3: NDC and depth), then their colours."""
 
     @staticmethod
-    def forward(ctx, corners, colors, of_vertices, height, width, background, numbers):
-        double = torch.float64 in (corners.dtype, colors.dtype)
-        ctx.drawn = _core.rasterize_screen(corners.detach().cpu().numpy(), colors.detach().cpu().numpy(), of_vertices,
-                                           height, width, background, numbers, {"blend": "logit"}, 1, double)
-        ctx.like = [(tensor.shape, tensor.dtype, tensor.device) for tensor in (corners, colors)]
-        image, mask = torch.from_numpy(ctx.drawn.image), torch.from_numpy(ctx.drawn.mask)
-        return torch.cat([image, mask.unsqueeze(-1)], -1).to(corners.device)
+    def forward(ctx, one, faces, by_vertex, scale, height, width, background, numbers, *tensors):
+        count = len(faces)
+        double = any(tensor.dtype == torch.float64 for tensor in tensors)
+        arrays = [_array(tensor) for tensor in tensors]
+        ctx.drawn = _core.rasterize_screens(arrays[:count], [_array(f) for f in faces], arrays[count:], by_vertex, scale,
+                                            height, width, background, numbers, {"blend": "logit"}, 1, double)
+        ctx.like = [(tensor.shape, tensor.dtype, tensor.device) for tensor in tensors]
+        rgba = torch.from_numpy(ctx.drawn.rgba).to(tensors[0].device)
+        return rgba[0] if one else rgba  # here, where it needs no gradient as large as all pictures
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx, d_rgba):
-        d_rgba = d_rgba.detach().cpu().numpy()
-        gradients = ctx.drawn._vjp(d_rgba[..., :3], d_rgba[..., 3])
-        d_corners, d_colors = (torch.from_numpy(gradient).reshape(shape).to(device, dtype)
-                               for gradient, (shape, dtype, device) in zip(gradients, ctx.like))
-        return d_corners, d_colors, None, None, None, None, None
+        pairs = ctx.drawn.vjp(_array(d_rgba if d_rgba.dim() == 4 else d_rgba[None]))
+        gradients = [vertices for vertices, _ in pairs] + [colors for _, colors in pairs]
+        return (None,) * 8 + tuple(torch.from_numpy(gradient).to(device, dtype).reshape(shape)
+                                   for gradient, (shape, dtype, device) in zip(gradients, ctx.like))
 
 
-def soft_rasterize(verts_ndc: torch.Tensor, faces: torch.Tensor, colors: torch.Tensor, image_size: int | Sequence[int],
-                   *, sigma: float = 1e-4, gamma: float = 1e-4, blur_radius: float | None = None,
+def soft_rasterize(verts_ndc: torch.Tensor | Sequence[torch.Tensor], faces: torch.Tensor | Sequence[torch.Tensor],
+                   colors: torch.Tensor | Sequence[torch.Tensor], image_size: int | Sequence[int], *,
+                   sigma: float = 1e-4, gamma: float = 1e-4, blur_radius: float | None = None,
                    background_color: Sequence[float] = (1.0, 1.0, 1.0), znear: float = 1.0,
                    zfar: float = 100.0) -> torch.Tensor:
     """One mesh, H×W×4: colour and alpha, as softmax_rgb_blend(colors, rasterize_meshes(…), BlendParams(sigma, gamma)).
+    Of lists (meshes, or one mesh in several views) N×H×W×4 in one call.
 
     verts_ndc: V×3 in PyTorch3D's NDC (x to the left, y up, the shorter side of the picture from −1 to 1) with the depth
     in the view in z (m, positive in front). faces: F×3. colors: F×R×R×3 (TexturesAtlas) or V×3 (TexturesVertex).
@@ -60,13 +67,15 @@ def soft_rasterize(verts_ndc: torch.Tensor, faces: torch.Tensor, colors: torch.T
     if blur_radius is None:
         blur_radius = math.log(1 / 1e-4 - 1) * sigma
     scale = min(height, width) / max(height, width)  # Mirage's NDC is of the longer side
-    turned = verts_ndc * verts_ndc.new_tensor([-scale, scale, 1.0])
-    of_vertices = colors.dim() == 2
     cut_off = min(max(1 / (math.exp(min(blur_radius / sigma, 600.0)) + 1), BLUR_FLOOR), 0.5 - 1e-9)
     numbers = {"sigma": sigma * scale**2, "gamma": gamma, "epsilon": 1e-10, "dist_eps": cut_off, "near": znear,
                "far": zfar}
-    return _Soft.apply(turned[faces], colors[faces] if of_vertices else colors, of_vertices, height, width,
-                       [float(channel) for channel in background_color], numbers)
+    one = isinstance(verts_ndc, torch.Tensor)
+    verts, faces, colors = ([item] if one else list(item) for item in (verts_ndc, faces, colors))
+    if not verts or len({len(verts), len(faces), len(colors)}) > 1:
+        raise _core.InputError(f"soft_rasterize: {len(verts)} verts, {len(faces)} faces, {len(colors)} colors; give as many")
+    return _Soft.apply(one, faces, colors[0].dim() == 2, (-scale, scale, 1.0), height, width,
+                       [float(channel) for channel in background_color], numbers, *verts, *colors)
 
 
 class SoftRenderer(torch.nn.Module):
@@ -81,12 +90,16 @@ class SoftRenderer(torch.nn.Module):
     def forward(self, meshes: Any) -> torch.Tensor:
         blend, raster, textures = self.blend_params, self.raster_settings, meshes.textures
         colors = textures.atlas_list() if hasattr(textures, "atlas_list") else textures.verts_features_list()
-        images = []
-        for verts, faces, color in zip(meshes.verts_list(), meshes.faces_list(), colors):
-            ndc = self.cameras.transform_points_ndc(verts).reshape(-1, 3)
-            depth = self.cameras.get_world_to_view_transform().transform_points(verts).reshape(-1, 3)[:, 2:]
-            images.append(soft_rasterize(
-                torch.cat([ndc[:, :2], depth], 1), faces, color, raster.image_size, sigma=blend.sigma,
-                gamma=blend.gamma, blur_radius=raster.blur_radius, background_color=blend.background_color,
-                znear=self.znear, zfar=self.zfar))
-        return torch.stack(images)
+        screen = []
+        view = self.cameras.get_world_to_view_transform()
+        for mesh, verts in enumerate(meshes.verts_list()):
+            # N×V×3 by N cameras, one a mesh; V×3 or 1×V×3 by one for all.
+            ndc, in_view = (points.reshape(-1, len(verts), 3)
+                            for points in (self.cameras.transform_points_ndc(verts), view.transform_points(verts)))
+            if len(ndc) not in (1, len(colors)):
+                raise _core.InputError(f"cameras: {len(ndc)} cameras for {len(colors)} meshes; give as many, or one")
+            camera = mesh if len(ndc) > 1 else 0
+            screen.append(torch.cat([ndc[camera][:, :2], in_view[camera][:, 2:]], 1))
+        return soft_rasterize(
+            screen, meshes.faces_list(), colors, raster.image_size, sigma=blend.sigma, gamma=blend.gamma,
+            blur_radius=raster.blur_radius, background_color=blend.background_color, znear=self.znear, zfar=self.zfar)

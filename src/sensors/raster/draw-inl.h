@@ -80,12 +80,14 @@ void DrawFaces(const TileJob& job) {
 void Begin(const TileJob& job) {
   const D d;
   TileTape& tape = *job.tape;
-  const bool hard = job.constants->hard;
+  const Constants& k = *job.constants;
   for (int i = 0; i < kSamples; i += kLanes) {
-    hn::Store(Set(hard ? -1 : kNoKey), d, tape.top + i);
-    hn::Store(Set(hard ? kNoKey : 0), d, tape.sum + i);
-    hn::Store(Set(hard ? 0 : 1), d, tape.clear + i);
-    for (int c = 0; c < 3; ++c) hn::Store(Zero(), d, tape.color[c] + i);
+    hn::Store(Set(k.hard ? -1 : k.logit ? k.background_key : kNoKey), d, tape.top + i);
+    hn::Store(Set(k.hard ? kNoKey : k.logit ? 1 : 0), d, tape.sum + i);
+    hn::Store(Set(k.hard ? 0 : 1), d, tape.clear + i);
+    const VI pixel = hn::LoadU(DI(), job.pixel_of + i);
+    for (int c = 0; c < 3; ++c)
+      hn::Store(k.logit ? hn::GatherIndex(d, job.background[c], pixel) : Zero(), d, tape.color[c] + i);
   }
 }
 
@@ -102,8 +104,7 @@ void End(const TileJob& job) {
       const V sum = hn::Load(d, tape.sum + i);
       scale = hn::IfThenElseZero(hn::Gt(sum, Zero()), hn::Div(Set(1), sum));
     }
-    // Where no face gives colour the photograph stays, whatever S says.
-    const V share = hn::IfThenElseZero(Any(k, tape, i), silhouette);
+    const V share = Share(k, tape, i, silhouette);
     for (int c = 0; c < 3; ++c) {
       const V color = hn::Mul(hn::Load(d, tape.color[c] + i), scale);
       hn::Store(color, d, tape.color[c] + i);

@@ -21,6 +21,8 @@ constexpr int texel_stride(int texels) {
 struct Constants {
   bool hard = false;  ///< the nearest face that contains the sample, S is 0 or 1; else soft
   bool vertex_texture = false;
+  bool logit = false;  ///< the background competes with the faces: a fragment of D = 1 that S leaves out
+  float background_key = 0;  ///< its key
   float distance_scale = 1;  ///< 1 / σ in sample units
   float cut = 0;             ///< T in the same units as the distance
   float inv_gamma = 1;

@@ -101,6 +101,12 @@ HWY_INLINE M Any(const Constants& k, const TileTape& tape, int first) {
                 : hn::Gt(hn::Load(D(), tape.sum + first), Zero());
 }
 
+/// Of the photograph, what the tape's colour takes the place of. Where no face gives colour it stays,
+/// whatever S says; a logit's photograph is in that colour.
+HWY_INLINE V Share(const Constants& k, const TileTape& tape, int first, V silhouette) {
+  return k.logit ? Set(1) : hn::IfThenElseZero(Any(k, tape, first), silhouette);
+}
+
 }  // namespace mirage::raster::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 

@@ -30,9 +30,8 @@ float BeginVjp(const TileJob& job, SampleGradients& g) {
     const VI pixel = hn::LoadU(DI(), job.pixel_of + i);
     const V clear = hn::Load(d, tape.clear + i), silhouette = Silhouette(k, clear);
     const V sum = hn::Load(d, tape.sum + i);
-    const M any = Any(k, tape, i);
     V d_silhouette = hn::GatherIndex(d, job.d_out[3], pixel), mean = Zero(), background = Zero();
-    const V share = hn::IfThenElseZero(any, silhouette);
+    const V share = Share(k, tape, i, silhouette);
     for (int c = 0; c < 3; ++c) {
       const V d_image = hn::GatherIndex(d, job.d_out[c], pixel), color = hn::Load(d, tape.color[c] + i);
       const V step = hn::Sub(color, hn::GatherIndex(d, job.background[c], pixel));
@@ -42,7 +41,7 @@ float BeginVjp(const TileJob& job, SampleGradients& g) {
       hn::Store(d_color, d, g.color[c] + i);
       mean = hn::MulAdd(d_color, color, mean);
     }
-    d_silhouette = hn::Add(d_silhouette, hn::IfThenElseZero(any, background));
+    if (!k.logit) d_silhouette = hn::Add(d_silhouette, hn::IfThenElseZero(Any(k, tape, i), background));
     largest = hn::Max(largest, hn::Abs(d_silhouette));
     hn::Store(mean, d, g.mean + i);
     hn::Store(k.hard ? Zero() : hn::Mul(d_silhouette, clear), d, g.clear + i);
@@ -109,6 +108,7 @@ HWY_NOINLINE Scratch& ThreadScratch() {
 /// Running sums of a face, a vector each.
 struct Sums {
   V x[3], y[3], delta[3];
+  V corner[3][3];  ///< d loss / d colour c of corner e, [e][c]; vertex texture
 };
 
 HWY_INLINE float Total(V v) {
@@ -131,7 +131,8 @@ void DrawFacesVjp(const TileJob& job) {
     const FaceSetup& face = job.setup->faces[job.faces[i]];
     const LocalFace local = Localise(job, face);
     const int texels = local.resolution * local.resolution;
-    texel_sums.Begin(texels);
+    const bool by_vertex = !kPlain && k.vertex_texture;
+    if (!by_vertex) texel_sums.Begin(texels);
     const float turn = local.nx[0] * local.ey[0] > local.ny[0] * local.ex[0] ? -1.f : 1.f;
     // ∇b_e, bounded for faces seen edge-on.
     float slope_x[3], slope_y[3];
@@ -141,7 +142,10 @@ void DrawFacesVjp(const TileJob& job) {
       slope_y[e] = steep * local.ny[(e + 1) % 3];
     }
     Sums sums;
-    for (int e = 0; e < 3; ++e) sums.x[e] = sums.y[e] = sums.delta[e] = Zero();
+    for (int e = 0; e < 3; ++e) {
+      sums.x[e] = sums.y[e] = sums.delta[e] = Zero();
+      for (int c = 0; c < 3; ++c) sums.corner[e][c] = Zero();
+    }
     ForEachBlock(
         job, local, lane_x, lane_y, [&](int first, V px, V py) HWY_ATTR __attribute__((always_inline)) {
           const V top = hn::Load(d, tape.top + first);
@@ -170,10 +174,33 @@ void DrawFacesVjp(const TileJob& job) {
             if (!hn::AllFalse(d, some)) {
               V d_color[3];
               for (int c = 0; c < 3; ++c) d_color[c] = hn::Load(d, samples.color[c] + first);
-              const VI index = TexelIndex<kPlain>(local, f);
-              texel_sums.Add(index, weight, d_color);
+              VI index;
+              if (!by_vertex) {
+                index = TexelIndex<kPlain>(local, f);
+                texel_sums.Add(index, weight, d_color);
+              }
+              if (by_vertex) {
+                // lookup_e = y_e / Σ y, y_e = c_e (1 + delta_e), c the clamped barycentrics.
+                V d_lookup[3], mean = Zero();
+                for (int e = 0; e < 3; ++e) {
+                  d_lookup[e] = Zero();
+                  const V share = hn::Mul(weight, f.lookup[e]);
+                  for (int c = 0; c < 3; ++c) {
+                    sums.corner[e][c] = hn::MulAdd(share, d_color[c], sums.corner[e][c]);
+                    d_lookup[e] =
+                        hn::MulAdd(d_color[c], Set(local.texels[local.texel_stride * c + e]), d_lookup[e]);
+                  }
+                  d_lookup[e] = hn::Mul(weight, d_lookup[e]);
+                  mean = hn::MulAdd(d_lookup[e], f.lookup[e], mean);
+                }
+                for (int e = 0; e < 3; ++e) {
+                  const V d_y = hn::Mul(f.rcp, hn::Sub(d_lookup[e], mean));
+                  sums.delta[e] = hn::MulAdd(d_y, f.clipped[e], sums.delta[e]);
+                  d_bary[e] = hn::Mul(d_y, Set(1 + face.delta[e]));
+                }
+              }
               if (!hard) {
-                const Color color = TexelColor(local, index);
+                const Color color = by_vertex ? VertexColor(local, f) : TexelColor(local, index);
                 V advantage = hn::Neg(hn::Load(d, samples.mean + first));
                 for (int c = 0; c < 3; ++c) advantage = hn::MulAdd(d_color[c], color.c[c], advantage);
                 const V gain = hn::Mul(weight, advantage);
@@ -183,11 +210,14 @@ void DrawFacesVjp(const TileJob& job) {
                 const V u = hn::Mul(d_phi, f.rcp), by_phi = hn::Mul(u, f.phi), rest = hn::Sub(u, by_phi);
                 for (int e = 0; e < 3; ++e) {
                   sums.delta[e] = hn::MulAdd(rest, f.clipped[e], sums.delta[e]);
-                  d_bary[e] = hn::MulSub(rest, Set(face.delta[e]), by_phi);
-                  const M free = hn::And(hn::Gt(f.b[e], Zero()), hn::Lt(f.b[e], Set(1)));
-                  d_bary[e] = hn::IfThenElseZero(free, d_bary[e]);
+                  const V by_depth = hn::MulSub(rest, Set(face.delta[e]), by_phi);
+                  d_bary[e] = by_vertex ? hn::Add(d_bary[e], by_depth) : by_depth;
                 }
-                to_bary = true;
+              }
+              to_bary = !hard || by_vertex;
+              for (int e = 0; to_bary && e < 3; ++e) {
+                const M free = hn::And(hn::Gt(f.b[e], Zero()), hn::Lt(f.b[e], Set(1)));
+                d_bary[e] = hn::IfThenElseZero(free, d_bary[e]);
               }
             }
           }
@@ -236,7 +266,13 @@ void DrawFacesVjp(const TileJob& job) {
       out.y[e] = Total(sums.y[e]);
       out.delta[e] = Total(sums.delta[e]);
     }
-    texel_sums.End(texels, local.first_texel, *job.texel_gradients);
+    if (!by_vertex) {
+      texel_sums.End(texels, local.first_texel, *job.texel_gradients);
+      continue;
+    }
+    for (int e = 0; e < 3; ++e)
+      job.texel_gradients->push_back(
+          {3 * face.face + e, Total(sums.corner[e][0]), Total(sums.corner[e][1]), Total(sums.corner[e][2])});
   }
 }
 
