@@ -119,14 +119,14 @@ if(NOT TARGET mirage_mpi)
   endforeach()
 endif()
 # Ceres is built on ATLAS, whose BLAS would be found before the one that LibTorch was linked with: the program's own
-# dependencies come first, so OpenBLAS is one of them. Nothing is missing without it but speed.
+# dependencies come first, so OpenBLAS is one of them. Nothing is missing without it but speed. One word, as of each flag
+# that stands alone CMake keeps the last alone; tests/structure/test_blas.py looks that it holds.
 if(scene IN_LIST MIRAGE_LAYERS AND NOT TARGET mirage_blas)
   find_library(MIRAGE_OPENBLAS NAMES openblas libopenblas.so.0)
   mark_as_advanced(MIRAGE_OPENBLAS)
   add_library(mirage_blas INTERFACE IMPORTED GLOBAL)
   if(MIRAGE_OPENBLAS)
-    target_link_libraries(mirage_blas INTERFACE
-                          -Wl,--push-state,--no-as-needed ${MIRAGE_OPENBLAS} -Wl,--pop-state)
+    target_link_libraries(mirage_blas INTERFACE "-Wl,--push-state,--no-as-needed,${MIRAGE_OPENBLAS},--pop-state")
   endif()
 endif()
 if(TARGET mirage_toml)

@@ -15,12 +15,10 @@ elseif(MIRAGE_CLANG_FORMAT)
        ${PROJECT_SOURCE_DIR}/validation/*.cpp ${PROJECT_SOURCE_DIR}/tests/*.h ${PROJECT_SOURCE_DIR}/tests/*.cpp)
   add_test(NAME structure.format COMMAND ${MIRAGE_CLANG_FORMAT} --dry-run --Werror ${formatted})
 endif()
-# What no test runs.
-add_test(NAME structure.compiles COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/structure/test_compiles.py ${CMAKE_BINARY_DIR}
-         ${PROJECT_SOURCE_DIR}/validation/benchmarks ${PROJECT_SOURCE_DIR}/validation/studies)
 # clang-tidy on the lines that changed. A sanitizer's build has flags that clang reads otherwise.
 find_program(MIRAGE_CLANG_TIDY clang-tidy)
 if(MIRAGE_CLANG_TIDY AND NOT MIRAGE_SANITIZE)
   add_test(NAME structure.tidy COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/structure/test_tidy.py ${PROJECT_SOURCE_DIR} ${CMAKE_BINARY_DIR})
   set_tests_properties(structure.tidy PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 1200)
 endif()
+mirage_python_test(structure.blas structure/test_blas.py)
