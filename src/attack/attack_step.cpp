@@ -6,6 +6,7 @@
 #include <cmath>
 #include <memory>
 
+#include "attack/clean_view.h"
 #include "attack/evaluation.h"
 #include "base/error.h"
 #include "base/ranks.h"
@@ -238,6 +239,22 @@ std::vector<std::string> AttackStepper::frames_of(std::span<const std::size_t> b
   return frames;
 }
 
+void AttackStepper::open_ahead(std::span<const std::string> next, std::span<const std::string> seen) const {
+  Detector& detector = *detectors_.front();
+  Arrival arrival;
+  // In a drawn environment the frame is another one each time.
+  if (!detector.capabilities().why_whole.empty() || settings_.expectation.any()) return;
+  for (const std::string& name : next) {
+    if (std::ranges::find(seen, name) != seen.end()) continue;
+    if (arrival.all_here()) return;
+    const auto prepared = store_.get(name);
+    const CleanView clean = clean_view(*prepared, {});
+    SensorView view = view_of(prepared->frame);
+    view.clean = &clean;
+    detector.forward(view, settings_.objective.least_score(), false);
+  }
+}
+
 LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
   const AttackSettings& settings = settings_;
   if (pictures_ &&
@@ -249,7 +266,8 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
   const std::vector<std::string> names = frames_of(batch);
   std::vector<std::shared_ptr<const PreparedFrame>> frames(names.size());
   parallel_for(names.size(), [&](std::size_t i) { frames[i] = store_.get(names[i]); });
-  store_.prefetch(frames_of(order_.batch(state.iteration + 1)));
+  const std::vector<std::string> next = frames_of(order_.batch(state.iteration + 1));
+  store_.prefetch(next);
   stages.input = clock.lap();
 
   std::vector<Vec3d> d_vertices(state.adversary.mesh.vertices.size(), Vec3d::Zero());
@@ -273,6 +291,7 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
     stages.threads += steps[k].seconds;
   }
   stages.hosts = clock.lap();
+  open_ahead(next, names);
   share_steps(steps, state.adversary);
   stages.exchange = clock.lap();
   for (const HostStep& step : steps) {

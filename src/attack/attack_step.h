@@ -84,6 +84,9 @@ class AttackStepper {
  private:
   /// Names of the frames of this rank's hosts of a batch.
   std::vector<std::string> frames_of(std::span<const std::size_t> batch) const;
+  /// While other ranks are at their hosts, has the detector keep what it keeps of these frames, but for those
+  /// that it has just seen. Changes nothing but time.
+  void open_ahead(std::span<const std::string> next, std::span<const std::string> seen) const;
 
   const AttackSettings& settings_;
   const DetectorPool& detectors_;

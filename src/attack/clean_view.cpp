@@ -75,14 +75,14 @@ std::vector<const float*> others_of(const SensorGradient& gradient, const Frame&
   return others;
 }
 
-CleanView clean_view(const PreparedFrame& prepared, const Simulated& simulated) {
+CleanView clean_view(const PreparedFrame& prepared, const PixelRect& changed) {
   const Frame& frame = prepared.frame;
   Hash hash;
   hash.add(frame.image.data.data(), frame.image.data.size() * sizeof(float));
   hash.add(frame.sweep.data(), frame.sweep.size() * sizeof(LidarPoint));
   const std::array<double, 12> projection = pixel_from_velo(frame.calibration);
   hash.add(projection.data(), sizeof(projection));
-  return {&frame.image, frame.sweep, hash.value(), simulated.rect};
+  return {&frame.image, frame.sweep, hash.value(), changed};
 }
 
 }  // namespace mirage

@@ -21,8 +21,9 @@ void require_no_others(const SensorView& view);
 std::vector<const float*> others_of(const SensorGradient& gradient, const Frame& frame,
                                     const Simulated& simulated);
 
-/// The frame without the object, as a detector may use it to compute only what the object changes: views of
-/// `prepared`, which must outlive it. The key is a hash of the picture, the sweep and the calibration.
-CleanView clean_view(const PreparedFrame& prepared, const Simulated& simulated);
+/// The frame without the object, as a detector may use it to compute only what the object changes, of the
+/// picture `changed`: views of `prepared`, which must outlive it. The key is a hash of the picture, the sweep
+/// and the calibration.
+CleanView clean_view(const PreparedFrame& prepared, const PixelRect& changed);
 
 }  // namespace mirage

@@ -195,7 +195,7 @@ std::vector<Detection> DriveScene::seen(Detector& detector, std::size_t i, const
     view = view_of(prepared, simulated, can_);
     if (pictures) require_no_others(view);
     if (can_.why_whole.empty() && sweeps.empty()) {
-      as_recorded = clean_view(prepared, simulated);
+      as_recorded = clean_view(prepared, simulated.rect);
       as_recorded.changed = changed;
       view.clean = &as_recorded;
     }

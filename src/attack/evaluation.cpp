@@ -191,7 +191,7 @@ class Attacked {
     if (settings_.expectation.any_in_frame()) require_no_others(view);
     CleanView as_recorded;
     if (local && !world.changes_picture()) {
-      as_recorded = clean_view(world.prepared(), simulated);
+      as_recorded = clean_view(world.prepared(), simulated.rect);
       view.clean = &as_recorded;
     }
     return {detections(detector, view, settings_),

@@ -80,8 +80,7 @@ SensorView Observation::view(const Capabilities& can, bool back) {
   if (host_.seen.pictures || (host_.draw && settings_.expectation.any_in_frame())) require_no_others(view);
   // Another exposure or noise changes every pixel: to a detector that reads them nothing is as recorded.
   if (can.why_whole.empty() && !(world_.changes_picture() && can.reads_image)) {
-    clean_ = clean_view(world_.prepared(), simulated_);
-    clean_.changed = changed_;
+    clean_ = clean_view(world_.prepared(), changed_);
     view.clean = &clean_;
   }
   if (back && can.knows_presence && world_.simulation().lidar_gradient == LidarGradient::silhouette &&

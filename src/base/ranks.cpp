@@ -72,6 +72,27 @@ void await_ranks() {
   if (rank_count() > 1) MPI_Barrier(MPI_COMM_WORLD);
 }
 
+struct Arrival::Request {
+  MPI_Request of = MPI_REQUEST_NULL;
+};
+
+Arrival::Arrival() {
+  if (rank_count() == 1) return;
+  request_ = std::make_unique<Request>();
+  MPI_Ibarrier(MPI_COMM_WORLD, &request_->of);
+}
+
+Arrival::~Arrival() {
+  if (request_) MPI_Wait(&request_->of, MPI_STATUS_IGNORE);
+}
+
+bool Arrival::all_here() {
+  if (!request_) return true;
+  int all = 0;
+  MPI_Test(&request_->of, &all, MPI_STATUS_IGNORE);
+  return all != 0;
+}
+
 bool any_rank(bool value) {
   if (rank_count() == 1) return value;
   int mine = value ? 1 : 0, all = 0;

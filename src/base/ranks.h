@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <vector>
 
 namespace mirage {
@@ -35,6 +36,20 @@ class AloneAmongRanks {
 
 /// Returns once every rank has come here: what the first wrote before is there for all. A call of all ranks.
 void await_ranks();
+/// Says that this rank has done its part of a step, and tells whether all have: until then it may do what it
+/// will need later. A call of all ranks, which ends (in the destructor) once every rank has come here.
+class Arrival {
+ public:
+  Arrival();
+  ~Arrival();
+  Arrival(const Arrival&) = delete;
+  Arrival& operator=(const Arrival&) = delete;
+  bool all_here();
+
+ private:
+  struct Request;
+  std::unique_ptr<Request> request_;  ///< null: no other rank is left
+};
 /// True on every rank if it is on one. A call of all ranks.
 bool any_rank(bool value);
 /// block k is rank k % rank_count()'s; afterwards every rank holds all. All blocks are of one size, which

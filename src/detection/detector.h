@@ -242,7 +242,7 @@ struct DetectorOptions {
   int clean_memory_mb = -1;
 };
 
-/// A 24th of machine_memory(), shared among the processes of a run on this machine; 2048 MB at most.
+/// A 64th of machine_memory(), shared among the processes of a run on this machine; 2048 MB at most.
 int default_clean_memory();
 
 inline constexpr const char* kEveryClass = "*";
@@ -280,7 +280,7 @@ void visit_fields(Visitor& visit, S& s) {
         s.defense);
   visit({.name = "clean_memory",
          .help = "memory for cached feature maps of frames without the object, MB; makes a step 2 "
-                 "to 4 times faster. 0: off; -1: a 24th of the machine's, 2048 at most",
+                 "to 4 times faster. 0: off; -1: a 64th of the machine's, 2048 at most",
          .range = {-1, 1 << 20},
          .decides = false,
          .matters = false},

@@ -218,7 +218,7 @@ std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const Det
 }  // namespace
 
 int default_clean_memory() {
-  return static_cast<int>(std::min<std::size_t>(machine_memory() / ranks_here() / 24 >> 20, 2048));
+  return static_cast<int>(std::min<std::size_t>(machine_memory() / ranks_here() / 64 >> 20, 2048));
 }
 
 std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {

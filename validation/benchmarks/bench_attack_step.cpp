@@ -152,7 +152,7 @@ void attack_steps(benchmark::State& state, const std::string& name) {
         SensorView view = view_of(stand.prepared, simulated, whole->capabilities());
         rounds.cpu("full evaluation", [&] { detections(*whole, view, {}); });
         rounds.cpu("local evaluation", [&] {
-          const CleanView clean = clean_view(stand.prepared, simulated);
+          const CleanView clean = clean_view(stand.prepared, simulated.rect);
           view.clean = &clean;
           detections(*local, view, {});
         });

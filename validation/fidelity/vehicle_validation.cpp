@@ -337,7 +337,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   if (looked.second)
     clean = clean_of(context.detector, prepared, scene.placement, scene.simulation, judge_by);
   // What the detector made of the frame as recorded saves it work: pictures differ in the window alone.
-  CleanView as_recorded = clean_view(prepared, simulated);
+  CleanView as_recorded = clean_view(prepared, simulated.rect);
   const Simulated learned = simulate(prepared, scene.placement, scene.adversary, built.simulation());
   as_recorded.changed = learned.rect;
   Pictures in_cycles(frame.cameras());

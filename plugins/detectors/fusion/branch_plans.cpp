@@ -100,7 +100,7 @@ CameraPlan camera_plan(CameraNetImpl& net, std::int64_t height, std::int64_t wid
   const int x16 = add.csp(add.depthwise(x8, net.down16), net.group16);
   const int pooled = add.silu(add.depthwise(x16, net.down32), net.pool_in);
   std::vector<int> windows = {pooled};
-  for (const int side : {5, 9, 13}) windows.push_back(plan.pool(pooled, side));
+  for (int k = 0; k < kPoolings; ++k) windows.push_back(plan.pool(windows.back(), kPooledSide));
   const int x32 = add.csp(add.silu(plan.join(windows), net.pool_out), net.group32);
   const int l16 = add.silu(x32, net.lateral16);
   const int l8 = add.silu(add.csp(plan.join({add.twice(l16), x16}), net.top16), net.lateral8);

@@ -159,7 +159,8 @@ CameraOutput CameraNetImpl::forward(const Tensor& picture, bool with_boxes) {
   const Tensor x16 = group16(down16(x8));
   const Tensor pooled = pool_in(down32(x16));
   std::vector<Tensor> windows = {pooled};
-  for (int side : {5, 9, 13}) windows.push_back(torch::max_pool2d(pooled, side, 1, side / 2));
+  for (int k = 0; k < kPoolings; ++k)
+    windows.push_back(torch::max_pool2d(windows.back(), kPooledSide, 1, kPooledSide / 2));
   const Tensor x32 = group32(pool_out(torch::cat(windows, 1)));
   const Tensor l16 = lateral16(x32);
   const Tensor l8 = lateral8(top16(torch::cat({twice(l16), x16}, 1)));

@@ -82,6 +82,9 @@ torch::Tensor focus(const torch::Tensor& x);
 /// Boxes and logits from the heads' rows (N × 6, in the order of places_of) into `output`.
 void decode_rows(const torch::Tensor& rows, std::int64_t height, std::int64_t width, CameraOutput& output);
 
+/// Maxima of 5, 9 and 13 places a side: each by the one before, a fourth of the comparisons.
+inline constexpr int kPoolings = 3, kPooledSide = 5;
+
 struct CameraNetImpl : torch::nn::Module {
   CameraNetImpl();
   /// picture: H × W × 3, scene-linear RGB. Differentiable in it. Without `with_boxes` features and mask
