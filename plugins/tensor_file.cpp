@@ -10,7 +10,6 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/json_depth.h"
 
 namespace mirage {
 namespace {

@@ -9,7 +9,6 @@
 #include <type_traits>
 
 #include "base/files.h"
-#include "base/open_file.h"
 
 namespace mirage {
 namespace {

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "base/random.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 
 namespace mirage {
 

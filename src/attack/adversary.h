@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/fields.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 
 namespace mirage {
 
@@ -30,7 +30,7 @@ AdversaryLimits limits_of_size(double size);
 void set_from_text(const std::string& text, AdversaryLimits& value);
 std::string text_of(const AdversaryLimits& value);
 
-/// grey_ellipsoid (geometry/shapes.h: 162 vertices, 320 faces) that fills `share` of the box.
+/// grey_ellipsoid (geometry/mesh.h: 162 vertices, 320 faces) that fills `share` of the box.
 TexturedMesh initial_adversary(const AdversaryLimits& limits = {}, double share = 0.75);
 /// The baseline: the same start with every vertex moved by up to `amplitude` m (projected) and random texels.
 TexturedMesh random_adversary(std::uint64_t seed, const AdversaryLimits& limits = {}, double amplitude = 0.1);

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "attack/evaluation.h"
+#include "base/error.h"
 #include "base/fields.h"
-#include "base/interrupt.h"
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/parallel.h"

@@ -11,7 +11,7 @@
 #include "attack/attack_settings.h"
 #include "attack/buildable.h"
 #include "attack/clean_sights.h"
-#include "base/clusters.h"
+#include "base/intervals.h"
 #include "frames/hosts.h"
 
 namespace mirage {

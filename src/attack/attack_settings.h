@@ -53,7 +53,7 @@ class ObjectRenderer;
 /// What run.json calls the simulation's own pictures.
 inline constexpr const char* kRasterRenderer = "raster";
 
-/// How far a mesh may move before an ObjectRenderer draws it anew (attack/object_renderer.h).
+/// How far a mesh may move before an ObjectRenderer draws it anew (attack/observation.h).
 struct Renewal {
   double metres = 0.01;  ///< of its vertices, root mean square
   double texels = 0.05;  ///< of its texels' channels, root mean square

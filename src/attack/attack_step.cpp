@@ -6,7 +6,6 @@
 #include <cmath>
 #include <memory>
 
-#include "attack/clean_view.h"
 #include "attack/evaluation.h"
 #include "base/error.h"
 #include "base/ranks.h"

@@ -13,7 +13,7 @@
 #include "attack/detector_pool.h"
 #include "attack/observation.h"
 #include "frames/hosts.h"
-#include "geometry/laplacian.h"
+#include "geometry/mesh.h"
 #include "simulation/simulation.h"
 
 namespace mirage {

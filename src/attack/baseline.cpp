@@ -7,7 +7,6 @@
 #include "attack/adversary.h"
 #include "base/fields.h"
 #include "base/random.h"
-#include "base/words.h"
 #include "geometry/solid.h"
 
 namespace mirage {

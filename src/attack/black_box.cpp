@@ -4,26 +4,248 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
+#include <pagmo/algorithms/cmaes.hpp>
+#include <pagmo/population.hpp>
+#include <pagmo/problem.hpp>
 
-#include "attack/evolution.h"
-#include "attack/mesh_modes.h"
+#include "attack/baseline.h"
 #include "attack/run.h"
-#include "attack/search.h"
 #include "base/error.h"
 #include "base/files.h"
-#include "base/interrupt.h"
 #include "base/json_fields.h"
-#include "base/progress.h"
+#include "base/logging.h"
 #include "base/provenance.h"
+#include "base/random.h"
 #include "base/ranks.h"
 #include "base/schedule.h"
+#include "geometry/mesh.h"
 
 namespace mirage {
+
+void check_search(const AttackSettings& settings) {
+  if (settings.attack == AttackSearch::plain) return;
+  const auto refuse = [&](const char* field, const std::string& value, const char* why, const char* fix) {
+    throw FieldError(field, value,
+                     fmt::format("does not go with --attack {}: {}", to_word(settings.attack), why), fix);
+  };
+  const bool black_box = settings.attack == AttackSearch::black_box;
+  if (settings.target == AttackTarget::random)
+    refuse("target", "random", "nothing is learned", "leave --attack out");
+  if (black_box && settings.target != AttackTarget::both)
+    refuse("target", to_word(settings.target), "no sensor has a gradient", "leave --target out");
+  if (settings.until_plateau > 0)
+    refuse("until_plateau", std::to_string(settings.until_plateau),
+           black_box ? "it spends all of its --queries" : "it spends all of its --iterations",
+           "leave --until-plateau out");
+  if (settings.renderer)
+    refuse("renderer", "cycles", "its candidates would need pictures of each", "use --renderer raster");
+  if (settings.seconds > 0)
+    refuse("seconds", fmt::format("{}", settings.seconds),
+           black_box ? "its budget is in queries" : "its budget is in steps",
+           black_box ? "use --queries" : "use --iterations");
+}
+
+bool learns_shape(const AttackSettings& settings) {
+  return settings.parts == AttackParts::both || settings.parts == AttackParts::shape;
+}
+
+std::vector<NamedStart> search_starts(const AttackSettings& settings) {
+  TexturedMesh paper = initial_adversary(settings.limits);
+  if (settings.buildable.on) make_buildable(paper, settings.buildable, settings.limits);
+  std::vector<NamedStart> starts{{"paper", paper}};
+  if (learns_shape(settings))
+    for (const Baseline kind : {Baseline::ellipsoid, Baseline::cuboid})
+      starts.push_back({to_string(kind), filling_shape(kind, settings.limits, settings.buildable)});
+  return starts;
+}
+
+std::vector<Host> search_hosts(std::vector<Host> hosts, std::uint64_t seed) {
+  RandomStream random(seed, "search hosts");
+  shuffle(hosts, random);
+  hosts.resize(std::min(hosts.size(), kSearchHosts));
+  return hosts;
+}
+
+struct Evolution::Method {
+  /// What pagmo asks for within a generation, and what it is answered. It asks for all of a generation before
+  /// it looks at any answer: so a copy of it, answered with zeros, tells what the next generation is.
+  struct Questions {
+    std::vector<std::vector<double>> asked;
+    std::vector<double> answers;
+  };
+  /// The function as pagmo sees it.
+  struct Answered {
+    std::shared_ptr<Questions> questions;
+    std::size_t numbers = 1;
+
+    pagmo::vector_double fitness(const pagmo::vector_double& at) const {
+      const std::size_t i = questions->asked.size();
+      questions->asked.push_back(at);
+      return {i < questions->answers.size() ? questions->answers[i] : 0};
+    }
+    /// pagmo's first standard deviations are their distances.
+    std::pair<pagmo::vector_double, pagmo::vector_double> get_bounds() const {
+      return {pagmo::vector_double(numbers, -0.5), pagmo::vector_double(numbers, 0.5)};
+    }
+  };
+
+  Method(std::size_t numbers, std::uint64_t seed)
+      : method(1, kOwn, kOwn, kOwn, kOwn, /*sigma0=*/1, /*ftol=*/0, /*xtol=*/0, /*memory=*/true,
+               /*force_bounds=*/false, RandomStream(seed, "evolution").next_u32()),
+        population(pagmo::problem(Answered{questions, numbers})) {}
+
+  static constexpr double kOwn = -1;  // pagmo's rates
+  std::shared_ptr<Questions> questions = std::make_shared<Questions>();
+  pagmo::cmaes method;  // one generation a call
+  pagmo::population population;
+};
+
+Evolution::Evolution(std::size_t numbers, int samples, std::uint64_t seed)
+    : method_(std::make_unique<Method>(numbers, seed)), centre_(numbers, 0.0) {
+  for (int i = 0; i < samples; ++i) method_->population.push_back(centre_, {0.0});
+  draw();
+}
+
+Evolution::~Evolution() = default;
+
+void Evolution::draw() {
+  *method_->questions = {};
+  const pagmo::cmaes copy = method_->method;
+  copy.evolve(method_->population);
+  generation_ = method_->questions->asked;
+}
+
+const std::vector<double>& Evolution::next() const {
+  return generation_[values_.size()];
+}
+
+void Evolution::add(double value) {
+  values_.push_back(value);
+  if (values_.size() < generation_.size()) return;
+  *method_->questions = {{}, values_};
+  method_->population = method_->method.evolve(method_->population);
+  std::vector<std::size_t> order(values_.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return values_[a] < values_[b]; });
+  order.resize(order.size() / 2);  // pagmo keeps its mean to itself; this is how it is made
+  double sum = 0;
+  std::fill(centre_.begin(), centre_.end(), 0.0);
+  for (std::size_t rank = 0; rank < order.size(); ++rank) {
+    const double weight =
+        std::log((static_cast<double>(order.size()) + 0.5) / (static_cast<double>(rank) + 1));
+    sum += weight;
+    for (std::size_t i = 0; i < centre_.size(); ++i) centre_[i] += weight * generation_[order[rank]][i];
+  }
+  for (double& x : centre_) x /= sum;
+  values_.clear();
+  draw();
+}
+
 namespace {
 
-/// Of what makes meshes in this folder and in mesh_modes.cpp: a folder of another one is not gone on with.
+constexpr int kModeDegree = 2;
+/// What a search draws at first, as standard deviations: of log sizes, of displacements in half lengths of
+/// the box, of colours' logits.
+constexpr double kSize = 0.2, kWarp = 0.2, kColour = 1.5;
+/// So that the colours of a black or white start have a logit.
+constexpr double kLeastColour = 1e-3;
+
+/// Legendre polynomials of degree 0 … kModeDegree.
+std::array<double, kModeDegree + 1> legendre(double t) {
+  std::array<double, kModeDegree + 1> p{1, t};
+  for (int n = 1; n < kModeDegree; ++n) {
+    const auto i = static_cast<std::size_t>(n);
+    p[i + 1] = ((2 * n + 1) * t * p[i] - n * p[i - 1]) / (n + 1);
+  }
+  return p;
+}
+
+enum class Axis { x, y, z, colour };
+
+/// Products of total degree ≤ kModeDegree: along y odd in y, else even; without the one that stretches the
+/// axis.
+std::vector<double> modes(const Vec3d& u, Axis axis) {
+  const auto px = legendre(u.x()), py = legendre(u.y()), pz = legendre(u.z());
+  std::vector<double> values;
+  for (std::size_t j = axis == Axis::y ? 1 : 0; j <= kModeDegree; j += 2)
+    for (std::size_t i = 0; i + j <= kModeDegree; ++i)
+      for (std::size_t k = 0; i + j + k <= kModeDegree; ++k) {
+        const bool linear = i + j + k == 1;
+        if (linear && ((axis == Axis::x && i == 1) || axis == Axis::y || (axis == Axis::z && k == 1)))
+          continue;
+        values.push_back(px[i] * py[j] * pz[k]);
+      }
+  return values;
+}
+
+}  // namespace
+
+MeshModes::MeshModes(const TexturedMesh& start, const AdversaryLimits& limits, AttackParts parts,
+                     bool texture)
+    : start_(start),
+      limits_(limits),
+      sizes_(parts != AttackParts::texture),
+      warps_(parts == AttackParts::both || parts == AttackParts::shape),
+      paints_(texture && (parts == AttackParts::both || parts == AttackParts::texture)) {
+  const auto count = [](Axis axis) { return modes(Vec3d::Zero(), axis).size(); };
+  size_ = (sizes_ ? 3 : 0) + (warps_ ? count(Axis::x) + count(Axis::y) + count(Axis::z) : 0) +
+          (paints_ ? 3 * count(Axis::colour) : 0);
+  const auto& vertices = start.mesh.vertices;
+  const auto place = [&](const Vec3d& v) { return v.cwiseQuotient(limits.half).eval(); };
+  for (const Vec3d& v : vertices)
+    warp_.push_back({modes(place(v), Axis::x), modes(place(v), Axis::y), modes(place(v), Axis::z)});
+  paint_.resize(start.atlas.texels.size());
+  const auto triangles = atlas_triangles(start.atlas.resolution);
+  for (std::size_t f = 0; f < start.mesh.faces.size(); ++f)
+    for (const AtlasTriangle& triangle : triangles) {
+      const Vec2d b = (triangle.corners[0] + triangle.corners[1] + triangle.corners[2]) / 3;
+      const Face& face = start.mesh.faces[f];
+      const auto corner = [&](std::size_t c) { return vertices[static_cast<std::size_t>(face[c])]; };
+      const Vec3d centre = b[0] * corner(0) + b[1] * corner(1) + (1 - b[0] - b[1]) * corner(2);
+      paint_[f * start.atlas.per_face() + static_cast<std::size_t>(triangle.texel)] =
+          modes(place(centre), Axis::colour);
+    }
+}
+
+TexturedMesh MeshModes::mesh(std::span<const double> numbers) const {
+  TexturedMesh made = start_;
+  auto at = numbers.begin();
+  const auto sum = [](std::span<const double>::iterator from, const std::vector<double>& values) {
+    return std::inner_product(values.begin(), values.end(), from, 0.0);
+  };
+  if (sizes_) {
+    const Vec3d scale(std::exp(kSize * at[0]), std::exp(kSize * at[1]), std::exp(kSize * at[2]));
+    for (Vec3d& v : made.mesh.vertices) v = v.cwiseProduct(scale);
+    at += 3;
+  }
+  if (warps_)
+    for (int c = 0; c < 3; ++c) {
+      const auto axis = static_cast<std::size_t>(c);
+      for (std::size_t i = 0; i < warp_.size(); ++i)
+        made.mesh.vertices[i][c] += kWarp * limits_.half[c] * sum(at, warp_[i][axis]);
+      at += std::ssize(warp_.front()[axis]);
+    }
+  if (paints_)
+    for (int c = 0; c < 3; ++c) {
+      for (std::size_t i = 0; i < paint_.size(); ++i) {
+        double& colour = made.atlas.texels[i][c];
+        const double start = std::clamp(colour, kLeastColour, 1 - kLeastColour);
+        colour = 1 / (1 + std::exp(-kColour * sum(at, paint_[i])) * (1 - start) / start);
+      }
+      at += std::ssize(paint_.front());
+    }
+  project(made, limits_);
+  return made;
+}
+
+namespace {
+
+/// Of what makes meshes in this file: a folder of another one is not gone on with.
 constexpr int kBlackBoxRecipe = 1;
 /// Worlds of the whole sample are beyond those of any generation.
 constexpr std::uint64_t kSampleWorlds = std::uint64_t{1} << 61;

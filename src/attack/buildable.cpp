@@ -1,15 +1,293 @@
 #include "attack/buildable.h"
 
 #include <fmt/format.h>
+#include <lcms2.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "base/error.h"
+#include "base/fields.h"
+#include "base/files.h"
+#include "base/names.h"
 #include "geometry/solid.h"
 
 namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char *kGamutField = "gamut", *kBox = "box:", *kChartFile = ".ti3";
+constexpr std::uintmax_t kLargestPrintFile = std::uintmax_t{1} << 24;
+constexpr int kMostPatches = 5'000, kMostColumns = 1'000;
+constexpr std::size_t kMostCorners = 20'000;  // of a run.json, all its values being bounded
+/// Beyond rounding, a texel is outside.
+constexpr double kInGamut = 1e-9;
+constexpr const char* kCharts = "give an ICC profile of a CMYK printer, or a chart of patches (CGATS text)";
+
+[[noreturn]] void fail(const fs::path& file, const std::string& field, const std::string& problem,
+                       const std::string& fix) {
+  throw InputError(file.string(), field, problem, fix);
+}
+
+/// Linear RGB of Rec. 709 primaries and D65 from XYZ relative to D50, by Bradford's adaptation (ICC.1:2010,
+/// annex E). White has 1 each.
+Eigen::Matrix3d rgb_from_d50() {
+  const auto xyz = [](double x, double y) { return Vec3d(x / y, 1, (1 - x - y) / y); };
+  const Vec3d d65 = xyz(0.3127, 0.3290), d50(0.9642, 1, 0.8249);
+  Eigen::Matrix3d primaries;
+  primaries << xyz(0.64, 0.33), xyz(0.30, 0.60), xyz(0.15, 0.06);
+  const Eigen::Matrix3d xyz_from_rgb = primaries * (primaries.inverse() * d65).asDiagonal().toDenseMatrix();
+  Eigen::Matrix3d cone;
+  cone << 0.8951, 0.2664, -0.1614, -0.7502, 1.7135, 0.0367, 0.0389, -0.0685, 1.0296;
+  const Eigen::Matrix3d d65_from_d50 =
+      cone.inverse() * (cone * d65).cwiseQuotient(cone * d50).asDiagonal().toDenseMatrix() * cone;
+  return xyz_from_rgb.inverse() * d65_from_d50;
+}
+
+/// A context of Little CMS that keeps the first complaint.
+class ColorEngine {
+ public:
+  ColorEngine() : context_(cmsCreateContext(nullptr, this)) {
+    cmsSetLogErrorHandlerTHR(context_, [](cmsContext of, cmsUInt32Number, const char* text) {
+      auto* engine = static_cast<ColorEngine*>(cmsGetContextUserData(of));
+      if (engine && engine->said.empty()) engine->said = printable(text);
+    });
+  }
+  ~ColorEngine() { cmsDeleteContext(context_); }
+  ColorEngine(const ColorEngine&) = delete;
+  ColorEngine& operator=(const ColorEngine&) = delete;
+  cmsContext get() const { return context_; }
+  /// The complaint, or else `otherwise`.
+  std::string problem(const char* otherwise) const { return said.empty() ? otherwise : said; }
+  std::string said;
+
+ private:
+  cmsContext context_;
+};
+
+/// Closes a handle of Little CMS.
+template <auto Close>
+struct Closer {
+  void operator()(void* handle) const { Close(handle); }
+};
+using Profile = std::unique_ptr<void, Closer<cmsCloseProfile>>;
+using InkTransform = std::unique_ptr<void, Closer<cmsDeleteTransform>>;
+using Chart = std::unique_ptr<void, Closer<cmsIT8Free>>;
+
+/// XYZ (D50, perfect white 1) of the 16 overprints.
+std::vector<Vec3d> patches_of_profile(const std::string& bytes, const fs::path& file) {
+  const ColorEngine engine;
+  const Profile profile(
+      cmsOpenProfileFromMemTHR(engine.get(), bytes.data(), static_cast<cmsUInt32Number>(bytes.size())));
+  if (!profile) fail(file, "header", engine.problem("is no ICC profile"), kCharts);
+  if (cmsGetColorSpace(profile.get()) != cmsSigCmykData ||
+      cmsGetDeviceClass(profile.get()) != cmsSigOutputClass)
+    fail(file, "colour space", "is not the profile of a CMYK printer", kCharts);
+  const Profile measured(cmsCreateXYZProfileTHR(engine.get()));
+  const InkTransform transform(
+      cmsCreateTransformTHR(engine.get(), profile.get(), TYPE_CMYK_DBL, measured.get(), TYPE_XYZ_DBL,
+                            INTENT_ABSOLUTE_COLORIMETRIC, cmsFLAGS_NOCACHE | cmsFLAGS_NOOPTIMIZE));
+  if (!transform) fail(file, "A2B1", engine.problem("tells no colours of inks"), kCharts);
+  std::vector<Vec3d> patches;
+  for (int inks = 0; inks < 16; ++inks) {
+    std::array<double, 4> cmyk;
+    for (int k = 0; k < 4; ++k) cmyk[static_cast<std::size_t>(k)] = inks >> k & 1 ? 100 : 0;
+    cmsCIEXYZ xyz{};
+    cmsDoTransform(transform.get(), cmyk.data(), &xyz, 1);
+    patches.emplace_back(xyz.X, xyz.Y, xyz.Z);
+  }
+  return patches;
+}
+
+/// Whether the text has Little CMS open another file.
+bool includes(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](char c) { return c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c; });
+  return text.find(".INCLUDE") != std::string::npos || text.find("$INCLUDE") != std::string::npos;
+}
+
+/// The same of a chart's patches.
+std::vector<Vec3d> patches_of_chart(const std::string& text, const fs::path& file) {
+  if (text.find('\0') != std::string::npos || text.empty()) fail(file, "", "is no text", kCharts);
+  if (includes(text)) fail(file, "INCLUDE", "names another file, which is not read", "copy its patches here");
+  const ColorEngine engine;
+  const Chart chart(cmsIT8LoadFromMem(engine.get(), text.data(), static_cast<cmsUInt32Number>(text.size())));
+  if (!chart) fail(file, "", engine.problem("is no CGATS text"), kCharts);
+  char** names = nullptr;
+  const int columns = cmsIT8EnumDataFormat(chart.get(), &names);
+  const double said = cmsIT8GetPropertyDbl(chart.get(), "NUMBER_OF_SETS");
+  if (columns < 1 || columns > kMostColumns || !names)
+    fail(file, "BEGIN_DATA_FORMAT", "has no columns", "name them, as XYZ_X XYZ_Y XYZ_Z");
+  if (!(said >= 4 && said <= kMostPatches))
+    fail(file, "NUMBER_OF_SETS", "is no number of patches",
+         fmt::format("measure 4 to {}, as 24 of a chart", kMostPatches));
+  const auto column = [&](const char* name) {
+    for (int i = 0; i < columns; ++i)
+      if (names[i] && std::string(name) == names[i]) return i;
+    return -1;
+  };
+  const auto all = [&](const std::array<const char*, 3>& wanted) -> std::optional<std::array<int, 3>> {
+    const std::array<int, 3> found = {column(wanted[0]), column(wanted[1]), column(wanted[2])};
+    return *std::min_element(found.begin(), found.end()) < 0 ? std::nullopt : std::optional(found);
+  };
+  constexpr std::array<const char*, 3> kXyz = {"XYZ_X", "XYZ_Y", "XYZ_Z"}, kLab = {"LAB_L", "LAB_A", "LAB_B"};
+  const auto xyz = all(kXyz), lab = xyz ? std::nullopt : all(kLab);
+  if (!xyz && !lab)
+    fail(file, "BEGIN_DATA_FORMAT", "has neither XYZ_X, XYZ_Y, XYZ_Z nor LAB_L, LAB_A, LAB_B",
+         "give measured colours (D50, 2°)");
+  const auto& from = xyz ? *xyz : *lab;
+  const auto& called = xyz ? kXyz : kLab;
+  std::vector<Vec3d> patches;
+  for (int row = 0; row < static_cast<int>(said); ++row) {
+    Vec3d value;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const char* cell = cmsIT8GetDataRowCol(chart.get(), row, from[k]);
+      const std::string where = fmt::format("{} of patch {}", called[k], row + 1);
+      const auto number = [&]() -> std::optional<double> {
+        try {
+          return cell ? std::optional(parse_number(cell, where)) : std::nullopt;
+        } catch (const FieldError&) {
+          return std::nullopt;
+        }
+      }();
+      // Black backings and noise measure a little below 0; whiteners shine above a perfect white.
+      const Range range = xyz ? Range{-1, 150} : k == 0 ? Range{-1, 120} : Range{-200, 200};
+      if (!number || !range.contains(*number))
+        fail(file, where,
+             cell ? printable(std::string(cell).substr(0, 40)) + " is no measured colour" : "is missing",
+             "use " + range.words());
+      value[static_cast<int>(k)] = *number;
+    }
+    if (lab) {
+      const cmsCIELab measured{value[0], value[1], value[2]};
+      cmsCIEXYZ converted{};
+      cmsLab2XYZ(nullptr, &converted, &measured);
+      patches.emplace_back(converted.X, converted.Y, converted.Z);
+    } else {
+      patches.push_back(value / 100);
+    }
+  }
+  return patches;
+}
+
+constexpr const char* kNoVolume = "patches lie in one plane, or outside of what textures hold";
+
+PrintGamut read_gamut_word(const std::string& text) {
+  const bool path = text.find('/') != std::string::npos || text.find('.') != std::string::npos;
+  if (!path)
+    return read_gamut(shipped_choice("scenes/prints", kChartFile, text, kGamutField,
+                                     "a file (ICC profile or CGATS text) or box:BLACK,WHITE"),
+                      text);
+  if (printable(text) != text)
+    throw FieldError(kGamutField, printable(text), "has letters that no settings file can hold", "rename it");
+  if (!fs::is_regular_file(text)) throw FieldError(kGamutField, text, "no such file", kCharts);
+  return read_gamut(text, fs::absolute(text).lexically_normal().string());
+}
+
+PrintGamut read_gamut_box(const std::string& text) {
+  const std::vector<std::string> words = listed_words(text.substr(std::string(kBox).size()));
+  const auto number = [&](std::size_t i) {
+    try {
+      return i < words.size() && words.size() == 2 ? parse_number(words[i], kGamutField) : -1;
+    } catch (const FieldError&) {
+      return -1.0;
+    }
+  };
+  return PrintGamut::box(number(0), number(1), text);
+}
+
+}  // namespace
+
+std::optional<PrintGamut> PrintGamut::of(std::string name, const std::vector<Vec3d>& points) {
+  const auto whole = ConvexPolytope::hull(points);
+  const auto held = whole ? whole->within({Vec3d::Zero(), Vec3d::Ones()}) : std::nullopt;
+  if (!held) return std::nullopt;
+  // Anew from its corners, so that a run which tells them has the same facets.
+  const auto again = ConvexPolytope::hull(held->corners());
+  if (!again || again->corners().size() != held->corners().size()) return std::nullopt;
+  PrintGamut gamut;
+  gamut.name_ = std::move(name);
+  gamut.solid_ = std::make_shared<const ConvexPolytope>(*again);
+  return gamut;
+}
+
+PrintGamut PrintGamut::box(double black, double white, const std::string& text) {
+  constexpr double kLeast = 1e-3;
+  if (!kShare.contains(black) || !kShare.contains(white) || !(white - black >= kLeast))
+    throw FieldError(kGamutField, text.empty() ? fmt::format("{}{},{}", kBox, black, white) : text,
+                     "is no range of reflectances", "use box:BLACK,WHITE, as box:0.03,0.85");
+  std::vector<Vec3d> corners;
+  corners.reserve(8);
+  for (int i = 0; i < 8; ++i)
+    corners.emplace_back(i & 1 ? white : black, i & 2 ? white : black, i & 4 ? white : black);
+  return *of(fmt::format("{}{},{}", kBox, black, white), corners);
+}
+
+const ConvexPolytope& PrintGamut::solid() const {
+  if (solid_) return *solid_;
+  static const PrintGamut shipped = read_gamut_word(kDefaultGamut);
+  return *shipped.solid_;
+}
+
+bool PrintGamut::holds(const Vec3d& texel) const {
+  return solid().outside(texel) <= kInGamut;
+}
+
+Vec3d PrintGamut::nearest(const Vec3d& texel) const {
+  return solid().nearest(texel).cwiseMax(0.0).cwiseMin(1.0);
+}
+
+void set_from_text(const std::string& text, PrintGamut& gamut) {
+  gamut = text.starts_with(kBox) ? read_gamut_box(text) : read_gamut_word(text);
+}
+
+PrintGamut read_gamut(const fs::path& file, const std::string& name) {
+  const std::string bytes = read_file(file, kLargestPrintFile);
+  constexpr std::size_t kSignature = 36;  // of the ICC's header
+  const bool profile = bytes.size() >= 128 && bytes.compare(kSignature, 4, "acsp") == 0;
+  std::vector<Vec3d> points = profile ? patches_of_profile(bytes, file) : patches_of_chart(bytes, file);
+  const Eigen::Matrix3d rgb = rgb_from_d50();
+  for (Vec3d& patch : points) patch = rgb * patch;
+  auto gamut = PrintGamut::of(name, points);
+  if (!gamut)
+    fail(file, profile ? "A2B1" : "BEGIN_DATA", kNoVolume, "measure at least paper, inks and black");
+  return *gamut;
+}
+
+nlohmann::json to_json(const PrintGamut& gamut) {
+  auto list = nlohmann::json::array();
+  for (const Vec3d& c : gamut.colours()) list.push_back({c.x(), c.y(), c.z()});
+  return list;
+}
+
+PrintGamut read_gamut(const nlohmann::json& written, const fs::path& file, const std::string& key,
+                      const std::string& name) {
+  const auto wrong = [&](std::size_t i) {
+    fail(file, fmt::format("{}[{}]", key, i), "is no colour",
+         "restore the file: red, green and blue, 0 to 1 each");
+  };
+  if (!written.is_array() || written.size() > kMostCorners)
+    fail(file, key, "is no list of colours", "restore the file");
+  std::vector<Vec3d> points;
+  for (const nlohmann::json& colour : written) {
+    if (!colour.is_array() || colour.size() != 3) wrong(points.size());
+    Vec3d point;
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (!colour[k].is_number()) wrong(points.size());
+      point[static_cast<int>(k)] = colour[k].get<double>();
+      if (!kShare.contains(point[static_cast<int>(k)])) wrong(points.size());
+    }
+    points.push_back(point);
+  }
+  auto gamut = PrintGamut::of(name, points);
+  if (!gamut) fail(file, key, kNoVolume, "restore the file");
+  return *gamut;
+}
+
 namespace {
 
 /// m, what smooths an optimiser's step: a Gaussian's standard deviation as a share of the box's half height.

@@ -9,12 +9,9 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/json_depth.h"
 #include "base/json_fields.h"
-#include "base/json_rows.h"
 #include "base/logging.h"
 #include "base/names.h"
-#include "base/open_file.h"
 #include "base/provenance.h"
 
 namespace mirage {

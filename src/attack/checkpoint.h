@@ -7,8 +7,7 @@
 
 #include "attack/adversary.h"
 #include "attack/attack_settings.h"
-#include "attack/object_renderer.h"
-#include "base/field_json.h"
+#include "attack/observation.h"
 #include "base/json_fields.h"
 
 namespace mirage {

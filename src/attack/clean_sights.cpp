@@ -14,9 +14,8 @@
 
 #include "attack/evaluation.h"
 #include "base/error.h"
-#include "base/interrupt.h"
 #include "base/intervals.h"
-#include "base/progress.h"
+#include "base/logging.h"
 #include "base/types.h"
 #include "detection/audit.h"
 #include "detection/detect.h"

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "attack/detector_pool.h"
-#include "attack/host_truth.h"
+#include "attack/host_outcome.h"
 #include "detection/average_precision.h"
 #include "frames/hosts.h"
 

@@ -9,7 +9,6 @@
 #include "base/names.h"
 #include "frames/frame_store.h"
 #include "frames/made_of.h"
-#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {

@@ -1,6 +1,6 @@
 // Is one detector easier to fool than another? Both see the same vehicles with the same objects on their
 // roofs; a vehicle counts where both find it as recorded. The outcome of a vehicle is whether it vanishes
-// (attack/hiding.h), and the answer is the paired difference of shares, second detector less first.
+// (attack/host_outcome.h), and the answer is the paired difference of shares, second detector less first.
 //
 // An object that was learned against the first detector flatters the second. So the first two objects may be
 // each detector's own: then the difference of "own" is that of each detector under its own object.
@@ -20,7 +20,7 @@
 #include <vector>
 
 #include "attack/evaluation.h"
-#include "attack/upper_bound.h"
+#include "attack/host_outcome.h"
 #include "attack/zoo.h"
 
 namespace mirage {
@@ -68,7 +68,7 @@ struct Comparison {
   double detectable = 1;              ///< smallest true difference told in 80 % of such sets
   struct Needed {
     double difference;
-    std::optional<long> vehicles;  ///< none: more than any plan takes (upper_bound.h)
+    std::optional<long> vehicles;  ///< none: more than any plan takes
   };
   std::vector<Needed> needed;       ///< for 2, 5 and 10 points
   std::vector<WorseVehicle> worse;  ///< nearest first

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "detection/given_detector.h"
+#include "detection/process_detector.h"
 
 namespace mirage {
 

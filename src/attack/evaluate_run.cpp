@@ -6,17 +6,15 @@
 #include <set>
 
 #include "attack/evaluation.h"
-#include "attack/upper_bound.h"
+#include "attack/host_outcome.h"
 #include "base/disk_cache.h"
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/logging.h"
 #include "base/names.h"
-#include "base/progress.h"
 #include "base/ranks.h"
-#include "base/words.h"
 #include "detection/detector_settings.h"
 #include "frames/made_of.h"
-#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {

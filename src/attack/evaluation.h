@@ -12,10 +12,7 @@
 
 #include "attack/detector_pool.h"
 #include "attack/expectation.h"
-#include "attack/hiding.h"
 #include "attack/host_outcome.h"
-#include "attack/host_truth.h"
-#include "base/clusters.h"
 #include "base/intervals.h"
 #include "base/json_fields.h"
 #include "frames/hosts.h"
@@ -66,9 +63,9 @@ std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& da
 // A detector that finds boxes in the picture alone is judged there: the host is detected attacked, too, by a
 // box around it and the object (HostTruth), and the ground truth holds DontCare regions.
 // FN ASR, FP ASR and ASR (FN or FP) are shares of the vehicles that were detected clean
-// (Tu et al., CoRL 2021, section 4); attack/hiding.h has the misses by other rules. Recall–IoU runs over all
-// hosts. Several meshes are judged as one: shares are means over meshes × hosts, and the intervals' clusters
-// stay those of one mesh: vehicles where the data set knows them, else frames (base/clusters.h).
+// (Tu et al., CoRL 2021, section 4); attack/host_outcome.h has the misses by other rules. Recall–IoU runs
+// over all hosts. Several meshes are judged as one: shares are means over meshes × hosts, and the intervals'
+// clusters stay those of one mesh: vehicles where the data set knows them, else frames (base/intervals.h).
 
 /// When a vehicle counts as found, and a box as a new one.
 struct EvaluationSettings {

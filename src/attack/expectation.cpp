@@ -8,9 +8,9 @@
 #include <numbers>
 #include <opencv2/core.hpp>
 
-#include "base/angles.h"
 #include "base/error.h"
-#include "base/words.h"
+#include "base/fields.h"
+#include "base/types.h"
 
 namespace mirage {
 namespace {

@@ -8,7 +8,7 @@
 
 #include "attack/attack_step.h"
 #include "attack/evaluation.h"
-#include "base/interrupt.h"
+#include "base/error.h"
 #include "base/intervals.h"
 
 namespace mirage {

@@ -1,10 +1,121 @@
 #include "attack/host_outcome.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <boost/math/distributions/binomial.hpp>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <map>
+#include <numbers>
+#include <numeric>
 
 #include "base/intervals.h"
+#include "detection/average_precision.h"
+#include "scene/data/kitti_rows.h"
 
 namespace mirage {
+
+bool is_road_user(const Label& label) {
+  return label.type != "DontCare" && label.type != "Misc";
+}
+
+std::vector<BevBox> ground_truth_boxes(const Frame& frame) {
+  std::vector<BevBox> boxes;
+  for (const Label& label : frame.labels)
+    if (is_road_user(label) && has_box(label)) boxes.push_back(label.box.bev);
+  return boxes;
+}
+
+namespace {
+
+constexpr double kCarHeight = 1.5;  // m
+
+}  // namespace
+
+std::optional<PictureBox> silhouette_box(const Simulated& simulated) {
+  const Image<double>& rgba = simulated.rgba;
+  const int last_column = simulated.image.width - 1, last_row = simulated.image.height - 1;
+  PixelRect rect{last_column + 1, last_row + 1, 0, 0};
+  for (int y = 0; y < rgba.height; ++y)
+    for (int x = 0; x < rgba.width; ++x) {
+      const int u = simulated.rect.u0 + x, v = simulated.rect.v0 + y;
+      if (!(rgba.at(x, y, 3) > 0.5) || u < 0 || v < 0 || u > last_column || v > last_row) continue;
+      rect = {std::min(rect.u0, u), std::min(rect.v0, v), std::max(rect.u1, u + 1), std::max(rect.v1, v + 1)};
+    }
+  if (rect.empty()) return std::nullopt;
+  return PictureBox{std::max(0.0, rect.u0 - 0.5), std::max(0.0, rect.v0 - 0.5),
+                    std::min<double>(last_column, rect.u1 - 0.5), std::min<double>(last_row, rect.v1 - 0.5)};
+}
+
+std::optional<PictureBox> carried_box(const Simulated& simulated, const Placement& placement) {
+  return placement.support == Support::roof || placement.grows_box ? silhouette_box(simulated) : std::nullopt;
+}
+
+HostTruth::HostTruth(const Frame& frame, const Label& host, Matching matching,
+                     const std::optional<PictureBox>& object)
+    : matching_(matching), host_({boxes_of(host)}), ground_(host.box.bottom) {
+  for (const Label& label : frame.labels) {
+    if (label.type == "DontCare") dont_care_.push_back(boxes_of(label));
+    if (is_road_user(label) && (matching.in_picture() || has_box(label))) labels_.push_back(boxes_of(label));
+  }
+  if (!matching.in_picture()) {
+    calibration_ = frame.calibration;
+  } else if (object) {
+    host_.emplace_back(joined(picture_box(host), *object));
+    labels_.push_back(host_.back());
+  }
+}
+
+HostTruth HostTruth::with_box(const Frame& frame, const Label& host, Matching matching, const BevBox& grown,
+                              const std::optional<PictureBox>& object) {
+  HostTruth truth(frame, host, matching, object);
+  if (matching.in_picture()) {
+    if (truth.host_.size() > 1) truth.host_.erase(truth.host_.begin());  // the joined one is left
+  } else {
+    truth.host_.front() = ObjectBoxes(grown);
+    truth.labels_.push_back(truth.host_.front());
+  }
+  return truth;
+}
+
+HostTruth HostTruth::of_object(const Frame& frame, const Label& object, Matching matching) {
+  HostTruth truth(frame, object, matching);
+  truth.labels_.push_back(truth.host_.front());
+  return truth;
+}
+
+double HostTruth::largest(const ObjectBoxes& found, const std::vector<ObjectBoxes>& others) const {
+  double most = 0;
+  for (const ObjectBoxes& other : others) most = std::max(most, matching_.overlap(found, other));
+  return most;
+}
+
+double HostTruth::host_iou(const ObjectBoxes& found) const {
+  return largest(found, host_);
+}
+
+double HostTruth::label_iou(const ObjectBoxes& found) const {
+  if (!matching_.in_picture()) return largest(found, labels_);
+  if (in_dont_care(found)) return 1;
+  return std::max(largest(found, labels_), largest(found, dont_care_));
+}
+
+bool HostTruth::in_dont_care(const ObjectBoxes& found) const {
+  if (dont_care_.empty()) return false;
+  ObjectBoxes seen = found;
+  if (!matching_.in_picture()) {
+    Box3 box = found.box;
+    if (!(box.height > 0)) box.bottom = ground_, box.height = kCarHeight;
+    const auto there = projected(box, calibration_);
+    if (!there) return false;
+    seen.picture = *there;
+  }
+  return std::any_of(dont_care_.begin(), dont_care_.end(), [&](const ObjectBoxes& region) {
+    return kInPicture.intersection(seen, region) >= kInPicture.area(seen) / 2;
+  });
+}
 
 SuccessRates success_rates(std::span<const HostOutcome* const> hosts, std::optional<double> iou) {
   ClusteredShare fn, fp, either;
@@ -101,6 +212,194 @@ nlohmann::json false_positives_json(const std::vector<HostOutcome>& hosts) {
     result["distance_from_sensor"] = to_json(distribution(from_sensor, even_edges(100, 20)), any);
   }
   return result;
+}
+
+namespace {
+
+using Test = std::function<bool(const HostOutcome&)>;
+
+/// Of the hosts for which `counts` holds the share for which `works` does.
+ClusteredShare share_of(std::span<const HostOutcome> hosts, const Test& counts, const Test& works) {
+  ClusteredShare share;
+  int meshes = 1;
+  for (const HostOutcome& host : hosts) meshes = std::max(meshes, host.mesh + 1);
+  for (const HostOutcome& host : hosts)
+    if (counts(host)) share.add(host.cluster(), works(host), 0, 1.0 / meshes);
+  return share;
+}
+
+HidingRate rate(std::span<const HostOutcome> hosts, const HidingRule& rule) {
+  const auto found_clean = [&](const HostOutcome& host) { return rule.finds(host, true); };
+  const ClusteredShare hidden =
+      share_of(hosts, found_clean, [&](const HostOutcome& host) { return !rule.finds(host, false); });
+  HidingRate result{hidden.interval(), 0};
+  for (const HostOutcome& host : hosts)
+    result.vehicles += host.mesh == hosts.front().mesh && found_clean(host);
+  return result;
+}
+
+Interval paired(std::span<const HostOutcome> a, std::span<const HostOutcome> b, const Test& counts,
+                const Test& works) {
+  return share_difference(share_of(a, counts, works), share_of(b, counts, works));
+}
+
+bool has_metres(std::span<const HostOutcome> hosts) {
+  return hosts.empty() || !hosts.front().matching.in_picture();
+}
+
+nlohmann::json rate_json(const HidingRate& rate) {
+  nlohmann::json json = to_json(rate.share);
+  json["vehicles"] = rate.vehicles;
+  return json;
+}
+
+}  // namespace
+
+bool HidingRule::finds(const HostOutcome& host, bool clean) const {
+  return clean ? finds(host.clean_iou, host.clean_distance)
+               : finds(host.attacked_iou, host.attacked_distance);
+}
+
+HidingRates hiding_rates(std::span<const HostOutcome> hosts) {
+  const auto of = [&](std::size_t rule) { return rate(hosts, kHidingRules[rule]); };
+  HidingRates rates{of(0), of(1), of(2), {}, {}};
+  if (has_metres(hosts)) rates.distance1m = of(3), rates.distance2m = of(4);
+  return rates;
+}
+
+nlohmann::json to_json(const HidingRates& rates) {
+  const auto maybe = [](const std::optional<HidingRate>& rate) {
+    return rate ? rate_json(*rate) : nlohmann::json();
+  };
+  return {{"vanished", rate_json(rates.vanished)},
+          {"iou50", rate_json(rates.iou50)},
+          {"iou70", rate_json(rates.iou70)},
+          {"distance1m", maybe(rates.distance1m)},
+          {"distance2m", maybe(rates.distance2m)}};
+}
+
+NetSuccess net_success(std::span<const HostOutcome> learned, std::span<const HostOutcome> other) {
+  const auto of = [&](std::size_t rule) {
+    const HidingRule& by = kHidingRules[rule];
+    return paired(
+        learned, other, [&](const HostOutcome& host) { return by.finds(host, true); },
+        [&](const HostOutcome& host) { return !by.finds(host, false); });
+  };
+  const Test detected = [](const HostOutcome& host) { return host.detected; };
+  NetSuccess net{of(0), of(1), of(2), {}, {}, {}, {}, {}};
+  if (has_metres(learned)) net.distance1m = of(3), net.distance2m = of(4);
+  net.fn = paired(learned, other, detected, [](const HostOutcome& host) { return host.hidden; });
+  net.false_positive =
+      paired(learned, other, detected, [](const HostOutcome& host) { return host.false_positive; });
+  net.asr = paired(learned, other, detected, [](const HostOutcome& host) { return host.fooled(); });
+  return net;
+}
+
+nlohmann::json to_json(const NetSuccess& net) {
+  const auto maybe = [](const std::optional<Interval>& interval) {
+    return interval ? to_json(*interval) : nlohmann::json();
+  };
+  return {{"vanished", to_json(net.vanished)},     {"iou50", to_json(net.iou50)},
+          {"iou70", to_json(net.iou70)},           {"distance1m", maybe(net.distance1m)},
+          {"distance2m", maybe(net.distance2m)},   {"fn_asr", to_json(net.fn)},
+          {"fp_asr", to_json(net.false_positive)}, {"asr", to_json(net.asr)}};
+}
+
+namespace {
+
+/// The largest binomial share of `trials` whose lower tail at `hits` is not below what `single` asks.
+double binomial_bound(double trials, double hits, bool single) {
+  const double alpha = (1 - kConfidence) / (single ? 1 : std::numbers::e), whole = std::ceil(hits - 1e-9);
+  if (whole >= trials) return 1;
+  return boost::math::binomial::find_upper_bound_on_p(trials, whole, alpha);
+}
+
+}  // namespace
+
+ShareBound share_bound(std::span<const double> shares, bool single) {
+  ShareBound bound{0, 0, 1, static_cast<int>(shares.size()), single};
+  if (shares.empty()) return bound;
+  const double sum = std::accumulate(shares.begin(), shares.end(), 0.0);
+  bound.value = sum / bound.clusters;
+  bound.high = binomial_bound(bound.clusters, sum, single);
+  bound.low = 1 - binomial_bound(bound.clusters, bound.clusters - sum, single);
+  return bound;
+}
+
+double clusters_for(double at_most, double value, bool single) {
+  if (value >= at_most) return std::numeric_limits<double>::infinity();
+  double enough = 1, few = 0;
+  while (binomial_bound(enough, value * enough, single) > at_most) few = enough, enough *= 2;
+  while (enough - few > 1) {
+    const double middle = std::floor((few + enough) / 2);
+    (binomial_bound(middle, value * middle, single) > at_most ? few : enough) = middle;
+  }
+  return enough;
+}
+
+std::optional<long> planned(double wanted) {
+  wanted = std::ceil(wanted);
+  if (!(wanted <= 1e6)) return std::nullopt;
+  const double digit = std::pow(10, std::max(0.0, std::floor(std::log10(std::max(1.0, wanted))) - 1));
+  return static_cast<long>(std::ceil(wanted / digit) * digit);
+}
+
+std::optional<long> vehicles_to_tell(double vehicles, double detectable, double difference) {
+  const double times = detectable / difference;
+  return planned(vehicles * times * times);
+}
+
+HiddenBound hidden_bound(std::span<const HostOutcome> hosts, double nearest, double farthest) {
+  const HidingRule& vanished = kHidingRules[0];
+  std::map<HostId, std::pair<std::string, bool>> cars;  // cluster, and whether any mesh hides it
+  HiddenBound bound;
+  bound.nearest = nearest, bound.farthest = farthest;
+  for (const HostOutcome& host : hosts) {
+    if (host.range < nearest || host.range >= farthest || !vanished.finds(host, true)) continue;
+    auto& car = cars[host.id];
+    car.first = host.cluster();
+    car.second = car.second || !vanished.finds(host, false);
+    if (host.track >= 0) bound.by = "vehicle";
+  }
+  std::map<std::string, std::pair<int, int>> clusters;  // cars, hidden ones
+  for (const auto& [id, car] : cars) {
+    ++clusters[car.first].first;
+    clusters[car.first].second += car.second;
+  }
+  std::vector<double> shares;
+  for (const auto& [name, of] : clusters)
+    shares.push_back(static_cast<double>(of.second) / static_cast<double>(of.first));
+  bound.vehicles = static_cast<int>(cars.size());
+  bound.share = share_bound(shares, cars.size() == clusters.size());
+  for (const double at_most : {0.1, 0.05, 0.02, 0.01})
+    bound.needed.push_back({at_most, clusters_for(at_most, bound.share.value, bound.share.single)});
+  return bound;
+}
+
+std::string describe(const HiddenBound& bound) {
+  if (bound.vehicles == 0) return fmt::format("no car within {:g} m is found as recorded", bound.farthest);
+  std::string text = fmt::format(
+      "at most {:.1f} % of cars within {:g} m vanish (95 %, exact over {} {}s; seen: {:.1f} %)",
+      100 * bound.share.high, bound.farthest, bound.share.clusters, bound.by, 100 * bound.share.value);
+  for (const auto& [at_most, clusters] : bound.needed)
+    if (at_most < bound.share.high && std::isfinite(clusters))
+      return text + fmt::format(": {:.0f} {}s for {:g} %", clusters, bound.by, 100 * at_most);
+  return text;
+}
+
+nlohmann::json to_json(const HiddenBound& bound) {
+  nlohmann::json needed = nlohmann::json::array();
+  for (const auto& [at_most, clusters] : bound.needed)
+    needed.push_back({{"at_most", at_most},
+                      {"clusters", std::isfinite(clusters) ? nlohmann::json(clusters) : nlohmann::json()}});
+  return {{"at_most", bound.share.high},
+          {"at_least", bound.share.low},
+          {"value", bound.share.value},
+          {"from_m", bound.nearest},
+          {"within_m", bound.farthest},
+          {"vehicles", bound.vehicles},
+          {"clusters", to_json(ClusterCount{bound.by, bound.share.clusters})},
+          {"needed", needed}};
 }
 
 }  // namespace mirage

@@ -16,7 +16,7 @@
 #include <span>
 #include <vector>
 
-#include "attack/host_truth.h"
+#include "attack/host_outcome.h"
 #include "base/fields.h"
 
 namespace mirage {

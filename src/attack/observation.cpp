@@ -1,13 +1,169 @@
 #include "attack/observation.h"
 
 #include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstring>
 
-#include "attack/clean_view.h"
+#include "base/error.h"
+#include "base/random.h"
 #include "base/ranks.h"
-#include "simulation/object_window.h"
-#include "simulation/upstream.h"
+#include "detection/car_in_picture.h"
+#include "simulation/render_scene.h"
+#include "simulation/sensor_pass.h"
 
 namespace mirage {
+namespace {
+
+constexpr std::size_t kMostKept = std::size_t{1} << 28;  // values: 1 GiB
+
+double mean_square(const std::vector<Vec3d>& from, const std::vector<Vec3d>& to) {
+  double sum = 0;
+  for (std::size_t i = 0; i < from.size(); ++i) sum += (to[i] - from[i]).squaredNorm();
+  return from.empty() ? 0 : sum / static_cast<double>(from.size());
+}
+
+bool same_mesh(const TexturedMesh& a, const TexturedMesh& b) {
+  return a.mesh.vertices == b.mesh.vertices && a.atlas.texels == b.atlas.texels;
+}
+
+}  // namespace
+
+bool has_moved(const TexturedMesh& from, const TexturedMesh& to, const Renewal& renewal) {
+  return std::sqrt(mean_square(from.mesh.vertices, to.mesh.vertices)) > renewal.metres ||
+         std::sqrt(mean_square(from.atlas.texels, to.atlas.texels) / 3) > renewal.texels;
+}
+
+std::shared_ptr<const RenderedPictures::Correction> RenderedPictures::make(const HostInWorld& host,
+                                                                           const TexturedMesh& adversary,
+                                                                           const RenderedMesh& rendered,
+                                                                           const Simulated& simulated) const {
+  const Frame& frame = host.prepared.frame;
+  Simulated then;
+  // What the renderer draws is ideal; lens and sensor come after the light.
+  SimulationSettings ideal = host.simulation;
+  ideal.camera_effects = {};
+  const bool now = same_mesh(adversary, rendered.mesh) && !host.simulation.camera_effects.any();
+  if (!now) then = simulate(host.prepared, host.placement, rendered.mesh, ideal);
+  const Simulated& at = now ? simulated : then;
+  auto correction = std::make_shared<Correction>();
+  correction->world = host.world;
+  if (at.rect.empty()) return correction;
+  RandomStream random(seed_, "rendered " + host_name(host.host),
+                      static_cast<std::uint64_t>(rendered.iteration));
+  ObjectRenderer::Window window = renderer_.draw(host, rendered.mesh, at, random.next_u32());
+  const ImageF raster = radiance_of(at, frame.image, window.rect);
+  correction->rect = window.rect;
+  correction->difference = std::move(window.picture);
+  for (std::size_t i = 0; i < raster.data.size(); ++i) correction->difference.data[i] -= raster.data[i];
+  if (const double blur = host.simulation.camera_effects.blur_sigma; blur > 0)
+    soften(correction->difference, blur);
+  return correction;
+}
+
+PixelRect RenderedPictures::correct(const HostInWorld& host, const TexturedMesh& adversary,
+                                    const RenderedMesh& rendered, Simulated& simulated) {
+  const std::string name = host_name(host.host);
+  std::shared_ptr<const Correction> correction;
+  const bool keep = rendered.iteration >= 0;
+  if (keep) {
+    const std::scoped_lock lock(mutex_);
+    if (iteration_ != rendered.iteration) corrections_.clear(), kept_ = 0;
+    iteration_ = rendered.iteration;
+    if (const auto known = corrections_.find(name);
+        known != corrections_.end() && known->second->world == host.world)
+      correction = known->second;
+  }
+  if (!correction) {
+    correction = make(host, adversary, rendered, simulated);
+    const std::scoped_lock lock(mutex_);
+    if (keep && iteration_ == rendered.iteration) {
+      if (kept_ > kMostKept) corrections_.clear(), kept_ = 0;  // they are made again, to the same bits
+      kept_ += correction->difference.data.size();
+      corrections_[name] = correction;
+    }
+  }
+  add_to_picture(correction->difference, correction->rect, simulated);
+  return correction->rect;
+}
+
+namespace {
+
+/// Eight independent sums of products of 8 bytes each: as fast as memory is read. Tells contents apart; no
+/// protection against malice.
+class Hash {
+ public:
+  void add(const void* bytes, std::size_t size) {
+    const auto* from = static_cast<const std::byte*>(bytes);
+    for (; size >= kBlock; size -= kBlock, from += kBlock) {
+      std::array<std::uint64_t, kLanes> words;
+      std::memcpy(words.data(), from, kBlock);
+      for (std::size_t k = 0; k < kLanes; ++k)
+        lanes_[k] = std::rotl(lanes_[k] ^ words[k], 29) * 0x9e3779b97f4a7c15ull;
+    }
+    std::array<std::uint64_t, kLanes> rest{};
+    std::memcpy(rest.data(), from, size);
+    for (std::size_t k = 0; k < kLanes; ++k)
+      lanes_[k] = std::rotl(lanes_[k] ^ rest[k] ^ size, 31) * 0xbf58476d1ce4e5b9ull;
+  }
+  std::uint64_t value() const {
+    std::uint64_t all = 0;
+    for (const std::uint64_t lane : lanes_) all = (all ^ lane ^ (all >> 31)) * 0x94d049bb133111ebull;
+    return all ^ (all >> 29);
+  }
+
+ private:
+  static constexpr std::size_t kLanes = 8, kBlock = kLanes * sizeof(std::uint64_t);
+  std::array<std::uint64_t, kLanes> lanes_ = {1, 2, 3, 4, 5, 6, 7, 8};
+};
+
+}  // namespace
+
+SensorView view_of(const PreparedFrame& prepared, const Simulated& simulated, const Capabilities& can) {
+  const Frame& frame = prepared.frame;
+  SensorView view = view_of(frame, simulated.image, simulated.sweep);
+  for (std::size_t k = 0; k < frame.others.size(); ++k)
+    if (const ImageF& image = simulated.others[k].image; !image.empty() && can.names(frame.others[k].name))
+      view.others.push_back(sensor_beside(frame, k, &image));
+  for (std::size_t k = 0; k < simulated.measurements.size(); ++k)
+    if (const Measurement& measured = simulated.measurements[k]; can.names(measured.name)) {
+      view.others.push_back(sensor_beside(frame, frame.others.size() + k));
+      view.others.back().values = measured.data;
+    }
+  return view;
+}
+
+void require_no_others(const SensorView& view) {
+  if (view.others.empty()) return;
+  throw InputError("expect, renderer", view.others[0].name,
+                   "is not drawn by them: they know of a frame's first camera and LiDAR alone",
+                   "leave them off with a detector that reads further sensors");
+}
+
+std::vector<const float*> others_of(const SensorGradient& gradient, const Frame& frame,
+                                    const Simulated& simulated) {
+  std::vector<const float*> others;
+  const auto add = [&](const std::string& name, std::size_t values) {
+    const auto given = gradient.others.find(name);
+    const bool there = given != gradient.others.end() && values > 0 && given->second.size() == values;
+    others.push_back(there ? given->second.data() : nullptr);
+  };
+  for (std::size_t k = 0; k < simulated.others.size(); ++k)
+    add(frame.others[k].name, simulated.others[k].rect.empty() ? 0 : simulated.others[k].image.data.size());
+  for (const Measurement& measured : simulated.measurements) add(measured.name, measured.data.size());
+  return others;
+}
+
+CleanView clean_view(const PreparedFrame& prepared, const PixelRect& changed) {
+  const Frame& frame = prepared.frame;
+  Hash hash;
+  hash.add(frame.image.data.data(), frame.image.data.size() * sizeof(float));
+  hash.add(frame.sweep.data(), frame.sweep.size() * sizeof(LidarPoint));
+  const std::array<double, 12> projection = pixel_from_velo(frame.calibration);
+  hash.add(projection.data(), sizeof(projection));
+  return {&frame.image, frame.sweep, hash.value(), changed};
+}
 
 HostSeconds& HostSeconds::operator+=(const HostSeconds& other) {
   simulation_forward += other.simulation_forward;

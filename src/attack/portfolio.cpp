@@ -12,16 +12,14 @@
 
 #include "attack/attack_hosts.h"
 #include "attack/baseline.h"
+#include "attack/black_box.h"
 #include "attack/checkpoint.h"
-#include "attack/evolution.h"
-#include "attack/mesh_modes.h"
 #include "attack/run.h"
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
-#include "base/interrupt.h"
 #include "base/json_fields.h"
-#include "base/progress.h"
+#include "base/logging.h"
 #include "base/ranks.h"
 #include "base/schedule.h"
 

@@ -8,7 +8,7 @@
 #include "attack/attack_result.h"
 #include "attack/attack_settings.h"
 #include "attack/attack_step.h"
-#include "attack/search.h"
+#include "attack/black_box.h"
 
 namespace mirage {
 
@@ -36,7 +36,7 @@ std::vector<AttackTarget> auto_targets(AttackTarget asked, const Capabilities& d
 // `mirage attack --attack auto`: what an attack can do at best within a budget, in the spirit of AutoAttack
 // (Croce & Hein, ICML 2020), for one mesh over many vehicles.
 //
-//   1. Search. A cuboid that fills the box is warped without gradients (attack/evolution.h), at most a
+//   1. Search. A cuboid that fills the box is warped without gradients (attack/black_box.h), at most a
 //   quarter
 //      of the budget, by the objective on a fixed sample of the vehicles that are learned on.
 //   2. Starts. The paper's ellipsoid, ellipsoid and cuboid filling the box, and what was found, as they are:

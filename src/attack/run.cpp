@@ -6,19 +6,17 @@
 
 #include "base/disk_cache.h"
 #include "base/error.h"
-#include "base/field_json.h"
-#include "base/field_text.h"
+#include "base/fields.h"
 #include "base/files.h"
+#include "base/json_fields.h"
 #include "base/names.h"
 #include "detection/detector_settings.h"
-#include "detection/detector_words.h"
-#include "detection/given_detector.h"
 #include "detection/process_detector.h"
 #include "exchange/gltf.h"
 #include "frames/frame_store.h"
 #include "scene/data/data_rig.h"
 #include "scene/depth/learned_depth.h"
-#include "simulation/quality.h"
+#include "simulation/insertion.h"
 #include "simulation/sensor_plugin.h"
 
 namespace mirage {

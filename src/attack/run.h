@@ -18,7 +18,7 @@
 #include <vector>
 
 #include "attack/attack_settings.h"
-#include "base/field_json.h"
+#include "base/json_fields.h"
 #include "frames/host_id.h"
 
 namespace mirage {
@@ -47,7 +47,7 @@ bool is_other_data(const Run& run, const std::filesystem::path& data);
 void require_own_data(const Run& run, const std::filesystem::path& data);
 
 /// What is asked for in place of other settings: texts as the options take them, by field (base/fields.h),
-/// and those that set several: "quality" (simulation/quality.h) and "lidar_effects"
+/// and those that set several: "quality" (simulation/insertion.h) and "lidar_effects"
 /// (sensors/lidar_effects.h).
 using Overrides = std::map<std::string, std::string>;
 /// Puts them into the settings; `seed` draws the noise of the LiDAR's effects. FieldError for a text that a

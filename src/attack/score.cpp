@@ -10,15 +10,15 @@
 
 #include "attack/attack.h"
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
+#include "base/logging.h"
 #include "base/names.h"
-#include "base/progress.h"
-#include "base/words.h"
 #include "detection/audit.h"
 #include "generator/dataset.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
-#include "simulation/quality.h"
+#include "simulation/insertion.h"
 
 namespace mirage {
 namespace {

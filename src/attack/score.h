@@ -1,9 +1,9 @@
 // A detector's grade: which objects it holds against, and how far away.
 //
 // A cell is a level of objects in a band of distance. It *holds* if at most kScoreLimit of its cars vanish
-// (attack/hiding.h) with 95 % confidence, a car counting if any object of the level hides it; it *does not
-// hold* if more do with 95 % confidence; else it cannot be told, and how many cars would tell is said
-// (attack/upper_bound.h). The levels, each with its grade:
+// (attack/host_outcome.h) with 95 % confidence, a car counting if any object of the level hides it; it *does
+// not hold* if more do with 95 % confidence; else it cannot be told, and how many cars would tell is said
+// (attack/host_outcome.h). The levels, each with its grade:
 //     C  loads    what people carry
 //     B  shapes   that are large and that nobody learned
 //     A  learned  against this detector, and solids of the zoo that were learned on the same rig
@@ -23,7 +23,7 @@
 
 #include "attack/attack_result.h"
 #include "attack/evaluate_run.h"
-#include "attack/upper_bound.h"
+#include "attack/host_outcome.h"
 
 namespace mirage {
 

@@ -1,6 +1,6 @@
 // Where a vehicle that carries an object stands while it drives: the object rides on it. One roof for each
 // frame, as found in that frame alone (scene/carrier.h), would jump with the fits; here roof and box follow
-// the vehicle's track, smoothed over all its frames (tracking/smoother.h), in the world.
+// the vehicle's track, smoothed over all its frames (tracking/tracker.h), in the world.
 #pragma once
 
 #include <array>
@@ -14,7 +14,9 @@
 
 #include "base/json_fields.h"
 #include "frames/frame_store.h"
+#include "frames/hosts.h"
 #include "scene/carrier.h"
+#include "tracking/tracker.h"
 
 namespace mirage {
 
@@ -28,7 +30,7 @@ struct RideFrame {
 struct RideFit {
   int fitted = 0;                           ///< frames whose roof was fitted
   double residual_m = 0, residual_deg = 0;  ///< RMS of the fitted roofs around the smoothed ones
-  double fit_jitter_m = 0, jitter_m = 0;    ///< of the roofs as found, and smoothed (tracking/smoother.h)
+  double fit_jitter_m = 0, jitter_m = 0;    ///< of the roofs as found, and smoothed (tracking/tracker.h)
   /// RMS of the smoothed roofs around their mean place in the boxes as labelled: where labels are true, how
   /// far the object moves on its roof.
   double in_box_m = 0, in_box_deg = 0;
@@ -155,11 +157,41 @@ struct DriveOutcome {
 };
 DriveOutcome outcome_of(const VehicleDrive& vehicle, DriveVersion version);
 
-/// As in result.json (drive_result.h), with all that read_vehicle_drive needs. strip, for those who draw it,
+/// As in result.json, with all that read_vehicle_drive needs. strip, for those who draw it,
 /// says how long each frame stands (stands_s), and after which the vehicle is away (1, else 0), as gaps are
 /// counted.
 nlohmann::json to_json(const VehicleDrive& vehicle);
 /// Its inverse. InputError naming file and field for anything else.
 VehicleDrive read_vehicle_drive(const JsonFields& json);
+
+// What a drive says over all its vehicles: medians, shares and how much the object adds.
+
+/// A drive, judged.
+struct DriveResult {
+  std::vector<VehicleDrive> vehicles;  ///< by sequence, then by identity
+  TrackScores clean;  ///< of tracks of cars and vans as recorded, at an IoU of 0.5 from above
+  int frames = 0;
+  HostsLeftOut left_out;  ///< vehicles beside which the object has no room in some frame
+};
+
+/// {vehicles: as to_json(VehicleDrive), gap_s, track_gap_s, confirmed_m: medians over vehicles {clean,
+/// attacked, random, attacked_less_clean, attacked_less_random: {value, low, high}} (median_interval; a
+/// vehicle that is never confirmed counts as confirmed at 0 m), later_m: {vehicles, than_clean, than_random}:
+/// by how many metres less far the attacked one is confirmed, over those that come nearer, near: {metres,
+/// vehicles: first seen beyond, clean, …: of these, not confirmed before}, never_confirmed: {clean, …},
+/// deaths: [{death, track_gap_s: medians, phantom_share: of the frames}] for kDeaths, roof: medians of
+/// kRideNumbers, survival: [{seconds, clean, attacked, random: share of vehicles with a gap of so long or
+/// more}], tracker: TrackScores as recorded, frames, left_out}
+nlohmann::json to_json(const DriveResult& result);
+
+/// By what the object adds to the longest gap of detection, the most first.
+std::vector<const VehicleDrive*> by_added_gap(const std::vector<VehicleDrive>& vehicles);
+/// At most `count` vehicles, those of the longest gap that the object adds to the recorded one. Only where it
+/// adds any.
+DriveVehicles longest_hidden(const DriveResult& result, int count);
+/// The same vehicles by another renderer: {vehicles: [as above], gap_s, track_gap_s: medians as above,
+/// raster_gap_s: the same of `plain`, kept: {value, low, high}: what the object adds to the gaps, as a share
+/// of what it adds in `plain`}. They were chosen for their gaps in `plain`, so kept is rather too low.
+nlohmann::json by_renderer(const DriveResult& result, const DriveResult& plain);
 
 }  // namespace mirage

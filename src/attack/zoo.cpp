@@ -4,12 +4,11 @@
 #include <cmath>
 
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
 #include "base/names.h"
-#include "base/words.h"
 #include "exchange/mesh_files.h"
-#include "geometry/shapes.h"
-#include "geometry/texel_grid.h"
+#include "geometry/mesh.h"
 
 namespace mirage {
 namespace {

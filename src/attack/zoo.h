@@ -33,7 +33,7 @@ void add_objects(Provenance& provenance, const std::vector<NamedObject>& objects
 TexturedMesh resampled(const TexturedMesh& mesh, int resolution);
 
 /// A load that people carry on their roofs, as an object, always the same. (Those of generated cars are
-/// drawn: generator/roof_load.cpp.)
+/// drawn: generator/car.cpp.)
 struct CarriedLoad {
   const char* name;  ///< "roof-box"
   const char* what;

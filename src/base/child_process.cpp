@@ -21,8 +21,6 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/interrupt.h"
-#include "base/json_depth.h"
 #include "base/schedule.h"
 
 namespace mirage {

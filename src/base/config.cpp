@@ -12,7 +12,6 @@
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/names.h"
-#include "base/words.h"
 
 namespace mirage {
 namespace {

@@ -10,8 +10,8 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/hash.h"
 #include "base/logging.h"
+#include "base/random.h"
 
 namespace mirage {
 namespace {

@@ -8,7 +8,7 @@
 //       visit.list({.name = "expectation"}, s.expectation);  // its numbers are one list
 //     }
 //
-// and visitors make of the list: JSON out, JSON in and a run's identity (base/field_json.h), the check of
+// and visitors make of the list: JSON out, JSON in and a run's identity (base/json_fields.h), the check of
 // ranges (check_fields), a field set by its name (set_field), options of the command line
 // (cli/field_options.h). Results list their fields, too, for JSON alone; these may be lists, maps and
 // structs, and structs that are not always there: visit.among("score", s.outcome).
@@ -19,11 +19,14 @@
 // functions: set_from_text(text, value), which throws FieldError, and text_of(value); so may a nested one.
 #pragma once
 
+#include <charconv>
 #include <concepts>
 #include <cstddef>
 #include <filesystem>
 #include <limits>
+#include <map>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <vector>
 
@@ -185,5 +188,95 @@ void check_fields(const S& s) {
   FieldCheck check;
   visit_fields(check, s);
 }
+
+// The options of a command as a program gives them: by name, in the place of a command line.
+
+/// Texts by name: texel_rate for --texel-rate; a flag's is true or false.
+using NamedSettings = std::map<std::string, std::string>;
+
+// Settings set by their names: the texts that options take, put into the fields of a struct.
+
+/// Of set_field.
+class FieldSetter {
+ public:
+  FieldSetter(const std::string& name, const std::string& text) : name_(name), text_(text) {}
+  template <class T>
+  void operator()(const Field& field, T& value) {
+    if (name_ != field.name) return;
+    found = true;
+    if constexpr (HasWords<T>) {
+      value = parse_word<T>(text_, name_);
+    } else if constexpr (HasText<T>) {
+      set_from_text(text_, value);
+    } else if constexpr (std::same_as<T, bool>) {
+      value = text_ == "true";
+    } else if constexpr (Number<T>) {
+      const char *begin = text_.data(), *end = begin + text_.size();
+      const auto [stop, error] = std::from_chars(begin, end, value);
+      if (error != std::errc() || stop != end)
+        throw FieldError(name_, text_, "is not such a number", "use " + field.range.words());
+    } else if constexpr (!NumberVector<T>) {
+      value = text_;
+    }
+    FieldCheck()(field, value);
+  }
+  template <class T>
+  void group(const Field&, T& inner) {
+    visit_fields(*this, inner);
+  }
+  template <class T>
+  void list(const Field& field, T& inner) {
+    if constexpr (HasText<T>) {
+      if (name_ != field.name) return;
+      found = true;
+      set_from_text(text_, inner);
+    } else {
+      visit_fields(*this, inner);
+    }
+  }
+  bool found = false;
+
+ private:
+  const std::string &name_, &text_;
+};
+
+/// Sets the field of that name, which must be one. FieldError for a text that it does not take.
+template <class S>
+void set_field(S& s, const std::string& name, const std::string& text) {
+  FieldSetter setter(name, text);
+  visit_fields(setter, s);
+  if (!setter.found) throw FieldError(name, text, "no such setting", "see the struct's visit_fields");
+}
+
+// Words that name one thing of several (a command, an option, a rig, a defence …), and what is said of one
+// that names none: which was meant, and all that there are.
+
+/// Fewest letters to insert, delete, replace or swap with a neighbour that make one word the other: the
+/// Damerau–Levenshtein distance (optimal string alignment; Damerau, CACM 1964). Capitals count as small
+/// letters, '_' as '-'.
+int slips_between(std::string_view a, std::string_view b);
+
+/// Those of `known` that `word` may have meant, nearest first: a third of the letters wrong at most, or one
+/// begins with the other.
+std::vector<std::string> meant_by(std::string_view word, const std::vector<std::string>& known);
+
+/// "did you mean b? use b, a, c or FORMS", with those first that may be meant; "use a, b, c or FORMS" where
+/// none may. `forms`: what else may stand there; empty: nothing.
+std::string use_one_of(std::string_view word, const std::vector<std::string>& known,
+                       const std::string& forms = "");
+
+/// The error for a field's word that is none of `known`.
+FieldError unknown_word(const std::string& field, const std::string& word,
+                        const std::vector<std::string>& known, const std::string& forms = "");
+
+/// Names of the files that ship in a folder such as "scenes/rigs", without their extension, sorted; none
+/// where there is no such folder.
+std::vector<std::string> shipped_names(const std::string& folder, const std::string& extension);
+
+/// The shipped file of that name. FieldError of `field` that names all there are if it is none of them;
+/// InputError as shipped_file() (base/files.h) where the folder itself is missing.
+std::filesystem::path shipped_choice(const std::string& folder, const std::string& extension,
+                                     const std::string& word, const std::string& field,
+                                     const std::string& forms = "");
 
 }  // namespace mirage

@@ -20,14 +20,10 @@
 #include <string_view>
 
 #include "base/error.h"
-#include "base/hash.h"
-#include "base/interrupt.h"
-#include "base/json_depth.h"
 #include "base/logging.h"
 #include "base/names.h"
-#include "base/open_file.h"
 #include "base/parallel.h"
-#include "base/program.h"
+#include "base/random.h"
 
 namespace mirage {
 
@@ -417,6 +413,77 @@ void remove_stale_files(const fs::path& folder, bool own, int levels) {
   if (removed > 0)
     spdlog::info("{}: removed {} temporary {} of processes that died", folder.string(), removed,
                  removed == 1 ? "file" : "files");
+}
+
+namespace {
+
+constexpr const char* kFix = "write the file again with the program that made it";
+
+/// visit(place, character) for those outside of texts.
+template <class Visit>
+void for_each_unquoted(std::string_view text, const Visit& visit) {
+  bool quoted = false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (quoted) {
+      if (c == '\\') ++i;
+      quoted = c != '"';
+    } else if (c == '"') {
+      quoted = true;
+    } else {
+      visit(i, c);
+    }
+  }
+}
+
+}  // namespace
+
+void check_json_depth(std::string_view text, const std::string& where, const std::string& field) {
+  int depth = 0;
+  for_each_unquoted(text, [&](std::size_t i, char c) {
+    if (c == '[' || c == '{') {
+      if (++depth > kDeepestJson)
+        throw InputError(where, field, fmt::format("byte {}: nested deeper than {} levels", i, kDeepestJson),
+                         kFix);
+    } else if (c == ']' || c == '}') {
+      --depth;
+    }
+  });
+}
+
+void check_json_values(std::string_view text, const std::string& where, std::size_t most,
+                       std::size_t most_lists) {
+  std::size_t count = 1, lists = 0;
+  for_each_unquoted(text, [&](std::size_t, char c) {
+    const bool list = c == '[' || c == '{';
+    lists += list;
+    count += list || c == ',' || c == ':';
+  });
+  if (count > most) throw InputError(where, "", fmt::format("holds more than {} values", most), kFix);
+  if (lists > most_lists)
+    throw InputError(where, "", fmt::format("holds more than {} lists", most_lists), kFix);
+}
+
+FileCharacters::FileCharacters(const std::filesystem::path& file, std::uintmax_t most)
+    : file_(file), most_(most), size_(file_.size()) {
+  file_.check(size_, most_);
+  fill();
+  for (std::size_t mark = byte_order_mark({part_, held_}, file.string()); mark > 0; --mark) next();
+}
+
+void FileCharacters::fill() {
+  throw_if_interrupted("what was finished is kept");
+  before_ += held_;
+  at_ = 0;
+  held_ = file_.read(part_, sizeof part_);
+  file_.check(before_ + held_, most_);
+}
+
+fs::path built_file(const std::string& relative) {
+  const fs::path beside = executable_folder() / relative;
+  if (fs::exists(beside)) return beside;
+  const fs::path installed = executable_folder().parent_path() / "lib/mirage" / relative;
+  return fs::exists(installed) ? installed : beside;
 }
 
 }  // namespace mirage

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
@@ -12,6 +13,14 @@
 #include "base/error.h"
 
 namespace mirage {
+
+// Which file Mirage runs from: what ships with it is looked for beside that, and what it keeps
+// on disk is kept under that file's content (base/disk_cache.h).
+
+/// The executable, or what set_program_file() named.
+std::filesystem::path program_file();
+/// For a host that is not `mirage` itself (Python): the library that Mirage's code is in.
+void set_program_file(const std::filesystem::path& file);
 
 /// Bytes of the largest JSON that holds some dozens of fields: its values take thirty times that.
 inline constexpr std::uintmax_t kLargestRecord = std::uintmax_t{1} << 19;
@@ -34,7 +43,7 @@ inline constexpr std::uintmax_t kLargestHashed = std::uintmax_t{1} << 34;
 /// content_hash of a file's bytes, of which few are in memory at a time. InputError as read_file; Interrupted
 /// if a signal comes during a large one.
 std::string file_hash(const std::filesystem::path& path, std::uintmax_t most = kLargestHashed);
-/// Ends the name of a temporary file, before its process's number and ".tmp" (files.h cleans up).
+/// Ends the name of a temporary file, before its process's number and ".tmp" (remove_stale_files).
 inline constexpr std::string_view kTemporaryMark = ".mirage-";
 /// NAME.mirage-PID.tmp in the same folder: what becomes `path` once it is whole.
 std::filesystem::path temporary_beside(const std::filesystem::path& path);
@@ -47,7 +56,7 @@ void make_output_folder(const std::filesystem::path& folder);
 
 /// Bytes of the largest JSON that is read whole; for larger ones there is for_each_json_row.
 inline constexpr std::uintmax_t kLargestJson = std::uintmax_t{1} << 26;
-/// InputError naming file and byte when it is not JSON, or holds more than `most_values` (json_depth.h); and
+/// InputError naming file and byte when it is not JSON, or holds more than `most_values`; and
 /// as read_file.
 nlohmann::json read_json(const std::filesystem::path& path, std::uintmax_t most = kLargestJson,
                          std::size_t most_values = kLargestJson);
@@ -96,5 +105,94 @@ class FolderLock {
 /// longer live on this machine. `own`: also those with this process's number, which an earlier one had (in a
 /// container it often has); this one must not be writing there.
 void remove_stale_files(const std::filesystem::path& folder, bool own = false, int levels = kFoldersBelow);
+
+// Bounds on a JSON text, looked at before any reader: readers recurse, and a text of 20 000 "[" would
+// overflow the stack; and each of its values takes up to eighty bytes, so that one of "[],[],[]" takes thirty
+// times its own.
+
+/// Levels of arrays and objects within each other. Ours have 8, exported scenes of other programs below 30.
+inline constexpr int kDeepestJson = 128;
+
+/// InputError with `where` as the file and `field` ("" for the whole file) if the text nests deeper. Says
+/// nothing about whether it is JSON.
+void check_json_depth(std::string_view text, const std::string& where, const std::string& field = "");
+/// InputError if the text holds more than `most` values (keys, lists and objects count, too), or more lists
+/// and objects than `most_lists`.
+void check_json_values(std::string_view text, const std::string& where, std::size_t most,
+                       std::size_t most_lists = std::numeric_limits<std::size_t>::max());
+
+// A regular file that is read in parts (files.cpp).
+
+/// InputError, by the constructor too, for what cannot be read: a folder, a pipe, a device, a disk that
+/// fails.
+class OpenFile {
+ public:
+  explicit OpenFile(std::filesystem::path path);
+  ~OpenFile();
+  OpenFile(const OpenFile&) = delete;
+  OpenFile& operator=(const OpenFile&) = delete;
+
+  /// Bytes by its entry; 0: one of the system's that tell no size.
+  std::uintmax_t size() const;
+  /// InputError if `bytes` are more than `most`.
+  void check(std::uintmax_t bytes, std::uintmax_t most) const;
+  /// Reads up to `size` bytes; 0 at the end.
+  std::size_t read(char* to, std::size_t size) const;
+
+ private:
+  [[noreturn]] void fail(const char* what) const;
+
+  std::filesystem::path path_;
+  int file_ = -1;
+};
+
+// A file's first bytes, so that one of another kind is refused before all of it is in memory.
+
+/// The first `most` bytes, or all of a shorter file. InputError as read_file's.
+std::string read_head(const std::filesystem::path& path, std::size_t most);
+
+/// Whether the file begins with these bytes.
+inline bool begins_with(const std::filesystem::path& path, std::string_view bytes) {
+  return read_head(path, bytes.size()) == bytes;
+}
+
+// A file's characters in order, a part of them in memory at a time: for readers of files that may be large
+// and need not be good.
+
+class FileCharacters {
+ public:
+  /// At the first character behind a byte order mark. InputError as OpenFile, for UTF-16, and, then or while
+  /// it is read, if the file holds more than `most` bytes.
+  explicit FileCharacters(const std::filesystem::path& file,
+                          std::uintmax_t most = std::numeric_limits<std::uintmax_t>::max());
+
+  bool at_end() const { return held_ == 0; }
+  /// Of a file that is not at its end.
+  char current() const { return part_[at_]; }
+  /// Interrupted if a signal has come.
+  void next() {
+    if (++at_ == held_) fill();
+  }
+  /// How many come before the current one.
+  std::uintmax_t place() const { return before_ + at_; }
+  /// How many there are from the current one on, by the file's entry.
+  std::uintmax_t left() const { return size_ > place() ? size_ - place() : 0; }
+
+ private:
+  void fill();
+
+  OpenFile file_;
+  std::uintmax_t most_, size_, before_ = 0;  // of the file; before the part in memory
+  std::size_t at_ = 0, held_ = 0;
+  char part_[1 << 14];
+};
+
+// Where the program's own parts stand: beside it in a build tree, below the same prefix when installed. Both
+// are found from the executable's place alone, so that a prefix can be moved, and no variable need be set.
+
+/// A part of the program that the build makes, e.g. "plugins/fusion.so": in the executable's folder (a build
+/// tree), else in lib/mirage beside the executable's folder (an installed prefix). Where it should be in the
+/// former if it is in neither.
+std::filesystem::path built_file(const std::string& relative);
 
 }  // namespace mirage

@@ -2,14 +2,21 @@
 // and range before it is used.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
+
+#include "base/fields.h"
 
 namespace mirage {
 
@@ -61,5 +68,356 @@ class JsonFields {
   std::string prefix_, fix_;
   const nlohmann::json& json_;
 };
+
+// Large JSON files, a row at a time: what a file of any size takes of memory is what its longest row takes.
+
+/// Bytes of the longest row, and of whatever else stands between two rows; the values of a row take up to
+/// thirty times its bytes.
+inline constexpr std::size_t kLongestRow = std::size_t{1} << 20;
+
+/// The file's JSON without what `keep` refuses, of which one value is in memory at a time; the rest of the
+/// file, and each of those values, is of `longest` bytes at most. InputError naming file and byte when it is
+/// not JSON, nests too deep (files.h) or has longer parts, ended by `fix`; and as OpenFile. Interrupted
+/// if a signal comes. Exceptions of `keep` pass.
+nlohmann::json read_json_parts(const std::filesystem::path& file, const std::string& fix,
+                               const nlohmann::json::parser_callback_t& keep,
+                               std::size_t longest = kLongestRow);
+
+/// visit(i, row) for each element of the file's list, in its order: of the file itself (`list` is ""), or of
+/// the field of that name of the file's object. What stands beside the list is checked to be JSON and
+/// forgotten. InputError as read_json_parts (the rows before have been visited by then), and when there is no
+/// such list. Exceptions of `visit` pass.
+void for_each_json_row(const std::filesystem::path& file, const std::string& list, const std::string& fix,
+                       const std::function<void(std::size_t, const nlohmann::json&)>& visit,
+                       std::size_t longest = kLongestRow);
+
+// Settings as JSON, by their list of fields (base/fields.h): out, in, and the part of them that decides a
+// result.
+
+/// A path as files hold it: absolute, escaped (base/names.h); `word` and no path stay as they are.
+std::string written_path(const std::filesystem::path& path, const char* word);
+/// A text as files hold it: escaped, since it may be a file's name.
+std::string written_text(const std::string& text);
+/// The text as it was written. InputError if it is longer than a path can be.
+std::string read_text(const JsonFields& json, const char* name);
+
+/// What a file's field holds for a value: an enum's word, a struct's text or fields, a list's or a map's
+/// entries; null for a number that is infinite.
+template <class T>
+nlohmann::json value_json(const Field& field, const T& value, bool whole);
+
+/// Of fields_json.
+class JsonWriter {
+ public:
+  /// `whole`: also what is of no run's identity.
+  explicit JsonWriter(bool whole = false) : whole_(whole) {}
+  template <class T>
+  void operator()(const Field& field, const T& value) {
+    if (whole_ || field.decides) json[field.name] = value_json(field, value, whole_);
+  }
+  template <class T>
+  void group(const Field& field, const T& inner) {
+    (*this)(field, inner);
+  }
+  /// The fields of what is there are among the struct's; `sign` is one that is always among them.
+  template <class T>
+  void among(const char* /*sign*/, const std::optional<T>& value) {
+    if (value) visit_fields(*this, *value);
+  }
+  /// What follows from the fields, for the file's readers.
+  template <class T>
+  void derived(const char* name, const T& value) {
+    json[name] = value;
+  }
+  /// null: what it belongs to is off.
+  template <class T>
+  void list(const Field& field, const T& inner) {
+    if (!whole_ && !field.decides) return;
+    auto& out = json[field.name] = nullptr;
+    if constexpr (requires { inner.on; })
+      if (!inner.on) return;
+    out = nlohmann::json::array();
+    for (const auto& [number, own] : numbers_of(inner)) out.push_back(*number);
+  }
+  nlohmann::json json = nlohmann::json::object();
+
+ private:
+  bool whole_;
+};
+
+template <class T>
+concept HasFields = requires(JsonWriter& writer, const T& value) {
+  visit_fields(writer, value);
+};
+template <class T>
+inline constexpr bool kIsList = false;
+template <class T>
+inline constexpr bool kIsList<std::vector<T>> = true;
+template <class T>
+inline constexpr bool kIsMap = false;
+template <class T>
+inline constexpr bool kIsMap<std::map<std::string, T>> = true;
+
+template <class T>
+nlohmann::json value_json(const Field& field, const T& value, bool whole) {
+  if constexpr (HasWords<T>) {
+    return to_word(value);
+  } else if constexpr (HasText<T>) {
+    return text_of(value);
+  } else if constexpr (NumberVector<T>) {
+    return std::vector<double>(value.data(), value.data() + value.size());
+  } else if constexpr (std::same_as<T, std::filesystem::path>) {
+    return written_path(value, field.word);
+  } else if constexpr (std::same_as<T, std::string>) {
+    return field.plain ? value : written_text(value);
+  } else if constexpr (kIsList<T>) {
+    auto list = nlohmann::json::array();
+    for (const auto& entry : value) list.push_back(value_json(field, entry, whole));
+    return list;
+  } else if constexpr (kIsMap<T>) {
+    auto map = nlohmann::json::object();
+    for (const auto& [name, entry] : value) map[name] = value_json(field, entry, whole);
+    return map;
+  } else if constexpr (HasFields<T>) {
+    JsonWriter within(whole);
+    visit_fields(within, value);
+    return std::move(within.json);
+  } else {
+    if constexpr (std::floating_point<T>)
+      if (std::isinf(value)) return nullptr;
+    return value;
+  }
+}
+
+/// Each entry of the list as `write` makes it.
+template <class List, class Write>
+nlohmann::json list_json(const List& list, const Write& write) {
+  auto array = nlohmann::json::array();
+  for (const auto& entry : list) array.push_back(write(entry));
+  return array;
+}
+/// Each by its to_json.
+template <class List>
+nlohmann::json list_json(const List& list) {
+  return list_json(list, [](const auto& entry) { return to_json(entry); });
+}
+
+/// The fields that decide the result, by name.
+template <class S>
+nlohmann::json fields_json(const S& s) {
+  JsonWriter writer;
+  visit_fields(writer, s);
+  return std::move(writer.json);
+}
+
+/// What null in a file stands for: nothing of it, or all of it off.
+template <class T>
+T off() {
+  T value;
+  if constexpr (requires { value.on; }) value.on = false;
+  return value;
+}
+
+/// The value of Field::lacking.
+template <class T>
+void set_lacking(const Field& field, T& value) {
+  if constexpr (std::same_as<T, bool>)
+    value = std::string(field.lacking) == "true";
+  else if constexpr (HasWords<T>)
+    value = parse_word<T>(field.lacking, field.name);
+  else if constexpr (HasText<T>)
+    *field.lacking ? set_from_text(field.lacking, value) : void(value = off<T>());
+  else if constexpr (Number<T>)
+    value = static_cast<T>(parse_number(field.lacking, field.name));
+  else if constexpr (std::same_as<T, std::string> || std::same_as<T, std::filesystem::path>)
+    value = field.lacking;
+  else
+    value = off<T>();
+}
+
+/// Of lacking_json.
+class LackingFields {
+ public:
+  template <class T>
+  void operator()(const Field& field, T& value) {
+    if (!field.lacking) return;
+    set_lacking(field, value);
+    writer(field, value);
+  }
+  template <class T>
+  void group(const Field& field, T& inner) {
+    if (field.lacking) return writer.group(field, inner = off<T>());
+    LackingFields within;
+    visit_fields(within, inner);
+    if (!within.writer.json.empty()) writer.json[field.name] = std::move(within.writer.json);
+  }
+  template <class T>
+  void list(const Field& field, T& inner) {
+    if (field.lacking) writer.list(field, inner = off<T>());
+  }
+  JsonWriter writer;
+};
+
+/// What fields_json() of an earlier program means by the fields that it left out.
+template <class S>
+nlohmann::json lacking_json() {
+  S s;
+  LackingFields fields;
+  visit_fields(fields, s);
+  return std::move(fields.writer.json);
+}
+/// Fills those of `lacking` into what an earlier program wrote.
+void complete(nlohmann::json& written, const nlohmann::json& lacking);
+
+/// What a run says of itself, and must agree for it to go on.
+struct RunIdentity {
+  RunIdentity(nlohmann::json own, nlohmann::json left_out = nlohmann::json::object())
+      : json(std::move(own)), lacking(std::move(left_out)) {}
+  nlohmann::json json;
+  nlohmann::json lacking;  ///< lacking_json() of its settings
+};
+
+/// Numbers that a list ended with in files of earlier programs, and S::read_former understands.
+template <class S>
+constexpr std::size_t former_numbers() {
+  if constexpr (requires { S::kFormerNumbers; })
+    return S::kFormerNumbers;
+  else
+    return 0;
+}
+
+/// Entries that a list of a file may have.
+inline constexpr std::size_t kMostListed = 100'000'000;
+
+/// Of read_fields.
+class JsonReader {
+ public:
+  explicit JsonReader(const JsonFields& from) : json(from) {}
+  template <class T>
+  void operator()(const Field& field, T& value) {
+    if (!field.decides) return;
+    if (lacks(field)) return set_lacking(field, value);
+    const std::string name = field.name;
+    const auto [low, high] = std::pair(field.range.low, field.range.high);
+    if constexpr (std::same_as<T, bool>) {
+      value = json.truth(name);
+    } else if constexpr (std::same_as<T, std::uint64_t>) {
+      value = json.counter(name);
+      named(field, [&] { check_number(field, static_cast<double>(value)); });
+    } else if constexpr (std::integral<T>) {
+      using Limits = std::numeric_limits<T>;
+      value = static_cast<T>(json.integer(
+          name, static_cast<std::int64_t>(std::max({low, static_cast<double>(Limits::min()), -9e18})),
+          static_cast<std::int64_t>(std::min({high, static_cast<double>(Limits::max()), 9e18}))));
+    } else if constexpr (Number<T>) {
+      value = field.endless && json.is_null(name) ? std::numeric_limits<T>::infinity()
+                                                  : static_cast<T>(json.number(name, low, high));
+    } else if constexpr (NumberVector<T>) {
+      value = T(json.numbers(name, static_cast<std::size_t>(value.size()), low, high).data());
+    } else if constexpr (kIsList<T>) {
+      value.clear();
+      for (const nlohmann::json& entry : json.list(name, kMostListed)) {
+        const JsonFields inner = json.inner(name + "[" + std::to_string(value.size()) + "]", entry);
+        JsonReader within(inner);
+        visit_fields(within, value.emplace_back());
+      }
+    } else if constexpr (kIsMap<T>) {
+      value.clear();
+      const JsonFields inner = json.object(name);
+      JsonReader within(inner);
+      for (const std::string& key : inner.names()) {
+        Field entry = field;
+        entry.name = key.c_str();
+        within(entry, value[key]);
+      }
+    } else if constexpr (HasFields<T>) {
+      group(field, value);
+    } else {
+      const std::string text = field.plain ? json.text(name) : read_text(json, field.name);
+      named(field, [&] {
+        if constexpr (HasWords<T>)
+          value = parse_word<T>(text, field.name);
+        else if constexpr (HasText<T>)
+          set_from_text(text, value);
+        else
+          value = text;
+        if constexpr (std::same_as<T, std::string>)
+          if (field.check) field.check(text);
+      });
+    }
+  }
+  template <class T>
+  void among(const char* sign, std::optional<T>& value) {
+    value.reset();
+    if (json.has(sign)) visit_fields(*this, value.emplace());
+  }
+  template <class T>
+  void derived(const char* /*name*/, const T& /*value*/) {}
+  template <class T>
+  void group(const Field& field, T& inner) {
+    if (!field.decides) return;
+    if (lacks(field)) return set_lacking(field, inner);
+    const JsonFields object = json.object(field.name);
+    JsonReader within(object);
+    visit_fields(within, inner);
+  }
+  /// A list that is there switches on what it belongs to; null is off.
+  template <class T>
+  void list(const Field& field, T& inner) {
+    if (!field.decides) return;
+    if (lacks(field)) return set_lacking(field, inner);
+    if constexpr (requires { inner.on; })
+      if (json.is_null(field.name)) {
+        inner.on = false;
+        return;
+      }
+    const auto numbers = numbers_of(inner);
+    std::size_t least = numbers.size();  // an earlier program's list is shorter
+    while (least > 0 && numbers[least - 1].second.lacking) --least;
+    constexpr std::size_t kFormer = former_numbers<T>();
+    std::size_t most = numbers.size();
+    if constexpr (kFormer > 0)
+      if (json.list(field.name, kMostListed).size() > most) least = most += kFormer;
+    auto read = json.numbers(field.name, most, -Range::kMost, Range::kMost, least);
+    if constexpr (kFormer > 0)
+      if (read.size() > numbers.size()) {
+        named(field, [&] { inner.read_former(std::span(read).subspan(numbers.size())); });
+        read.resize(numbers.size());
+      }
+    for (std::size_t i = read.size(); i < numbers.size(); ++i)
+      set_lacking(numbers[i].second, *numbers[i].first);
+    for (std::size_t i = 0; i < read.size(); ++i)
+      named(field, i, [&] { check_number(numbers[i].second, *numbers[i].first = read[i]); });
+    if constexpr (requires { inner.on; }) inner.on = true;
+  }
+
+ private:
+  bool lacks(const Field& field) const { return field.lacking && !json.has(field.name); }
+  /// Runs `read`, whose complaint is about the field of the file.
+  template <class Read>
+  void named(const Field& field, const Read& read) const {
+    named(field.name, read);
+  }
+  template <class Read>
+  void named(const Field& field, std::size_t place, const Read& read) const {
+    named(std::string(field.name) + "[" + std::to_string(place) + "]", read);
+  }
+  template <class Read>
+  void named(const std::string& name, const Read& read) const {
+    try {
+      read();
+    } catch (const FieldError& error) {
+      json.fail(name, error.value + ": " + error.problem + ", " + error.fix);
+    }
+  }
+  const JsonFields& json;
+};
+
+/// Fills in what fields_json() wrote. InputError naming file and field for what is missing or out of range.
+template <class S>
+void read_fields(const JsonFields& json, S& s) {
+  JsonReader reader(json);
+  visit_fields(reader, s);
+}
 
 }  // namespace mirage

@@ -1,7 +1,11 @@
 #include "base/logging.h"
 
+#include <fmt/format.h>
 #include <spdlog/pattern_formatter.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
+#include <unistd.h>
+
+#include <cstdio>
 
 #include "base/names.h"
 
@@ -34,6 +38,57 @@ void start_logging(bool quiet) {
   logger->set_formatter(std::move(formatter));
   logger->set_level(quiet || always_quiet ? spdlog::level::warn : spdlog::level::info);
   spdlog::set_default_logger(std::move(logger));
+}
+
+namespace {
+
+std::string clock_text(double seconds) {
+  const long total = static_cast<long>(seconds + 0.5);
+  return total >= 3600 ? fmt::format("{}:{:02}:{:02}", total / 3600, total / 60 % 60, total % 60)
+                       : fmt::format("{}:{:02}", total / 60, total % 60);
+}
+
+ProgressListener listener;
+
+}  // namespace
+
+ProgressTo::ProgressTo(ProgressListener told) {
+  listener = std::move(told);
+}
+
+ProgressTo::~ProgressTo() {
+  listener = nullptr;
+}
+
+Progress::Progress(std::string what, std::size_t total, bool quiet)
+    : what_(std::move(what)),
+      total_(total),
+      shown_(listener || (!quiet && isatty(STDERR_FILENO))),
+      start_(std::chrono::steady_clock::now()),
+      last_(start_) {}
+
+Progress::~Progress() {
+  if (shown_ && started_ && !listener) std::fputs("\n", stderr);
+}
+
+void Progress::update(std::size_t done, const std::string& note) {
+  if (!shown_) return;
+  const auto now = std::chrono::steady_clock::now();
+  if (!started_) {
+    // A resumed run starts in the middle: the estimate counts only what this process did.
+    first_ = done > 0 ? done - 1 : 0;
+    started_ = true;
+  } else if (done < total_ && now - last_ < std::chrono::milliseconds(100)) {
+    return;
+  }
+  last_ = now;
+  const double elapsed = std::chrono::duration<double>(now - start_).count();
+  const double left = done > first_ ? elapsed / double(done - first_) * double(total_ - done) : 0;
+  if (listener) return listener(what_, done, total_, clock_text(left), note);
+  std::fputs(
+      fmt::format("\r\033[K{} {}/{}  {} left  {}", what_, done, total_, clock_text(left), note).c_str(),
+      stderr);
+  std::fflush(stderr);
 }
 
 }  // namespace mirage

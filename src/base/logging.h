@@ -3,11 +3,53 @@
 
 #include <spdlog/spdlog.h>
 
+#include <chrono>
+#include <cstddef>
+#include <functional>
+#include <string>
+
 namespace mirage {
 
 /// Sets the pattern and the level (quiet: warnings and errors only).
 void start_logging(bool quiet);
 /// From now on start_logging is always quiet, or no longer: for a program that shows results itself.
 void keep_logging_quiet(bool quiet);
+
+// A progress line with an estimate of the time left, on standard error, only on a terminal.
+
+/// One piece of work's progress line; it goes with the object.
+class Progress {
+ public:
+  /// `what` names the work ("attack"), `total` its units. `quiet` (or no terminal) prints nothing.
+  Progress(std::string what, std::size_t total, bool quiet = false);
+  ~Progress();
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  /// `done` units are finished; `note` is shown after the estimate ("loss 0.31").
+  void update(std::size_t done, const std::string& note = "");
+
+ private:
+  std::string what_;
+  std::size_t total_, first_ = 0;
+  bool shown_, started_ = false;
+  std::chrono::steady_clock::time_point start_, last_;
+};
+
+// Progress told to a program that shows it itself.
+
+/// Work, units done and in all, the time left ("1:23"), and a note.
+using ProgressListener =
+    std::function<void(const std::string&, std::size_t, std::size_t, const std::string&, const std::string&)>;
+
+/// As long as it lives, progress is told to the listener, quiet or not, ten times a second at most, on the
+/// thread that does the work; nothing is printed. One at a time.
+class ProgressTo {
+ public:
+  explicit ProgressTo(ProgressListener listener);
+  ~ProgressTo();
+  ProgressTo(const ProgressTo&) = delete;
+  ProgressTo& operator=(const ProgressTo&) = delete;
+};
 
 }  // namespace mirage

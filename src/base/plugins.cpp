@@ -7,7 +7,6 @@
 #include <mutex>
 
 #include "base/files.h"
-#include "base/installation.h"
 #include "base/json_fields.h"
 
 namespace mirage {

@@ -3,7 +3,6 @@
 #include <fstream>
 
 #include "base/files.h"
-#include "base/program.h"
 
 namespace mirage {
 namespace {

@@ -7,8 +7,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "base/field_json.h"
 #include "base/fields.h"
+#include "base/json_fields.h"
 
 namespace mirage {
 

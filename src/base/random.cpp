@@ -1,7 +1,5 @@
 #include "base/random.h"
 
-#include "base/hash.h"
-
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wpedantic"
 #include <Random123/philox.h>

@@ -9,8 +9,8 @@
 #include <functional>
 #include <numbers>
 
+#include "base/error.h"
 #include "base/fields.h"
-#include "base/interrupt.h"
 
 namespace mirage {
 

@@ -11,7 +11,6 @@
 #include "base/json_fields.h"
 #include "base/logging.h"
 #include "base/names.h"
-#include "base/progress.h"
 #include "base/provenance.h"
 #include "base/schedule.h"
 

@@ -11,7 +11,7 @@
 #include <optional>
 #include <string>
 
-#include "base/field_json.h"
+#include "base/json_fields.h"
 #include "base/schedule.h"
 
 namespace mirage {

@@ -4,6 +4,8 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <array>
+#include <cmath>
+#include <numbers>
 #include <vector>
 
 namespace mirage {
@@ -27,5 +29,21 @@ using Transform = Eigen::Isometry3d;
 
 /// Triangle: three vertex indices, counter-clockwise seen from outside.
 using Face = std::array<int, 3>;
+
+// Angles, in radians unless a name says otherwise.
+
+inline constexpr double kDegree = std::numbers::pi / 180;  ///< radians in a degree
+
+/// The same direction in [−π, π).
+inline double wrap_angle(double angle) {
+  constexpr double pi = std::numbers::pi;
+  return angle - 2 * pi * std::floor((angle + pi) / (2 * pi));
+}
+
+/// Unit vector at `azimuth`, counter-clockwise from x, and `elevation` above the xy plane.
+inline Vec3d unit_vector(double azimuth, double elevation) {
+  return {std::cos(azimuth) * std::cos(elevation), std::sin(azimuth) * std::cos(elevation),
+          std::sin(elevation)};
+}
 
 }  // namespace mirage

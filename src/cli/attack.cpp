@@ -10,10 +10,9 @@
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/options.h"
-#include "cli/table.h"
 #include "frames/made_of.h"
 #include "scene/data/read_frames.h"
-#include "validation/blender/cycles_renderer.h"
+#include "validation/blender/blender_process.h"
 
 namespace mirage::cli {
 namespace {

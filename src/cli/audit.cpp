@@ -8,13 +8,11 @@
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/options.h"
-#include "cli/table.h"
 #include "detection/detect.h"
 #include "detection/detector_settings.h"
 #include "frames/data_check.h"
 #include "frames/frame_store.h"
 #include "frames/made_of.h"
-#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage::cli {

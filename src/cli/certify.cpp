@@ -7,10 +7,8 @@
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/options.h"
-#include "cli/table.h"
 #include "defense/certificate.h"
 #include "frames/made_of.h"
-#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage::cli {

@@ -4,7 +4,6 @@
 #include "base/error.h"
 #include "cli/command.h"
 #include "cli/options.h"
-#include "cli/table.h"
 
 namespace mirage::cli {
 namespace {

@@ -2,7 +2,6 @@
 
 #include "cli/command.h"
 #include "cli/options.h"
-#include "cli/table.h"
 #include "defense/adversarial_training.h"
 #include "detection/detector_settings.h"
 #include "frames/made_of.h"

@@ -1,8 +1,7 @@
-#include "base/clusters.h"
+#include "base/intervals.h"
 #include "cli/command.h"
-#include "cli/named_settings.h"
+#include "cli/field_options.h"
 #include "cli/options.h"
-#include "cli/table.h"
 #include "scene/frame_source.h"
 
 namespace mirage::cli {

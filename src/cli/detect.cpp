@@ -13,14 +13,13 @@
 #include "base/files.h"
 #include "base/names.h"
 #include "base/ranks.h"
+#include "cli/command.h"
 #include "cli/options.h"
-#include "cli/table.h"
-#include "detection/kitti_ap.h"
 #include "detection/process_detector.h"
 #include "frames/data_check.h"
 #include "frames/frame_store.h"
 #include "frames/made_of.h"
-#include "scene/data/label_census.h"
+#include "scene/data/read_frames.h"
 #include "validation/report/pages.h"
 
 namespace mirage::cli {

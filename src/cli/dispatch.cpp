@@ -15,18 +15,16 @@
 #include <set>
 
 #include "base/error.h"
-#include "base/field_json.h"
+#include "base/fields.h"
 #include "base/files.h"
-#include "base/interrupt.h"
+#include "base/json_fields.h"
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/ranks.h"
-#include "base/words.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/help.h"
-#include "cli/named_settings.h"
 #include "frames/made_of.h"
 #include "scene/data/read_frames.h"
 

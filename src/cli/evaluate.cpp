@@ -2,12 +2,11 @@
 
 #include "attack/evaluate_run.h"
 #include "attack/expectation.h"
-#include "attack/upper_bound.h"
-#include "base/field_text.h"
+#include "attack/host_outcome.h"
+#include "base/fields.h"
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/options.h"
-#include "cli/table.h"
 #include "frames/made_of.h"
 #include "validation/report/pages.h"
 

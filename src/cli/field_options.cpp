@@ -4,10 +4,17 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <cstdint>
 #include <map>
+#include <optional>
+#include <sstream>
 
-#include "base/words.h"
+#include "base/config.h"
+#include "base/error.h"
+#include "base/fields.h"
+#include "detection/detector_settings.h"
+#include "detection/process_detector.h"
 
 namespace mirage::cli {
 namespace {
@@ -111,6 +118,153 @@ Complaint complaint_of(const CLI::ParseError& error, const CLI::App& app) {
     if (option) return {name, "needs a value", option->get_description()};
   }
   return {"", text, help};
+}
+
+namespace {
+
+std::string text_of(const nlohmann::json& value) {
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_number_float() && !std::isfinite(value.get<double>()))
+    return fmt::format("{}", value.get<double>());  // of which JSON has none
+  return value.dump();
+}
+
+/// The keys that a file may have.
+std::vector<std::string> option_names(const CLI::App& command) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : command.get_options())
+    for (const std::string& name : option->get_lnames())
+      if (name != "config" && name != "help") names.push_back(name);
+  return names;
+}
+
+/// What option `name` will be: by the command line, else by the file, else by itself. None where the command
+/// has no such option.
+std::optional<std::string> value_of(const std::string& name, const std::vector<std::string>& arguments,
+                                    const nlohmann::json& table, const CLI::App& command) {
+  const CLI::Option* known = command.get_option_no_throw("--" + name);
+  if (!known) return std::nullopt;
+  for (std::size_t i = 0; i < arguments.size(); ++i) {
+    if (arguments[i] == "--" + name && i + 1 < arguments.size()) return arguments[i + 1];
+    if (arguments[i].starts_with("--" + name + "=")) return arguments[i].substr(name.size() + 3);
+  }
+  if (table.contains(name)) return text_of(table.at(name));
+  return known->get_default_str();
+}
+
+/// Whether one of the words, which commas part, is a path of a plugin.
+bool names_plugin(const std::string& words) {
+  const std::vector<std::string> all = listed_words(words);
+  return std::any_of(all.begin(), all.end(), [](const std::string& word) {
+    return word.ends_with(".so") || word.find('/') != std::string::npos || is_program(word);
+  });
+}
+
+/// How an option's value is code; empty if it is data. `value` gives other options' values. A TorchScript
+/// model can have any name, so what may be one is data only where a part of ours reads it.
+template <class Value>
+std::string code_in(const std::string& key, const std::string& text, const Value& value) {
+  if ((key == "detector" || key == "depth" || key == "backends" || key == "sensors" || key == "tracker") &&
+      names_plugin(text))
+    return "a plugin would be loaded, which is code";
+  const std::optional<std::string> detector = value("detector");
+  if (key == "weights" &&
+      (detector ? weights_are_code(*detector) : names_plugin(value("backends").value_or(""))))
+    return "weights of this detector may be code";
+  if (key == "start" && detector == "camera") return "may be a TorchScript model, which is code";
+  if (key == "trust-run") return "trusts the code that a run names";
+  return "";
+}
+
+}  // namespace
+
+std::vector<std::string> apply_config(const std::vector<std::string>& arguments, const CLI::App& command) {
+  std::string file;
+  std::vector<std::string> given;
+  for (std::size_t i = 0; i < arguments.size(); ++i) {
+    const std::string& argument = arguments[i];
+    const bool here = argument.starts_with("--config=");
+    if (here) file = argument.substr(9);
+    if (argument == "--config" && i + 1 < arguments.size()) file = arguments[i + 1];
+    if (file.empty() && (here || argument == "--config"))
+      throw InputError("--config", "", "names no file", "give a .toml file with options");
+    if (argument.starts_with("--")) given.push_back(argument.substr(0, argument.find('=')));
+  }
+  if (file.empty()) return arguments;
+  const nlohmann::json table = read_toml(file);
+  const auto value = [&](const std::string& name) { return value_of(name, arguments, table, command); };
+  std::vector<std::string> result = arguments;
+  for (const auto& [key, written] : table.items()) {
+    const std::string option = "--" + key;
+    const auto* known = command.get_option_no_throw(option);
+    if (!known || option == "--config" || option == "--help")
+      throw InputError(file, key, "unknown key for mirage " + command.get_name(),
+                       use_one_of(key, option_names(command)));
+    if (written.is_structured() || written.is_null())
+      throw InputError(file, key, "must be a single value", "write key = value");
+    if (std::find(given.begin(), given.end(), option) != given.end()) continue;
+    const std::string text = text_of(written);
+    if (const std::string code = code_in(key, text, value); !code.empty())
+      throw InputError(
+          file, key, fmt::format("{} ({})", code, text),
+          "if you trust it, give it on the command line: " + option + (key == "trust-run" ? "" : " " + text));
+    result.push_back(option + "=" + text);
+  }
+  return result;
+}
+
+namespace {
+
+std::string option_called(std::string name) {
+  std::replace(name.begin(), name.end(), '_', '-');
+  return "--" + name;
+}
+
+bool is_setting(const std::string& option) {
+  return option != "--help" && !option.empty();
+}
+
+}  // namespace
+
+std::vector<std::string> setting_names(const CLI::App& command) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : command.get_options())
+    for (std::string name : option->get_lnames())
+      if (is_setting("--" + name)) {
+        std::replace(name.begin(), name.end(), '-', '_');
+        names.push_back(name);
+      }
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+std::vector<std::string> arguments_of(const NamedSettings& settings, const CLI::App& command,
+                                      const std::string& where) {
+  std::vector<std::string> arguments;
+  for (const auto& [name, value] : settings) {
+    const std::string option = option_called(name);
+    const CLI::Option* known = is_setting(option) ? command.get_option_no_throw(option) : nullptr;
+    if (!known) throw InputError(where, name, "unknown setting", use_one_of(name, setting_names(command)));
+    std::string text = value;
+    if (known->get_expected_max() <= 1) std::replace(text.begin(), text.end(), kListSeparator, ',');
+    std::istringstream parts(text);
+    for (std::string part; std::getline(parts, part, kListSeparator);)
+      arguments.push_back(option + "=" + part);
+    if (text.empty()) arguments.push_back(option + "=");
+  }
+  return arguments;
+}
+
+void parse_settings(CLI::App& command, const NamedSettings& settings, const std::string& where) {
+  std::vector<std::string> arguments = arguments_of(settings, command, where);
+  std::reverse(arguments.begin(), arguments.end());  // CLI11 takes them from the back
+  check_numbers(command);
+  try {
+    command.parse(std::move(arguments));
+  } catch (const CLI::ParseError& error) {
+    const Complaint complaint = complaint_of(error, command);
+    throw InputError(where, complaint.option, complaint.problem, complaint.fix);
+  }
 }
 
 }  // namespace mirage::cli

@@ -7,26 +7,23 @@
 #include <cstdio>
 #include <mutex>
 
+#include "base/disk_cache.h"
 #include "base/error.h"
-#include "base/field_json.h"
 #include "base/files.h"
-#include "base/interrupt.h"
-#include "base/kept_json.h"
+#include "base/json_fields.h"
+#include "base/logging.h"
 #include "base/names.h"
 #include "base/parallel.h"
-#include "base/progress.h"
 #include "base/provenance.h"
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
-#include "cli/table.h"
 #include "exchange/mesh_files.h"
 #include "frames/data_check.h"
 #include "frames/frame_cache.h"
-#include "generator/car_family.h"
+#include "generator/car_body.h"
 #include "scene/data/data_rig.h"
-#include "scene/data/label_census.h"
-#include "scene/data/label_types.h"
+#include "scene/data/data_set.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage::cli {

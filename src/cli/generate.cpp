@@ -4,14 +4,13 @@
 #include <algorithm>
 
 #include "base/error.h"
-#include "base/interrupt.h"
+#include "base/fields.h"
+#include "base/logging.h"
 #include "base/names.h"
-#include "base/progress.h"
-#include "base/words.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "frames/frame_cache.h"
-#include "generator/drive_dataset.h"
+#include "generator/dataset.h"
 #include "generator/generator.h"
 #include "scene/data/data_rig.h"
 

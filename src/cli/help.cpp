@@ -10,14 +10,13 @@
 #include <sstream>
 #include <vector>
 
+#include "base/fields.h"
 #include "base/plugins.h"
-#include "base/words.h"
+#include "cli/command.h"
 #include "cli/field_options.h"
-#include "cli/table.h"
 #include "defense/adversarial_training.h"
 #include "detection/detector.h"
 #include "detection/detector_settings.h"
-#include "detection/detector_words.h"
 
 namespace mirage::cli {
 namespace {

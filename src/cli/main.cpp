@@ -1,7 +1,7 @@
 #include <csignal>
 #include <cstdlib>
 
-#include "base/interrupt.h"
+#include "base/error.h"
 #include "base/memory.h"
 #include "base/quiet_png.h"
 #include "base/ranks.h"

@@ -10,12 +10,12 @@
 #include <vector>
 
 #include "attack/run.h"
-#include "base/progress.h"
+#include "base/logging.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "detection/detector.h"
 #include "scene/data/data_rig.h"
-#include "simulation/quality.h"
+#include "simulation/insertion.h"
 
 namespace mirage::cli {
 

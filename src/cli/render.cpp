@@ -5,12 +5,11 @@
 #include <charconv>
 
 #include "base/error.h"
-#include "base/image_io.h"
+#include "base/fields.h"
+#include "base/image.h"
 #include "base/schedule.h"
-#include "base/words.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
-#include "cli/table.h"
 #include "exchange/gltf.h"
 #include "sensors/raster/limits.h"
 

@@ -6,8 +6,6 @@
 #include "base/files.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
-#include "cli/named_settings.h"
-#include "cli/table.h"
 
 namespace mirage::cli {
 namespace {

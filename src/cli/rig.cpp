@@ -5,13 +5,12 @@
 #include <numbers>
 #include <optional>
 
-#include "base/angles.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/names.h"
+#include "base/types.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
-#include "cli/table.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/unit_finder.h"

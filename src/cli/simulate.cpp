@@ -5,11 +5,10 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "base/names.h"
 #include "cli/command.h"
 #include "cli/options.h"
-#include "cli/table.h"
 #include "exchange/mesh_files.h"
 #include "frames/data_check.h"
 #include "frames/hosts.h"
@@ -17,8 +16,8 @@
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
-#include "scene/shape/shape_roof.h"
-#include "scene/sun.h"
+#include "scene/recorded_light.h"
+#include "scene/shape/shape_fit.h"
 
 namespace mirage::cli {
 namespace {

@@ -5,7 +5,6 @@
 
 #include "cli/command.h"
 #include "cli/options.h"
-#include "cli/table.h"
 #include "validation/blender/blender_process.h"
 
 namespace mirage::cli {

@@ -5,11 +5,10 @@
 #include "base/names.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
-#include "cli/table.h"
 #include "detection/detector_settings.h"
 #include "detection/training.h"
 #include "frames/data_check.h"
-#include "scene/depth/depth_training.h"
+#include "scene/depth/learned_depth.h"
 
 namespace mirage::cli {
 namespace {

@@ -8,7 +8,6 @@
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/options.h"
-#include "cli/table.h"
 #include "validation/blender/blender_process.h"
 
 namespace mirage::cli {

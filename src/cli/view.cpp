@@ -6,7 +6,6 @@
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/options.h"
-#include "cli/table.h"
 
 namespace mirage::cli {
 namespace {

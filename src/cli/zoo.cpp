@@ -12,14 +12,13 @@
 #include "attack/baseline.h"
 #include "attack/evaluate_run.h"
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
 #include "base/provenance.h"
-#include "base/words.h"
 #include "cli/command.h"
-#include "cli/named_settings.h"
+#include "cli/field_options.h"
 #include "cli/options.h"
-#include "cli/table.h"
-#include "exchange/object_file.h"
+#include "exchange/gltf.h"
 
 namespace mirage::cli {
 namespace {

@@ -7,16 +7,14 @@
 #include <map>
 #include <mutex>
 
-#include "attack/clean_view.h"
-#include "base/clusters.h"
+#include "attack/observation.h"
 #include "base/error.h"
-#include "base/interrupt.h"
 #include "base/intervals.h"
-#include "base/progress.h"
+#include "base/logging.h"
 #include "base/random.h"
 #include "base/ranks.h"
 #include "detection/detect.h"
-#include "simulation/object_window.h"
+#include "simulation/render_scene.h"
 
 namespace mirage {
 namespace {

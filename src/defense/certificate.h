@@ -24,8 +24,8 @@
 
 #include "attack/evaluation.h"
 #include "attack/score.h"
-#include "base/clusters.h"
 #include "base/fields.h"
+#include "base/intervals.h"
 #include "defense/roof_mask.h"
 
 namespace mirage {
@@ -130,7 +130,7 @@ struct CertifiedBand {
   Bracket known70, known50, lattice70, lattice50;  ///< lattice's `attacked`: of the whole lattice
 };
 
-/// Shares of the cars, with 95 % intervals (base/clusters.h).
+/// Shares of the cars, with 95 % intervals (base/intervals.h).
 struct CertifiedShares {
   double size = 0;                  ///< L, m
   Interval clean70, clean50;        ///< found as recorded, of all hosts

@@ -12,17 +12,16 @@
 #include <opencv2/imgproc.hpp>
 #include <set>
 
-#include "base/angles.h"
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/hand_out.h"
-#include "base/image_io.h"
-#include "base/interrupt.h"
-#include "base/lazy.h"
+#include "base/image.h"
+#include "base/parallel.h"
 #include "base/random.h"
 #include "base/ranks.h"
+#include "base/types.h"
+#include "detection/car_in_picture.h"
 #include "detection/detect.h"
-#include "detection/points_in_view.h"
 #include "scene/data/read_frames.h"
 #include "scene/occlusion.h"
 

@@ -21,12 +21,11 @@
 #include <string>
 #include <vector>
 
-#include "base/clusters.h"
 #include "base/intervals.h"
 #include "detection/average_precision.h"
 #include "detection/detect.h"
 #include "detection/detector.h"
-#include "scene/data/label_types.h"
+#include "scene/data/data_set.h"
 
 namespace mirage {
 

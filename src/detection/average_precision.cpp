@@ -8,7 +8,7 @@
 #include <numeric>
 #include <utility>
 
-#include "scene/data/label_types.h"
+#include "scene/data/data_set.h"
 
 namespace mirage {
 namespace {

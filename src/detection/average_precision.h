@@ -6,7 +6,6 @@
 #include <string>
 #include <vector>
 
-#include "base/clusters.h"
 #include "base/intervals.h"
 #include "detection/detector.h"
 

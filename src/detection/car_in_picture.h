@@ -11,6 +11,7 @@
 
 #include "detection/matching.h"
 #include "geometry/box.h"
+#include "scene/frame.h"
 #include "sensors/lidar_model.h"
 
 namespace mirage {
@@ -102,5 +103,15 @@ inline std::optional<PictureBox> car_in_picture(const BevBox& box, double ground
 /// within it, of 20 or more between 1.2 and 2.2 m; else kNominalHeight. On the 160 labelled cars of 44 KITTI
 /// frames the bottom is off by 8 cm in the mean, the height by 6 cm.
 Box3 upright(const ObjectBoxes& found, std::span<const LidarPoint> sweep);
+
+// The part of a sweep that detectors are given.
+
+/// The points in front of the camera that project into its image, in the sweep's order. KITTI labels only
+/// what the camera sees, so training, detection and attack all search this part of the sweep and nothing
+/// else.
+std::vector<LidarPoint> points_in_view(const Sweep& sweep, const Calibration& calibration);
+
+/// Row-major 3 × 4 projection: (u w, v w, w) = M (x, y, z, 1) for a point in `velo`.
+std::array<double, 12> pixel_from_velo(const Calibration& calibration);
 
 }  // namespace mirage

@@ -8,7 +8,6 @@
 #include "detection/car_in_picture.h"
 #include "detection/defenses.h"
 #include "detection/detector_settings.h"
-#include "detection/points_in_view.h"
 
 namespace mirage {
 namespace {

@@ -14,7 +14,7 @@
 #include "base/image.h"
 #include "detection/detector_settings.h"
 #include "detection/matching.h"
-#include "scene/data/label_types.h"
+#include "scene/data/data_set.h"
 #include "scene/frame.h"
 
 namespace mirage {
@@ -45,7 +45,7 @@ struct Capabilities {
   bool finds_heights = false;  ///< Box3::bottom and height of its boxes
   bool has_gradients = true;   ///< backward()
   bool remembers = false;      ///< what it answers depends on the frames before (SensorView::continues)
-  /// Of a detector outside (detection/given_detector.h): a text that changes with its network. Its answers
+  /// Of a detector outside (detection/process_detector.h): a text that changes with its network. Its answers
   /// may be kept on disk under it; empty: they may not.
   std::string version = {};
   /// The sensors that it reads, by name; empty: every camera or LiDAR of the kinds above.

@@ -1,5 +1,5 @@
 /* Version 3 of the plugin interface of detectors (detector_abi.h is version 4): one picture, one sweep, boxes
- * from above or in the picture. Its plugins keep working, through detection/plugin_detector3.cpp.
+ * from above or in the picture. Its plugins keep working, through detection/plugin_detector.cpp.
  *
  * A detector is a shared library that exports
  *     const MirageDetectorApi3* mirage_detector_api(void);

@@ -9,7 +9,6 @@
 
 #include "base/fields.h"
 #include "base/logging.h"
-#include "base/words.h"
 
 namespace mirage {
 

@@ -4,13 +4,11 @@
 #include <cmath>
 #include <numbers>
 
-#include "base/color.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "base/logging.h"
 #include "base/random.h"
-#include "detection/compact_frame.h"
-#include "detection/points_in_view.h"
+#include "detection/car_in_picture.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/data/truth_files.h"

@@ -3,13 +3,69 @@
 // plugins/process/mirage_process.h.
 #pragma once
 
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
 #include <memory>
+#include <nlohmann/json.hpp>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "detection/detector.h"
 
 namespace mirage {
+
+// Detectors outside the program, in another one or in Python: what they say of themselves, and their answers,
+// rows of boxes with their logits.
+
+/// What one says of itself: the answer to hello (plugins/process/mirage_process.h).
+struct OutsideWord {
+  Capabilities can;
+  std::array<double, 4> region = {0, 70, -40, 40};
+  bool bytes = false;  ///< its pictures are 8-bit sRGB
+};
+/// What the object leaves out is as the protocol says. InputError naming `who` and the key that is wrong.
+OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who);
+/// sensors() of the frame without the object, for one that saves work by it (Capabilities::why_whole); empty
+/// where nothing is known of that.
+std::vector<SensorData> clean_sensors_of(const SensorView& view, const Capabilities& can,
+                                         const std::string& who);
+
+/// Whether its numbers are: what it answers is looked at, gradients too.
+bool all_finite(std::span<const float> values);
+
+/// As arrays, row-major. Columns in the picture: left, top, right, bottom (pixels). Else in the ego frame, m
+/// and rad: x, y, length, width, yaw; or x, y, z of the centre, length, width, height, yaw; or these and the
+/// velocity's x and y (m/s).
+struct RawBoxes {
+  const float* boxes = nullptr;
+  const float* logits = nullptr;
+  std::size_t count = 0, columns = 0;
+  std::span<const std::int32_t> classes = {};  ///< of each row, in Capabilities::types; empty: all the first
+  std::span<const std::int32_t> identities = {};  ///< Detection::identity of each row; empty: none
+};
+
+/// Which of the rows became proposals, so that their gradients find the way back.
+class BoxRows {
+ public:
+  static bool knows(std::size_t columns, bool in_picture);
+  /// "give boxes [M,5] …": for messages.
+  static const char* guide();
+
+  /// Those with a score over the threshold, in their order. Boxes in the picture end at its border
+  /// (width × height). InputError naming `who` for what is no box (check_proposals), or of no class.
+  std::vector<Detection> proposals(const RawBoxes& raw, const Capabilities& can, double score_threshold,
+                                   int width, int height, const std::string& who);
+  /// One value a row from one a proposal; zero for the rest.
+  std::vector<float> of_rows(std::span<const double> d_logits) const;
+  std::size_t count() const { return count_; }
+
+ private:
+  std::size_t count_ = 0;
+  std::vector<std::size_t> places_;
+};
 
 /// What DetectorOptions::detector begins with; the command follows, its words as in a shell.
 inline constexpr const char* kProgramPrefix = "exec:";
@@ -32,5 +88,42 @@ struct ProcessLimits {
 /// it serves or speaks another protocol; later Failure for an error that it tells and for arrays of another
 /// shape. It ends with the detector.
 std::unique_ptr<Detector> start_program(const DetectorOptions& options, const ProcessLimits& limits = {});
+
+// A detector of the host program's own, in the place of a plugin: what `--detector python` stands for in a
+// Python program (plugins/python). The command line has none.
+
+/// DetectorOptions::detector of the one that was given, or of the first of two.
+inline constexpr const char* kGivenDetector = "python";
+/// And of the second, where two are compared.
+inline constexpr const char* kSecondGivenDetector = "python:2";
+/// A run folder's file with a TorchScript copy of the given detector, where it could be copied.
+inline constexpr const char* kGivenDetectorCopy = "detector.pt";
+
+/// `make` gives an instance; it serves one thread at a time, and so do all of them together. `content`
+/// changes when the network does: a run goes on only with the same.
+struct GivenDetector {
+  std::function<std::unique_ptr<Detector>()> make;
+  std::string content;
+};
+
+/// For as long as it lives, load_detector knows the given detector, or two. One at a time.
+class DetectorGift {
+ public:
+  /// Failure if another one is in force.
+  explicit DetectorGift(std::vector<GivenDetector> detectors);
+  ~DetectorGift();
+  DetectorGift(const DetectorGift&) = delete;
+  DetectorGift& operator=(const DetectorGift&) = delete;
+};
+
+/// Whether the options name a given detector.
+bool is_given(const DetectorOptions& options);
+/// Whether they name a given detector or a program: a detector of the user's
+/// own, without a plugin or a weights file.
+bool is_outside(const DetectorOptions& options);
+/// Of such a detector: GivenDetector::content (empty without one), or program_content.
+std::string outside_content(const DetectorOptions& options);
+/// The one in force that they name; null without one.
+const GivenDetector* given_detector(const DetectorOptions& options);
 
 }  // namespace mirage

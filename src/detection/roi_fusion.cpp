@@ -6,7 +6,7 @@
 
 #include "base/error.h"
 #include "detection/defenses.h"
-#include "scene/data/kitti_results.h"
+#include "scene/data/kitti_rows.h"
 
 namespace mirage {
 namespace {

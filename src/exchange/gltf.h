@@ -4,12 +4,14 @@
 #pragma once
 
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "geometry/mesh.h"
 #include "scene/frame.h"
+#include "simulation/insertion.h"
 #include "simulation/render_scene.h"
 
 namespace mirage {
@@ -53,5 +55,24 @@ void write_scene(const std::filesystem::path& file, const ExportScene& scene);
 /// first directional light. InputError naming file and field, as read_adversary, also when there is no
 /// camera, it or a light is singular or beyond the limits, or the photograph is not of the camera's size.
 RenderScene read_scene(const std::filesystem::path& file, int width = 0, int height = 0);
+
+// An object as a file that says where it comes from.
+
+/// As write_adversary, with `about` in the asset's extras as "mirage_object"; its
+/// "licence", if it has one, is the asset's copyright.
+void write_object(const std::filesystem::path& file, const TexturedMesh& object, const nlohmann::json& about);
+
+// The vehicle under the adversary and the road, for Blender and viewers: they catch its shadow and bounce
+// light.
+
+/// A square of level road around a point of it, `reach` metres to every side, facing up.
+Mesh ground_proxy(const Vec3d& centre, double reach = 40);
+
+/// Everything of one frame with the placed adversary. The host is the carrier's fitted shape where it has
+/// one, with the road where its wheels stand, else car_proxy of the labelled box; its paint is taken from the
+/// photograph. Without a carrier the adversary is alone. Of the frame's other cameras it has those that may
+/// see the adversary.
+ExportScene host_scene(const Frame& frame, const Placement& placement, const TexturedMesh& adversary,
+                       const std::string& name);
 
 }  // namespace mirage

@@ -5,18 +5,20 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <numbers>
 #include <string>
 #include <string_view>
 #include <utility>
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/json_depth.h"
-#include "base/open_file.h"
+#include "base/types.h"
 
 namespace mirage {
 
@@ -229,6 +231,330 @@ GltfDocument open_gltf(const fs::path& file) {
       bad(fmt::format("uri: the file has {} bytes of {}", document.buffers[b].size(), length));
   }
   return document;
+}
+
+// check_gltf: what glTF 2.0 demands of a document (Khronos, glTF 2.0 specification, chapter 5) as far as a
+// reader relies on it, and the limits of gltf_document.h.
+
+namespace {
+
+using nlohmann::json;
+using namespace gltf_limits;
+
+constexpr double kMostBytes = 4294967296.0;  // a .glb's own lengths have 32 bits
+
+class Checker {
+ public:
+  Checker(const json& document, std::string file) : document_(document), file_(std::move(file)) {}
+
+  void run() {
+    if (!document_.is_object()) fail("JSON", "is not an object");
+    const json& asset = member(document_, "asset");
+    if (!asset.is_object() || !member(asset, "version").is_string() ||
+        !member(asset, "version").get_ref<const std::string&>().starts_with("2."))
+      fail("asset.version", "is not 2.0", "give a glTF 2.0 file");
+    check_demands(asset);
+    for (const char* name : {"buffers", "bufferViews", "accessors", "images", "materials", "meshes",
+                             "cameras", "nodes", "scenes"})
+      list(document_, name, name, [&](const json& entry, const std::string& field) {
+        if (!entry.is_object()) fail(field, "is not an object");
+      });
+    each("buffers", [&](const json& buffer, const std::string& field) {
+      whole(buffer, "byteLength", field, 1, kMostBytes, true);
+      text(buffer, "uri", field);
+    });
+    each("bufferViews", [&](const json& view, const std::string& field) { check_view(view, field); });
+    each("accessors", [&](const json& accessor, const std::string& field) {
+      index(accessor, "bufferView", field, "bufferViews");
+      whole(accessor, "byteOffset", field, 0, kMostBytes);
+      whole(accessor, "count", field, 0, 2147483647, true);
+      whole(accessor, "componentType", field, 5120, 5126, true);
+    });
+    each("images", [&](const json& image, const std::string& field) {
+      index(image, "bufferView", field, "bufferViews");
+      text(image, "uri", field);
+    });
+    each("materials", [&](const json& material, const std::string& field) {
+      const json& model = member(material, "pbrMetallicRoughness");
+      if (model.is_null()) return;
+      if (!model.is_object()) fail(field + ".pbrMetallicRoughness", "is not an object");
+      numbers(model, "baseColorFactor", 4, field + ".pbrMetallicRoughness", 0, 1);
+    });
+    each("meshes", [&](const json& mesh, const std::string& field) { check_mesh_entry(mesh, field); });
+    each("cameras", [&](const json& camera, const std::string& field) {
+      const json& lens = member(camera, "perspective");
+      if (lens.is_null()) return;
+      if (!lens.is_object()) fail(field + ".perspective", "is not an object");
+      const json& angle = member(lens, "yfov");
+      if (!angle.is_number() || !(angle.get<double>() > 0 && angle.get<double>() < std::numbers::pi))
+        fail(field + ".perspective.yfov", "is no angle between 0 and π");
+    });
+    check_lights();
+    check_nodes();
+  }
+
+ private:
+  [[noreturn]] void fail(const std::string& field, const std::string& problem,
+                         const std::string& fix = "export the file again") const {
+    throw InputError(file_, field, problem, fix);
+  }
+
+  static const json& member(const json& parent, const char* key) {
+    static const json nothing;
+    if (!parent.is_object()) return nothing;
+    const auto entry = parent.find(key);
+    return entry == parent.end() ? nothing : *entry;
+  }
+
+  std::size_t size(const char* array) const { return member(document_, array).size(); }
+
+  template <class Check>
+  void list(const json& parent, const char* key, const std::string& field, const Check& check) const {
+    const json& entries = member(parent, key);
+    if (entries.is_null()) return;
+    if (!entries.is_array()) fail(field, "is not a list");
+    for (std::size_t i = 0; i < entries.size(); ++i) check(entries[i], fmt::format("{}[{}]", field, i));
+  }
+  template <class Check>
+  void each(const char* array, const Check& check) const {
+    list(document_, array, array, check);
+  }
+
+  /// An absent member passes unless it is `needed`.
+  void whole(const json& parent, const char* key, const std::string& field, double low, double high,
+             bool needed = false) const {
+    const json& value = member(parent, key);
+    if (value.is_null() && !needed) return;
+    const double number = value.is_number() ? value.get<double>() : NAN;
+    if (!(number >= low && number <= high) || number != std::floor(number))
+      fail(field + "." + key, value.is_number() ? fmt::format("is {}", number) : "is no number",
+           fmt::format("write a whole number from {:.0f} to {:.0f}", low, high));
+  }
+
+  void index(const json& parent, const char* key, const std::string& field, const char* array,
+             bool needed = false) const {
+    const json& value = member(parent, key);
+    if (value.is_null() && !needed) return;
+    entry_of(value, field + "." + key, array);
+  }
+
+  std::size_t entry_of(const json& value, const std::string& field, const char* array) const {
+    const double number = value.is_number() ? value.get<double>() : -1;
+    if (!(number >= 0 && number < static_cast<double>(size(array))) || number != std::floor(number))
+      fail(field, fmt::format("is none of the file's {} {}", size(array), array));
+    return static_cast<std::size_t>(number);
+  }
+
+  void text(const json& parent, const char* key, const std::string& field) const {
+    const json& value = member(parent, key);
+    if (!value.is_null() && !value.is_string()) fail(field + "." + key, "is not a text");
+  }
+
+  /// `count` numbers in [low, high]; empty if the member is absent.
+  std::vector<double> numbers(const json& parent, const char* key, std::size_t count,
+                              const std::string& field, double low, double high) const {
+    const json& value = member(parent, key);
+    std::vector<double> result;
+    if (value.is_null()) return result;
+    const std::string name = field + "." + key;
+    if (!value.is_array() || value.size() != count)
+      fail(name, fmt::format("is not a list of {} numbers", count));
+    for (const json& entry : value) {
+      const double number = entry.is_number() ? entry.get<double>() : NAN;
+      if (!(number >= low && number <= high))
+        fail(name, fmt::format("holds {}", entry.is_number() ? fmt::format("{}", number) : "no number"),
+             fmt::format("write numbers from {:g} to {:g}", low, high));
+      result.push_back(number);
+    }
+    return result;
+  }
+
+  /// What the file says that its reader must know (section 3.12, and 3.2 of the version).
+  void check_demands(const json& asset) const {
+    text(asset, "minVersion", "asset");
+    if (const json& least = member(asset, "minVersion"); !least.is_null() && least != "2.0")
+      fail("asset.minVersion", fmt::format("is {}: glTF 2.0 is read", least.get<std::string>()),
+           "export the file as glTF 2.0");
+    list(document_, "extensionsRequired", "extensionsRequired",
+         [&](const json& name, const std::string& field) {
+           if (!name.is_string()) fail(field, "is not a text");
+           if (name != "KHR_lights_punctual")
+             fail(field, fmt::format("{} is not read", name.get<std::string>()),
+                  "export the file without it");
+         });
+  }
+
+  /// What moves, multiplies or hides a mesh beyond transforms is not read: what is left would be another
+  /// shape.
+  void check_shape(const json& node, const std::string& field) const {
+    const json& mesh = member(node, "mesh");
+    const json& extensions = member(node, "extensions");
+    const char* kInstances = "EXT_mesh_gpu_instancing";
+    if (!member(extensions, kInstances).is_null())
+      fail(fmt::format("{}.extensions.{}", field, kInstances), "is not read: one copy would be left of many",
+           "export the copies as nodes of their own");
+    if (member(member(extensions, "KHR_node_visibility"), "visible") == false)
+      fail(field + ".extensions.KHR_node_visibility", "hides what would be drawn", "leave the node away");
+    if (mesh.is_null()) return;
+    if (!member(node, "skin").is_null())
+      fail(field + ".skin", "bends its mesh by a skeleton, which is not read",
+           "apply the armature before exporting");
+    const json& shape = member(document_, "meshes")[mesh.get<std::size_t>()];
+    const bool own = !member(node, "weights").is_null();
+    const json& weights = member(own ? node : shape, "weights");
+    const auto moves = [](const json& weight) { return !weight.is_number() || weight != 0; };
+    if (weights.is_array() && std::any_of(weights.begin(), weights.end(), moves))
+      fail(own ? field + ".weights" : fmt::format("meshes[{}].weights", mesh.get<std::size_t>()),
+           "mixes morph targets, which are not read", "apply the shape keys before exporting");
+  }
+
+  void check_view(const json& view, const std::string& field) const {
+    index(view, "buffer", field, "buffers", true);
+    whole(view, "byteOffset", field, 0, kMostBytes);
+    whole(view, "byteLength", field, 0, kMostBytes, true);
+    whole(view, "byteStride", field, 0, 252);
+    const json& buffer = member(document_, "buffers")[member(view, "buffer").get<std::size_t>()];
+    const double offset = member(view, "byteOffset").is_null() ? 0 : member(view, "byteOffset").get<double>();
+    if (offset + member(view, "byteLength").get<double>() > member(buffer, "byteLength").get<double>())
+      fail(field, "runs past its buffer");
+  }
+
+  void check_mesh_entry(const json& mesh, const std::string& field) const {
+    list(mesh, "primitives", field + ".primitives", [&](const json& primitive, const std::string& name) {
+      if (!primitive.is_object()) fail(name, "is not an object");
+      whole(primitive, "mode", name, 0, 6);
+      index(primitive, "indices", name, "accessors");
+      index(primitive, "material", name, "materials");
+      const json& attributes = member(primitive, "attributes");
+      if (attributes.is_null()) return;
+      if (!attributes.is_object()) fail(name + ".attributes", "is not an object");
+      for (const auto& [key, value] : attributes.items())
+        entry_of(value, name + ".attributes." + key, "accessors");
+      const char* kDraco = "KHR_draco_mesh_compression";
+      if (member(member(primitive, "extensions"), kDraco).is_null() || !attributes.contains("POSITION"))
+        return;
+      const auto positions = member(attributes, "POSITION").get<std::size_t>();
+      if (member(member(document_, "accessors")[positions], "bufferView").is_null())
+        fail(fmt::format("{}.extensions.{}", name, kDraco), "is not read, and there is nothing beside it",
+             "export the file without compression");
+    });
+  }
+
+  void check_lights() const {
+    const json& lights = member(member(document_, "extensions"), "KHR_lights_punctual");
+    list(
+        lights, "lights", "extensions.KHR_lights_punctual.lights",
+        [&](const json& light, const std::string& field) {
+          numbers(light, "color", 3, field, 0, 1);
+          const json& strength = member(light, "intensity");
+          if (strength.is_null()) return;
+          if (!strength.is_number() || !(strength.get<double>() >= 0 && strength.get<double>() <= kBrightest))
+            fail(field + ".intensity", fmt::format("is no strength from 0 to {:g}", kBrightest));
+        });
+  }
+
+  void check_placement(const json& node, const std::string& field) const {
+    numbers(node, "translation", 3, field, -kFurthest, kFurthest);
+    const auto scale = numbers(node, "scale", 3, field, -kFurthest, kFurthest);
+    if (!scale.empty() && Eigen::Map<const Vec3d>(scale.data()).cwiseAbs().minCoeff() == 0)
+      fail(field + ".scale", "is zero: it flattens what it places", "leave the node away");
+    const auto turn = numbers(node, "rotation", 4, field, -1e3, 1e3);
+    if (!turn.empty() && Eigen::Map<const Eigen::Vector4d>(turn.data()).norm() < 1e-3)
+      fail(field + ".rotation", "has no length", "write a unit quaternion");
+    const auto values = numbers(node, "matrix", 16, field, -kFurthest, kFurthest);
+    if (values.empty()) return;
+    const Eigen::Map<const Eigen::Matrix4d> matrix(values.data());  // by columns, as glTF has it
+    if ((matrix.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).cwiseAbs().maxCoeff() > 1e-6)
+      fail(field + ".matrix", "is projective: its last row is not 0 0 0 1", "write an affine transform");
+    if (!(std::abs(matrix.topLeftCorner<3, 3>().determinant()) > 1e-30))
+      fail(field + ".matrix", "is singular: it flattens what it places", "write an invertible transform");
+  }
+
+  /// Vertices, corners and texels that a mesh brings, from the lengths that the file claims.
+  std::size_t corners(std::size_t mesh) const {
+    double sum = 0;
+    const auto count = [&](const json& accessor) {
+      if (accessor.is_null()) return;
+      sum += member(member(document_, "accessors")[accessor.get<std::size_t>()], "count").get<double>();
+    };
+    const json& entry = member(document_, "meshes")[mesh];
+    for (const json& primitive : member(entry, "primitives")) {
+      count(member(member(primitive, "attributes"), "POSITION"));
+      count(member(primitive, "indices"));
+    }
+    // Mirage's exact mesh: three float64 a vertex, an int32 a corner.
+    const json& exact = member(member(entry, "extras"), "mirage");
+    for (const auto& [key, bytes] :
+         {std::pair{"vertices", 24.0}, std::pair{"texels", 24.0}, std::pair{"faces", 4.0}})
+      if (const json& view = member(exact, key);
+          view.is_number_unsigned() && view.get<std::size_t>() < size("bufferViews"))
+        sum += member(member(document_, "bufferViews")[view.get<std::size_t>()], "byteLength").get<double>() /
+               bytes;
+    return static_cast<std::size_t>(sum);
+  }
+
+  /// Each node has at most one parent, so that a walk from the roots meets every node at most once
+  /// (section 3.5.2).
+  void check_nodes() const {
+    const std::size_t count = size("nodes");
+    std::vector<int> depth(count, 0);
+    std::vector<bool> child(count, false);
+    std::vector<std::size_t> queue;
+    std::size_t total = 0;
+    each("nodes", [&](const json& node, const std::string& field) {
+      index(node, "mesh", field, "meshes");
+      index(node, "camera", field, "cameras");
+      check_placement(node, field);
+      check_shape(node, field);
+      list(node, "children", field + ".children", [&](const json& value, const std::string& name) {
+        const std::size_t below = entry_of(value, name, "nodes");
+        if (child[below])
+          fail(name, fmt::format("node {} has two parents", below), "give each node one parent");
+        child[below] = true;
+      });
+      if (const json& mesh = member(node, "mesh"); !mesh.is_null()) total += corners(mesh.get<std::size_t>());
+      if (total > kMostCorners)
+        fail(field + ".mesh", fmt::format("more than {} vertices, corners and texels in all", kMostCorners),
+             "simplify the meshes");
+    });
+    each("scenes", [&](const json& scene, const std::string& field) {
+      std::vector<bool> listed(count, false);
+      list(scene, "nodes", field + ".nodes", [&](const json& value, const std::string& name) {
+        const std::size_t root = entry_of(value, name, "nodes");
+        if (child[root] || listed[root])
+          fail(name, fmt::format("node {} is {}", root, child[root] ? "no root" : "named twice"),
+               "name each root once");
+        listed[root] = true;
+      });
+    });
+    if (const json& scene = member(document_, "scene"); !scene.is_null()) entry_of(scene, "scene", "scenes");
+    for (std::size_t n = 0; n < count; ++n)
+      if (!child[n]) queue.push_back(n);
+    for (std::size_t at = 0; at < queue.size(); ++at)
+      for (const json& value : member(member(document_, "nodes")[queue[at]], "children")) {
+        const auto below = value.get<std::size_t>();
+        depth[below] = depth[queue[at]] + 1;
+        if (depth[below] >= kDeepestNode)
+          fail(fmt::format("nodes[{}]", below), fmt::format("lies {} nodes deep", depth[below]),
+               "flatten the tree");
+        queue.push_back(below);
+      }
+    if (queue.size() == count) return;
+    std::vector<bool> reached(count, false);
+    for (std::size_t n : queue) reached[n] = true;
+    for (std::size_t n = 0; n < count; ++n)
+      if (!reached[n])
+        fail(fmt::format("nodes[{}].children", n), "go round in a circle", "give each node one parent");
+  }
+
+  const json& document_;
+  std::string file_;
+};
+
+}  // namespace
+
+void check_gltf(const json& document, const std::string& file) {
+  Checker(document, file).run();
 }
 
 }  // namespace mirage

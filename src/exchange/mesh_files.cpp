@@ -15,15 +15,13 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "base/logging.h"
-#include "base/open_file.h"
 #include "exchange/gltf.h"
-#include "exchange/gltf_builder.h"
 #include "exchange/gltf_document.h"
 #include "exchange/gltf_model.h"
 #include "exchange/polygons.h"
-#include "geometry/texel_grid.h"
+#include "geometry/mesh.h"
 #include "simulation/check_inputs.h"
 
 namespace mirage {

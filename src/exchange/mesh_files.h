@@ -66,7 +66,7 @@ Mesh read_mesh(const std::filesystem::path& file, const std::optional<MeshAxes>&
 /// Every such file of a folder, by name, as vehicles to learn from. They must be in metres and lie along x:
 /// InputError, naming the file and its measures, unless the length is 2 to 12 m, the width 1 to 3.5 m, the
 /// height 0.8 to 4.5 m and the length above the width. They needn't be watertight: inside is where the
-/// generalised winding number is above one half (mesh_distance.h), so faces must be wound alike.
+/// generalised winding number is above one half (sensors/ray_caster.h), so faces must be wound alike.
 std::vector<ShapeSample> read_vehicle_meshes(const std::filesystem::path& folder,
                                              const std::optional<MeshAxes>& axes = {});
 

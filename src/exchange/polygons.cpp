@@ -18,9 +18,8 @@
 #include <utility>
 
 #include "base/error.h"
-#include "base/interrupt.h"
 #include "exchange/gltf_document.h"
-#include "geometry/polygon.h"
+#include "geometry/mesh.h"
 
 namespace mirage {
 

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/file_characters.h"
+#include "base/files.h"
 #include "geometry/mesh.h"
 
 namespace mirage {

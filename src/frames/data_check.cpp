@@ -8,7 +8,7 @@
 
 #include "base/error.h"
 #include "base/logging.h"
-#include "detection/points_in_view.h"
+#include "detection/car_in_picture.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/occlusion.h"

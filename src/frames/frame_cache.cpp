@@ -8,7 +8,7 @@
 #include "base/files.h"
 #include "base/provenance.h"
 #include "base/ranks.h"
-#include "scene/shape/shape_roof.h"
+#include "scene/shape/shape_fit.h"
 
 namespace mirage {
 namespace {

@@ -6,13 +6,13 @@
 
 #include "base/files.h"
 #include "base/parallel.h"
-#include "detection/points_in_view.h"
+#include "detection/car_in_picture.h"
 #include "frames/data_check.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
-#include "scene/shape/shape_roof.h"
+#include "scene/shape/shape_fit.h"
 #include "simulation/insertion.h"
 
 namespace mirage {

@@ -19,7 +19,7 @@
 #include "frames/host_id.h"
 #include "scene/depth_completion.h"
 #include "scene/frame_source.h"
-#include "scene/sun.h"
+#include "scene/recorded_light.h"
 #include "simulation/insertion.h"
 #include "simulation/sensor_plugin.h"
 

@@ -4,7 +4,7 @@
 
 #include "base/error.h"
 #include "base/names.h"
-#include "scene/data/label_types.h"
+#include "scene/data/data_set.h"
 
 namespace mirage {
 

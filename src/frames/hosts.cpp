@@ -9,9 +9,8 @@
 #include <mutex>
 
 #include "base/error.h"
-#include "base/interrupt.h"
+#include "base/logging.h"
 #include "base/parallel.h"
-#include "base/progress.h"
 #include "base/random.h"
 #include "base/ranks.h"
 #include "scene/data/read_frames.h"

@@ -7,13 +7,12 @@
 #include "base/names.h"
 #include "base/parallel.h"
 #include "detection/detector_settings.h"
-#include "detection/given_detector.h"
 #include "detection/process_detector.h"
 #include "frames/frame_store.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
-#include "scene/shape/shape_roof.h"
+#include "scene/shape/shape_fit.h"
 
 namespace mirage {
 namespace {

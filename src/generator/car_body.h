@@ -1,7 +1,14 @@
 // Car bodies lofted from cross-sections along the length.
 #pragma once
 
+#include <array>
+#include <string_view>
+#include <vector>
+
+#include "base/random.h"
 #include "generator/parts.h"
+#include "geometry/mesh.h"
+#include "scene/shape/shape_model.h"
 
 namespace mirage::generator {
 
@@ -37,4 +44,55 @@ double top_at(const Mesh& hull, double x, double y);
 Mesh patch(const Mesh& hull, int axis, int side, const Vec2d& low, const Vec2d& high, double lift,
            int columns = 4, int rows = 3);
 
+// Puts a car together: the lofted body with wheels, lamps, plates, glass, seats and mirrors.
+
+/// What a body is given beyond its shape.
+struct CarTrim {
+  bool rails = false, bright_rails = false;  ///< on the roof
+  bool bed = false;                          ///< a pick-up's, behind the rear window
+  bool split_lamps = false;                  ///< rear lamps with a clear band across
+  bool american = false;                     ///< short, high plates without a band; no amber at the rear
+};
+
+/// `size` (length, width, height, m): of the label box, to which the whole is stretched.
+Actor assemble(const BodyShape& shape, const std::string& type, const Vec3d& size, const CarTrim& trim,
+               RandomStream& random);
+
+/// Puts something on the roof of one car in ten: a box, a ladder, skis, a taxi sign, rolled carpets, timber.
+/// Its surfaces come last and each stands out of the label box, which stays the car's own. `car`: assembled
+/// from `shape`.
+void add_roof_load(Actor& car, const BodyShape& shape, RandomStream& random);
+
+Material paint_of(RandomStream& random);
+Material tyre_rubber();
+Material dark_plastic();
+
 }  // namespace mirage::generator
+
+// The car family that the shape manifold is learnt from: seven body styles, each with ranges of its
+// proportions, lofted to closed meshes with wheels.
+
+namespace mirage {
+
+/// Bodies of passenger cars.
+enum class BodyStyle { hatchback, saloon, estate, suv, van, pickup, coupe };
+/// All of them.
+inline constexpr std::array<BodyStyle, 7> kBodyStyles = {
+    BodyStyle::hatchback, BodyStyle::saloon, BodyStyle::estate, BodyStyle::suv,
+    BodyStyle::van,       BodyStyle::pickup, BodyStyle::coupe};
+/// "hatchback", …
+std::string_view name_of(BodyStyle style);
+
+/// Draws a body of the style: every measure uniform in the style's range (car_body.cpp has the table, with
+/// wheelbase and overhangs as shares of the length). A pick-up's bed is covered: lofts have no hollows.
+generator::BodyShape draw_body(BodyStyle style, RandomStream& random);
+
+/// The body with its four wheels, in the vehicle's frame (x forward, y left, z up, origin on the ground under
+/// the middle of its bounding box, m). Five closed, outward-wound parts that overlap: inside where the
+/// winding number is above 1/2.
+Mesh car_mesh(const generator::BodyShape& body);
+
+/// `each` vehicles of every style, to learn a shape model from (scene/shape/shape_model.h).
+std::vector<ShapeSample> family_samples(int each, std::uint64_t seed);
+
+}  // namespace mirage

@@ -12,8 +12,7 @@
 #include "base/random.h"
 #include "generator/dataset.h"
 #include "generator/street.h"
-#include "geometry/shapes.h"
-#include "sensors/mesh_distance.h"
+#include "geometry/mesh.h"
 #include "sensors/ray_caster.h"
 
 namespace mirage::generator {

@@ -11,10 +11,10 @@
 #include <vector>
 
 #include "base/json_fields.h"
-#include "generator/look.h"
+#include "generator/placed.h"
 #include "geometry/box.h"
 #include "geometry/mesh.h"
-#include "scene/shape/shape_roof.h"
+#include "scene/shape/shape_fit.h"
 
 namespace mirage::generator {
 

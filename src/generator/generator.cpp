@@ -4,25 +4,27 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <deque>
 #include <map>
+#include <numbers>
 #include <optional>
 #include <span>
 #include <string>
 #include <utility>
 
-#include "base/angles.h"
 #include "base/config.h"
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "base/names.h"
+#include "base/parallel.h"
 #include "base/random.h"
-#include "generator/appearance.h"
-#include "generator/labels.h"
-#include "generator/moving_street.h"
+#include "base/types.h"
 #include "generator/street.h"
+#include "geometry/box.h"
+#include "sensors/camera.h"
 #include "sensors/lidar_sweep.h"
 #include "sensors/ray_camera.h"
 
@@ -252,3 +254,131 @@ Rig with_lidar(Rig rig, const std::string& unit) {
 }
 
 }  // namespace mirage
+
+namespace mirage::generator {
+namespace {
+
+// Shot and read noise of the camera, in scene-linear values.
+void add_sensor_noise(ImageF& image, std::uint64_t seed, std::uint64_t index, std::uint64_t moment) {
+  RandomStream level(seed, "sensor noise level", index);
+  const double shot = level.uniform(2e-5, 1.2e-4), read = level.uniform(0.5e-3, 2e-3);
+  for (int v = 0; v < image.height; ++v) {
+    RandomStream random(seed, "sensor noise", moment * 100003 + v);
+    for (int i = 0; i < image.width * 3; ++i) {
+      float& x = image.pixel(0, v)[i];
+      x = std::max(0.f, x + static_cast<float>(random.normal() * noise_sigma(x, shot, read)));
+    }
+  }
+}
+
+}  // namespace
+
+SceneLight make_light(std::uint64_t seed, std::uint64_t index) {
+  RandomStream random(seed, "light", index);
+  const auto f = [&](double a, double b) { return static_cast<float>(random.uniform(a, b)); };
+  SceneLight light;
+  Lighting& l = light.lighting;
+  const double azimuth = random.uniform(-std::numbers::pi, std::numbers::pi),
+               elevation = random.uniform(0.25, 1.05);
+  l.to_sun_velo = Vec3d(std::cos(azimuth) * std::cos(elevation), std::sin(azimuth) * std::cos(elevation),
+                        std::sin(elevation));
+  const double overcast = random.uniform() < 0.25 ? random.uniform(0.6, 1.0) : random.uniform(0.0, 0.2);
+  const float exposure = f(0.85, 1.5);
+  const float warm = std::clamp(1.2f - static_cast<float>(elevation), 0.f, 1.f);
+  const float strength = 2.3f * (1 - 0.93f * static_cast<float>(overcast)) * exposure;
+  const Vec3f sun = strength * Vec3f(1.04f, 0.97f - 0.05f * warm, 0.86f - 0.18f * warm);
+  l.sun = sun.cast<double>();
+  const float o = static_cast<float>(overcast);
+  const float bright = f(0.3, 0.85) * exposure;
+  light.sky.horizon = bright * ((1 - o) * Vec3f(0.80f, 0.92f, 1.05f) + o * Vec3f(0.95f, 0.96f, 1.0f));
+  light.sky.zenith = bright * ((1 - o) * Vec3f(0.11f, 0.21f, 0.43f) + o * Vec3f(0.8f, 0.82f, 0.86f));
+  light.sky.glow = (1 - o) * 0.9f * exposure;
+  light.sky.clouds = random.uniform() < 0.7 ? f(0.2, 0.75) : 0;
+  light.sky.variant = random.next_u32();
+  light.sky.seen = f(1.0, 1.9);
+  const Vec3f to_sun = l.to_sun_velo.cast<float>(), sky = light.sky.irradiance(to_sun);
+  // What bounces from ground and walls: a mean albedo of 0.12, a share of them in the sun.
+  const Vec3f bounce =
+      0.16f * (0.45f * std::max(0.f, to_sun.z()) * sun + 0.6f * sky).cwiseProduct(Vec3f(1.05f, 1, 0.9f));
+  l.ambient = bounce.cast<double>();
+  // Lighting's hemisphere term adds to the ambient: with a share (1 + n·up)/2 of open sky in view.
+  l.hemisphere = (sky - bounce).cwiseMax(0.f).cast<double>();
+  return light;
+}
+
+void expose(ImageF& image, std::uint64_t seed, std::uint64_t index, std::uint64_t moment) {
+  soften(image, RandomStream(seed, "lens", index).uniform(0.5, 0.85));
+  add_sensor_noise(image, seed, index, moment);
+}
+
+namespace {
+
+constexpr double kNearestProjected = 0.3;  // m, corners nearer than this to the camera's plane lie on it
+constexpr int kProbes = 3000;              // rays a thing to count its own pixels
+constexpr int kRows = 25;  // pixels of height that make a thing without returns one to be found (KITTI)
+
+}  // namespace
+
+StreetLabels label_street(const Street& street, const Calibration& calibration, const Image<int>& object,
+                          std::span<const int> returned) {
+  const PinholeCamera& camera = calibration.camera;
+  const Transform velo_from_camera = calibration.camera_from_velo.inverse();
+  const std::size_t count = street.placed.size();
+  std::vector<int> visible(count, 0), first(count, object.height), last(count, -1), returns(count, 0);
+  for (int v = 0; v < object.height; ++v)
+    for (int u = 0; u < object.width; ++u)
+      if (const int id = object.at(u, v); id >= 0)
+        ++visible[id], first[id] = std::min(first[id], v), last[id] = v;
+  for (int id : returned)
+    if (id >= 0) ++returns[id];
+
+  std::vector<Label> labels(count);
+  parallel_for(count, [&](std::size_t i) {
+    if (returns[i] == 0 && last[i] - first[i] + 1 < kRows) return;
+    const BevBox& place = street.placed[i].box.bev;
+    if (visible[i] == 0 &&
+        (calibration.camera_from_velo * Vec3d(place.x, place.y, 0)).z() < kNearestProjected)
+      return;
+    std::vector<Mesh> meshes;
+    for (const Surface& s : street.surfaces)
+      if (s.object == static_cast<int>(i)) meshes.push_back(s.mesh);
+    // KITTI's boxes in the picture are those around the corners of the 3-D box, which is wider than the
+    // outline of a round body.
+    PictureBox full{1e9, 1e9, -1e9, -1e9};
+    for (const Vec3d& corner : corners(street.placed[i].box)) {
+      Vec3d p = calibration.camera_from_velo * corner;
+      p.z() = std::max(p.z(), kNearestProjected);
+      const Vec2d pixel = camera.project(p);
+      full = joined(full, {pixel.x(), pixel.y(), pixel.x(), pixel.y()});
+    }
+    const PictureBox seen = within(full, camera.width, camera.height);
+    if (seen.right - seen.left < 1 || seen.bottom - seen.top < 1) return;
+    // The thing alone: how many pixels would it cover?
+    const RayCaster alone(meshes);
+    const int step = std::max(1, static_cast<int>(std::sqrt(area(seen) / kProbes)));
+    int own = 0, shown = 0;
+    for (int v = static_cast<int>(seen.top); v <= static_cast<int>(seen.bottom); v += step)
+      for (int u = static_cast<int>(seen.left); u <= static_cast<int>(seen.right); u += step) {
+        const Ray ray{velo_from_camera.translation().cast<float>(),
+                      (velo_from_camera.linear() * camera.unproject(u, v, 1)).cast<float>(), 0.05f};
+        if (!alone.occluded(ray)) continue;
+        ++own;
+        if (object.at(u, v) == static_cast<int>(i)) ++shown;
+      }
+    const double share = own > 0 ? static_cast<double>(shown) / own : 1;
+    Label& label = labels[i];
+    label.type = street.placed[i].type;
+    label.box = street.placed[i].box;
+    label.truncated = std::clamp(1 - area(seen) / std::max(area(full), 1e-9), 0.0, 1.0);
+    label.occluded = visible[i] == 0 ? 3 : share > 0.8 ? 0 : share > 0.35 ? 1 : 2;
+    label.left = seen.left, label.top = seen.top, label.right = seen.right, label.bottom = seen.bottom;
+  });
+  StreetLabels out;
+  for (Label& label : labels) {
+    out.line.push_back(label.type.empty() ? -1 : static_cast<int>(out.labels.size()));
+    if (!label.type.empty()) out.labels.push_back(std::move(label));
+  }
+  return out;
+}
+
+}  // namespace mirage::generator

@@ -3,12 +3,14 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <span>
 #include <string>
 #include <vector>
 
-#include "generator/look.h"
+#include "base/image.h"
 #include "generator/placed.h"
 #include "scene/frame.h"
+#include "sensors/ray_camera.h"
 
 namespace mirage {
 
@@ -62,3 +64,35 @@ Frame generate_drive_frame(const Rig& rig, const generator::MovingStreet& street
                            std::uint64_t seed, std::uint64_t index, double time);
 
 }  // namespace mirage
+
+// Light and camera of a generated frame.
+
+namespace mirage::generator {
+
+/// Sun, sky and exposure of frame `index` of a seed, the same for every look: sun 14 to 60 degrees up
+/// anywhere around; a quarter of the frames overcast (sun 7 to 44 % as strong, sky nearly even), the rest
+/// clear or with clouds; exposure 0.85 to 1.5, so that skies and white cars clip now and then as in street
+/// pictures.
+SceneLight make_light(std::uint64_t seed, std::uint64_t index);
+
+/// What lens and sensor do to the rendered picture: a blur of 0.5 to 0.85 pixels (sigma), then shot noise of
+/// 2e-5 to 1.2e-4 of the signal (variance) and read noise of 0.5e-3 to 2e-3 (sigma), scene-linear.
+/// Lens and sensor are those of `index`, the noise is drawn by `moment`.
+void expose(ImageF& image, std::uint64_t seed, std::uint64_t index, std::uint64_t moment);
+
+// KITTI labels of what stands in a generated street.
+
+/// Labels of the placed things that a return came from or that show 25 rows of pixels in `object` (ids at
+/// pixel centres), if any part of them is within the picture's frame. 2-D box: the projected surfaces,
+/// clipped to the image, without what is on the roof; truncation: the share of that box cut off; occlusion:
+/// from the share of the thing's own pixels that are visible (> 0.8: 0, > 0.35: 1, else 2; no pixel at all:
+/// 3, as KITTI's "unknown": detection then asks for nothing).
+struct StreetLabels {
+  std::vector<Label> labels;
+  std::vector<int> line;  ///< of each placed thing: its index in `labels`, −1 where it has none
+};
+/// `returned`: the thing that each return of the sweep came from, −1 for none of them (simulate_sweep).
+StreetLabels label_street(const Street& street, const Calibration& calibration, const Image<int>& object,
+                          std::span<const int> returned);
+
+}  // namespace mirage::generator

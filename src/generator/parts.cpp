@@ -3,7 +3,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 
 namespace mirage::generator {
 

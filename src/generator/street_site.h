@@ -146,7 +146,7 @@ class StreetSite {
   void add_earth();
   void add_manhole_covers(int count);
 
-  // What drives (moving_street.cpp).
+  // What drives (street.cpp).
   /// Along the street: s over time, and the lane; along the crossing one if it `crosses` (s and d swapped).
   struct Course {
     double s = 0, speed = 0;                          ///< at 0; speed below 0: towards us

@@ -1,7 +1,10 @@
 // Oriented boxes: BEV rectangles with exact IoU, and upright 3-D boxes.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
+#include <optional>
 #include <vector>
 
 #include "base/types.h"
@@ -57,5 +60,37 @@ PictureBox picture_box(const BevBox& rectangle);
 PictureBox joined(const PictureBox& a, const PictureBox& b);
 /// What of the box lies within a picture of width × height pixels; a box beyond it becomes one of no area.
 PictureBox within(const PictureBox& box, int width, int height);
+
+// Rectangles around what a LiDAR unit at the origin sees of a thing from above: two sides of it at most.
+
+/// An interval along one axis of a rectangle.
+struct SeenSide {
+  double low = 0, high = 0;
+  /// Its length.
+  double size() const { return high - low; }
+  /// Made `least` long, away from the unit, which stands at 0: what is near is what is seen.
+  SeenSide grown(double least) const { return size() >= least ? *this : sized(least); }
+  /// Made `length` long; the end that is nearer to the unit stays.
+  SeenSide sized(double length) const {
+    return std::abs(low) <= std::abs(high) ? SeenSide{low, low + length} : SeenSide{high - length, high};
+  }
+};
+
+/// A rectangle in axes that are turned by `yaw` around the unit.
+struct SeenRectangle {
+  double yaw = 0;  ///< rad, in [0, π/2)
+  SeenSide along, across;
+  /// The same with its centre; its length is along `yaw`.
+  BevBox box() const;
+};
+
+/// The rectangle around places (m) to whose nearer sides they are closest, of headings 2° apart: the
+/// closeness criterion of Zhang, Xu, Dolan, Litkouhi: "Efficient L-Shape Fitting for Vehicle Detection Using
+/// Laser Scanners", IV 2017. For at least one place.
+SeenRectangle closest_rectangle(const std::vector<Vec2d>& places);
+
+/// The box of a car of which that rectangle is seen, made longer and wider away from the unit to KITTI's mean
+/// car where less is seen; nothing if it is no car's.
+std::optional<BevBox> car_seen_as(const SeenRectangle& seen);
 
 }  // namespace mirage

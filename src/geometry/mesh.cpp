@@ -2,12 +2,29 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
 #include <map>
 #include <utility>
 
 #include "base/error.h"
 
 namespace mirage {
+
+std::vector<AtlasTriangle> atlas_triangles(int resolution) {
+  const int n = resolution;
+  const auto at = [&](int x, int y) { return Vec2d(static_cast<double>(x) / n, static_cast<double>(y) / n); };
+  std::vector<AtlasTriangle> triangles;
+  triangles.reserve(static_cast<std::size_t>(n) * n);
+  for (int y = 0; y < n; ++y)
+    for (int x = 0; x + y < n; ++x) {
+      triangles.push_back({{at(x, y), at(x + 1, y), at(x, y + 1)}, y * n + x});
+      if (x + y < n - 1)
+        triangles.push_back({{at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)}, (n - 1 - y) * n + (n - 1 - x)});
+    }
+  return triangles;
+}
 
 void check_mesh(const TexturedMesh& textured, const std::string& where) {
   const auto& [mesh, atlas] = textured;
@@ -74,6 +91,178 @@ Eigen::AlignedBox3d bounds(const Mesh& mesh) {
     for (const int corner : f) box.extend(mesh.vertices[static_cast<std::size_t>(corner)]);
   if (mesh.faces.empty()) box.extend(Vec3d::Zero());
   return box;
+}
+
+Mesh icosphere(int subdivisions) {
+  const double g = (1 + std::sqrt(5.0)) / 2;
+  Mesh mesh;
+  for (const auto& v : {Vec3d(-1, g, 0), Vec3d(1, g, 0), Vec3d(-1, -g, 0), Vec3d(1, -g, 0), Vec3d(0, -1, g),
+                        Vec3d(0, 1, g), Vec3d(0, -1, -g), Vec3d(0, 1, -g), Vec3d(g, 0, -1), Vec3d(g, 0, 1),
+                        Vec3d(-g, 0, -1), Vec3d(-g, 0, 1)})
+    mesh.vertices.push_back(v.normalized());
+  mesh.faces = {{0, 11, 5},  {0, 5, 1},  {0, 1, 7},  {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4},
+                {11, 10, 2}, {10, 7, 6}, {7, 1, 8},  {3, 9, 4},  {3, 4, 2},   {3, 2, 6}, {3, 6, 8},
+                {3, 8, 9},   {4, 9, 5},  {2, 4, 11}, {6, 2, 10}, {8, 6, 7},   {9, 8, 1}};
+  for (int level = 0; level < subdivisions; ++level) {
+    std::map<std::pair<int, int>, int> middles;
+    const auto middle = [&](int a, int b) {
+      const auto key = std::minmax(a, b);
+      const auto [place, added] = middles.try_emplace(key, static_cast<int>(mesh.vertices.size()));
+      if (added) {
+        const Vec3d point = (mesh.vertices[a] + mesh.vertices[b]).normalized();
+        mesh.vertices.push_back(point);
+      }
+      return place->second;
+    };
+    std::vector<Face> finer;
+    for (const Face& f : mesh.faces) {
+      const int a = middle(f[0], f[1]), b = middle(f[1], f[2]), c = middle(f[2], f[0]);
+      finer.insert(finer.end(), {{f[0], a, c}, {f[1], b, a}, {f[2], c, b}, {a, b, c}});
+    }
+    mesh.faces = std::move(finer);
+  }
+  return mesh;
+}
+
+TexturedMesh grey_ellipsoid(const Vec3d& half_lengths, double share) {
+  TexturedMesh ellipsoid;
+  ellipsoid.mesh = icosphere(2);
+  for (Vec3d& v : ellipsoid.mesh.vertices) v = v.cwiseProduct(half_lengths) * share;
+  ellipsoid.atlas.texels.assign(ellipsoid.mesh.faces.size() * ellipsoid.atlas.per_face(),
+                                Vec3d::Constant(0.5));
+  return ellipsoid;
+}
+
+Mesh box_mesh(const Vec3d& size) {
+  Mesh mesh;
+  for (int i = 0; i < 8; ++i)
+    mesh.vertices.push_back(
+        Vec3d((i & 1 ? .5 : -.5) * size.x(), (i & 2 ? .5 : -.5) * size.y(), (i & 4 ? .5 : -.5) * size.z()));
+  mesh.faces = {{0, 2, 3}, {0, 3, 1}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4},
+                {2, 6, 7}, {2, 7, 3}, {0, 4, 6}, {0, 6, 2}, {1, 3, 7}, {1, 7, 5}};
+  return mesh;
+}
+
+void append(Mesh& mesh, const Mesh& part, const Transform& mesh_from_part) {
+  const int first = static_cast<int>(mesh.vertices.size());
+  for (const Vec3d& v : part.vertices) mesh.vertices.push_back(mesh_from_part * v);
+  for (const Face& f : part.faces) mesh.faces.push_back({f[0] + first, f[1] + first, f[2] + first});
+}
+
+Laplacian::Laplacian(const Mesh& mesh) : neighbours_(mesh.vertices.size()) {
+  for (const Face& f : mesh.faces)
+    for (int k = 0; k < 3; ++k) {
+      neighbours_[f[k]].push_back(f[(k + 1) % 3]);
+      neighbours_[f[(k + 1) % 3]].push_back(f[k]);
+    }
+  for (auto& list : neighbours_) {
+    std::sort(list.begin(), list.end());
+    list.erase(std::unique(list.begin(), list.end()), list.end());
+  }
+}
+
+double Laplacian::energy(const std::vector<Vec3d>& vertices, double weight,
+                         std::vector<Vec3d>& gradient) const {
+  double energy = 0;
+  for (std::size_t i = 0; i < neighbours_.size(); ++i) {
+    const auto& around = neighbours_[i];
+    if (around.empty()) continue;
+    Vec3d mean = Vec3d::Zero();
+    for (int j : around) mean += vertices[j];
+    mean /= static_cast<double>(around.size());
+    const Vec3d delta = vertices[i] - mean;
+    energy += delta.squaredNorm();
+    gradient[i] += 2 * weight * delta;
+    for (int j : around) gradient[j] -= 2 * weight / static_cast<double>(around.size()) * delta;
+  }
+  return energy;
+}
+
+namespace {
+
+/// Twice the area vector.
+Vec3d area_vector(std::span<const Vec3d> corners) {
+  Vec3d sum = Vec3d::Zero();
+  for (std::size_t i = 0; i < corners.size(); ++i)
+    sum += (corners[i] - corners[0]).cross(corners[(i + 1) % corners.size()] - corners[0]);
+  return sum;
+}
+
+double turn(const Vec2d& a, const Vec2d& b, const Vec2d& c) {
+  const Vec2d u = b - a, v = c - a;
+  return u.x() * v.y() - u.y() * v.x();
+}
+
+/// A ring of corners in the plane, counter-clockwise, of which ears are taken.
+class Ring {
+ public:
+  explicit Ring(std::vector<Vec2d> places) : places_(std::move(places)) {
+    const int n = static_cast<int>(places_.size());
+    for (int i = 0; i < n; ++i) {
+      before_.push_back((i + n - 1) % n);
+      after_.push_back((i + 1) % n);
+    }
+  }
+  int before(int i) const { return before_[static_cast<std::size_t>(i)]; }
+  int after(int i) const { return after_[static_cast<std::size_t>(i)]; }
+  void take(int i) {
+    after_[static_cast<std::size_t>(before(i))] = after(i);
+    before_[static_cast<std::size_t>(after(i))] = before(i);
+  }
+  /// Whether the corner turns left and no other lies within the triangle with its neighbours.
+  bool is_ear(int i) const {
+    const int previous = before(i), next = after(i);
+    const Vec2d &a = at(previous), &b = at(i), &c = at(next);
+    if (!(turn(a, b, c) > 0)) return false;
+    for (int k = after(next); k != previous; k = after(k)) {
+      const Vec2d& p = at(k);
+      // Those that turn left can't be the only ones within.
+      if (turn(at(before(k)), p, at(after(k))) > 0 || p == a || p == b || p == c) continue;
+      if (turn(a, b, p) >= 0 && turn(b, c, p) >= 0 && turn(c, a, p) >= 0) return false;
+    }
+    return true;
+  }
+
+ private:
+  const Vec2d& at(int i) const { return places_[static_cast<std::size_t>(i)]; }
+
+  std::vector<Vec2d> places_;
+  std::vector<int> before_, after_;
+};
+
+}  // namespace
+
+std::vector<std::array<int, 3>> cut_polygon(std::span<const Vec3d> corners) {
+  const int n = static_cast<int>(corners.size());
+  if (n < 3) return {};
+  if (n == 3) return {{0, 1, 2}};
+  // Seen along the axis that shows most of it, from the side where it runs counter-clockwise.
+  const Vec3d area = area_vector(corners);
+  Eigen::Index along = 0;
+  area.cwiseAbs().maxCoeff(&along);
+  Eigen::Index right = (along + 1) % 3, up = (along + 2) % 3;
+  if (area[along] < 0) std::swap(right, up);
+  std::vector<Vec2d> places;
+  for (const Vec3d& corner : corners) places.emplace_back(corner[right], corner[up]);
+  Ring ring(std::move(places));
+  std::vector<std::array<int, 3>> triangles;
+  int at = 0, passed = 0;
+  for (int left = n; left > 3;) {
+    // Once all have been looked at there is none: any will do.
+    if (passed < left && !ring.is_ear(at)) {
+      at = ring.after(at);
+      ++passed;
+      continue;
+    }
+    const int next = ring.after(at);
+    triangles.push_back({ring.before(at), at, next});
+    ring.take(at);
+    --left;
+    passed = 0;
+    at = ring.after(next);  // not the next, which would make a fan of slivers
+  }
+  triangles.push_back({ring.before(at), at, ring.after(at)});
+  return triangles;
 }
 
 }  // namespace mirage

@@ -1,5 +1,5 @@
 # cmake --install: component `program` runs, component `development` builds other programs, `papers` are for readers.
-# The program looks for its parts beside itself (base/installation.h), so that a prefix can be moved.
+# The program looks for its parts beside itself (base/files.h), so that a prefix can be moved.
 set(parts lib/mirage)   # built: plugins, and weights beside them
 set(data share/mirage)  # read: rigs, shapes, and the Python of the Blender worker and of the reports
 

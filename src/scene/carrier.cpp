@@ -3,7 +3,7 @@
 #include <cmath>
 #include <utility>
 
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 
 namespace mirage {
 namespace {

@@ -33,7 +33,7 @@ Mesh car_proxy(const Box3& box);
 /// The fitted vehicle where there is one, else car_proxy of the labelled box.
 std::shared_ptr<const Mesh> shape_of(const Carrier& carrier);
 
-/// Finds roofs: BoxRoofFinder here, ShapeRoofFinder in scene/shape/shape_roof.h. Several threads may ask at
+/// Finds roofs: BoxRoofFinder here, ShapeRoofFinder in scene/shape/shape_fit.h. Several threads may ask at
 /// once.
 class RoofFinder {
  public:

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "base/image.h"
-#include "base/lazy.h"
+#include "base/parallel.h"
 #include "geometry/box.h"
 #include "sensors/camera.h"
 #include "sensors/lidar_model.h"
@@ -33,7 +33,7 @@ struct Calibration {
 
 /// A ground-truth object, as labelled, with its box in `velo`.
 struct Label {
-  std::string type;                                 ///< "Car", "Van", …, "DontCare" (data/label_types.h)
+  std::string type;                                 ///< "Car", "Van", …, "DontCare" (data/data_set.h)
   double truncated = 0;                             ///< 0 … 1
   int occluded = 0;                                 ///< 0 fully visible … 3 unknown
   double left = 0, top = 0, right = 0, bottom = 0;  ///< 2-D box, pixels

@@ -6,11 +6,11 @@
 
 #include "base/fields.h"
 #include "scene/data/data_rig.h"
-#include "scene/data/label_types.h"
+#include "scene/data/data_set.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/place_choice.h"
-#include "scene/shape/shape_roof.h"
-#include "scene/sun.h"
+#include "scene/recorded_light.h"
+#include "scene/shape/shape_fit.h"
 
 namespace mirage {
 
@@ -18,8 +18,8 @@ namespace mirage {
 struct FrameSource {
   std::filesystem::path data = {};     ///< a layout of scene/data/data_set.h
   std::string depth = kDefaultDepth;   ///< depth completion of the photographs (learned_depth.h)
-  std::string rooftop = kDefaultRoof;  ///< what finds the roofs (shape_roof.h)
-  std::string sun = kDefaultSun;       ///< where the sun stands (sun.h)
+  std::string rooftop = kDefaultRoof;  ///< what finds the roofs (shape/shape_fit.h)
+  std::string sun = kDefaultSun;       ///< where the sun stands (recorded_light.h)
   std::string rig = {};              ///< which recorded it, as data_rig.h takes it; empty: what the set says
   PlaceChoice placement = {};        ///< where the object is put (place_choice.h)
   Cameras cameras = Cameras::first;  ///< which of them are looked at

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "base/angles.h"
+#include "base/types.h"
 
 namespace mirage {
 namespace {

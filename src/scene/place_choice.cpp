@@ -5,11 +5,11 @@
 #include <array>
 #include <cmath>
 
-#include "base/angles.h"
 #include "base/config.h"
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/names.h"
-#include "base/words.h"
+#include "base/types.h"
 
 namespace mirage {
 namespace {

@@ -16,7 +16,7 @@
 
 #include "base/fields.h"
 #include "base/types.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 
 namespace mirage {
 

@@ -13,8 +13,8 @@
 #include <optional>
 #include <unsupported/Eigen/FFT>
 
-#include "base/angles.h"
 #include "base/error.h"
+#include "base/types.h"
 #include "scene/occlusion.h"
 
 namespace mirage {

@@ -7,7 +7,6 @@
 #include <cmath>
 
 #include "base/error.h"
-#include "sensors/coverage/canvas.h"
 #include "sensors/coverage/outline.h"
 
 namespace mirage {

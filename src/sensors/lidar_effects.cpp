@@ -8,7 +8,6 @@
 
 #include "base/error.h"
 #include "base/fields.h"
-#include "base/words.h"
 
 namespace mirage {
 

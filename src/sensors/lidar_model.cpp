@@ -7,11 +7,11 @@
 #include <cstdint>
 #include <numbers>
 
-#include "base/angles.h"
 #include "base/config.h"
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
-#include "base/words.h"
+#include "base/types.h"
 
 namespace mirage {
 namespace {

@@ -6,8 +6,8 @@
 #include <map>
 #include <utility>
 
-#include "base/clusters.h"
-#include "geometry/texel_grid.h"
+#include "base/intervals.h"
+#include "geometry/mesh.h"
 #include "sensors/material.h"
 #include "sensors/screen_mesh.h"
 

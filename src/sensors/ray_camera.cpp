@@ -6,7 +6,7 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
-#include "geometry/texel_grid.h"
+#include "geometry/mesh.h"
 #include "sensors/soft_rasterizer.h"
 
 namespace mirage {

@@ -10,7 +10,7 @@
 
 #include "base/image.h"
 #include "base/types.h"
-#include "geometry/texel_grid.h"
+#include "geometry/mesh.h"
 
 namespace mirage {
 

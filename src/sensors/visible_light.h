@@ -21,8 +21,8 @@
 // where nothing is), a_i the share of an even light that the lobe sends to the camera, and m_i the mean of
 // F_d over the directions. Without a camera there is no gloss and F_d is 1. The weights 4/K are scaled for
 // each node so that Σ (4/K) max(0, n̂·ω_k) is 1. v_t, the share of the sun that a texel sees, is found for
-// each texel and where a shadow's border is seen near for parts of it (sensors/light_sun.h); v_i is the
-// node's.
+// each texel and where a shadow's border is seen near for parts of it (light_visibility.cpp); v_i is
+// the node's.
 //
 // What each ray meets is a value without a gradient: it jumps. So are the shares that depend on where the
 // camera is or where a ray runs: a_i, a_ij, f_k, m_i, F_d and f_s. For them held fixed everything else is
@@ -36,14 +36,13 @@
 
 #include "base/fields.h"
 #include "geometry/mesh.h"
-#include "geometry/texel_grid.h"
 #include "sensors/lighting.h"
 
 namespace mirage {
 
 /// What an inserted object is lit by.
 enum class LightModel {
-  plain,    ///< sensors/shading.h: nothing shadows or reflects
+  plain,    ///< sensors/lighting.h: nothing shadows or reflects
   visible,  ///< this file
   fine,     ///< this file, sampled finely (fine_light)
 };

@@ -7,7 +7,6 @@
 
 #include "geometry/mesh.h"
 #include "sensors/camera.h"
-#include "sensors/camera_effects.h"
 #include "sensors/projection.h"
 #include "sensors/raster_batch.h"
 #include "simulation/adversary_lidar.h"

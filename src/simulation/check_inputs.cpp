@@ -8,7 +8,7 @@
 
 #include "base/error.h"
 #include "base/logging.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "sensors/raster/setup.h"
 
 namespace mirage {

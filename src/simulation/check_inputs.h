@@ -3,8 +3,8 @@
 #pragma once
 
 #include "simulation/placement.h"
+#include "simulation/sensor_pass.h"
 #include "simulation/simulation.h"
-#include "simulation/upstream.h"
 
 namespace mirage {
 

@@ -6,9 +6,7 @@
 
 #include "base/error.h"
 #include "base/fields.h"
-#include "base/hash.h"
-#include "base/image_io.h"
-#include "base/interrupt.h"
+#include "base/image.h"
 #include "base/random.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"

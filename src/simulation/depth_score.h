@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "geometry/mesh.h"
-#include "scene/depth/depth_errors.h"
 #include "scene/depth_completion.h"
 
 namespace mirage {

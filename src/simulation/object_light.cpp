@@ -1,6 +1,6 @@
 #include "simulation/object_light.h"
 
-#include "sensors/shading.h"
+#include "sensors/lighting.h"
 
 namespace mirage {
 namespace {

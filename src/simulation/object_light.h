@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "geometry/mesh.h"
-#include "geometry/texel_grid.h"
 #include "sensors/lighting.h"
 #include "sensors/visible_light.h"
 
@@ -26,7 +25,7 @@ class ObjectLight {
                    std::vector<Vec3d>& d_normals, std::vector<Vec3d>& d_texels) const = 0;
 };
 
-/// sensors/shading.h: one factor a face. `normals`: unnormalised, a face each, in the frame of `lighting`.
+/// sensors/lighting.h: one factor a face. `normals`: unnormalised, a face each, in the frame of `lighting`.
 /// `resolution`: the atlas's C.
 std::unique_ptr<ObjectLight> plain_light(std::vector<Vec3d> normals, int resolution,
                                          const Lighting& lighting);

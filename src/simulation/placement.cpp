@@ -7,8 +7,8 @@
 #include <cmath>
 #include <limits>
 
-#include "base/angles.h"
-#include "scene/data/kitti_results.h"
+#include "base/types.h"
+#include "scene/data/kitti_rows.h"
 #include "scene/recorded_light.h"
 
 namespace mirage {

@@ -11,6 +11,7 @@
 #include "sensors/camera.h"
 #include "sensors/lighting.h"
 #include "sensors/soft_rasterizer.h"
+#include "simulation/insertion.h"
 
 namespace mirage {
 
@@ -76,5 +77,22 @@ ImageF crop(const ImageF& image, const PixelRect& rect);
 
 /// The same view in an image of another size: the field of view is kept along each side.
 PinholeCamera resized(const PinholeCamera& camera, int width, int height);
+
+// The picture of an inserted object as it was drawn, before the photograph saturates.
+
+/// Value of a channel of what a camera saw at a pixel of the photograph; 0 outside its window.
+double rgba_at(const CameraSight& seen, int u, int v, int c);
+
+/// The window `rect` of `photograph` with what `simulated` drew over it, not clamped: what is over-exposed
+/// keeps its radiance.
+ImageF radiance_of(const Simulated& simulated, const ImageF& photograph, const PixelRect& rect);
+
+/// Adds `difference` (rect-sized RGB, scene-linear; `rect` inside the photograph) to the picture: to the
+/// object's radiance inside its window, to the photograph beside it. The picture saturates afterwards, and
+/// simulate_vjp goes by that: it is the derivative of this sum for a difference held fixed.
+void add_to_picture(const ImageF& difference, const PixelRect& rect, Simulated& simulated);
+
+/// The smallest rectangle around both; one that is empty does not count.
+PixelRect united(const PixelRect& a, const PixelRect& b);
 
 }  // namespace mirage

@@ -7,9 +7,9 @@
 #include <limits>
 #include <set>
 
+#include "base/fields.h"
 #include "base/files.h"
 #include "base/plugins.h"
-#include "base/words.h"
 #include "simulation/sensor_abi.h"
 
 namespace mirage {

@@ -9,7 +9,7 @@
 #include "geometry/mesh.h"
 #include "scene/frame.h"
 #include "scene/occlusion.h"
-#include "sensors/camera_effects.h"
+#include "sensors/camera.h"
 #include "sensors/lidar_effects.h"
 #include "sensors/raster/limits.h"
 #include "sensors/screen_mesh.h"
@@ -17,8 +17,8 @@
 
 namespace mirage {
 
-/// What the derivative of returns knows: how those that there are move (adversary_lidar.h); and that they
-/// come and go (lidar_silhouette.h).
+/// What the derivative of returns knows: how those that there are move; and that they come and go
+/// (adversary_lidar.h).
 enum class LidarGradient { fixed, silhouette };
 constexpr auto words_of(LidarGradient) {
   return std::to_array<const char*>({"fixed", "silhouette"});

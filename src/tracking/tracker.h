@@ -5,11 +5,13 @@
 #include <Eigen/Core>
 #include <array>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <span>
 #include <utility>
 #include <vector>
 
 #include "base/fields.h"
+#include "base/types.h"
 #include "geometry/box.h"
 
 namespace mirage {
@@ -109,5 +111,87 @@ class Tracker {
   bool started_ = false;
   int born_ = 0;
 };
+
+// Where a thing was over time, from measurements with noise: the fixed-interval smoother of Rauch, Tung and
+// Striebel (AIAA Journal 3, 1965) for motion of nearly constant velocity. Each of x, y, z and the heading is
+// a filter of its own, with state (p, v), acceleration as white noise of density q, and steps dt:
+//
+//   F = [1 dt; 0 1]    Q = q [dt³/3 dt²/2; dt²/2 dt]    z = p + noise of σ
+//   backwards:  x_k ← x_k + C (x_{k+1} − F x_k),  C = P_k Fᵀ (F P_k Fᵀ + Q)⁻¹
+//
+// Measurements further than 2 σ off the first answer count less by Huber's weights, and the smoother runs
+// once more.
+
+/// A measured place and heading.
+struct PlaceMeasurement {
+  double time = 0;  ///< s
+  Vec3d position = Vec3d::Zero();
+  double yaw = 0;                         ///< rad; whole turns do not matter
+  Vec3d sigma = Vec3d(0.06, 0.06, 0.03);  ///< m, of the position
+  double yaw_sigma = 0.02;                ///< rad
+};
+
+/// How fast the motion may change.
+struct SmootherSettings {
+  Vec3d acceleration = Vec3d(0.5, 0.5, 0.02);  ///< q of x, y and z, m²/s³
+  double turn = 0.02;                          ///< q of the heading, rad²/s³
+};
+
+/// The smoothed place at a measurement's time.
+struct SmoothPlace {
+  Vec3d position = Vec3d::Zero(), velocity = Vec3d::Zero();  ///< m, m/s
+  double yaw = 0, yaw_rate = 0;                              ///< rad, rad/s
+};
+
+/// One answer a measurement. InputError for times that do not rise and for a σ that is not positive.
+std::vector<SmoothPlace> smooth(std::span<const PlaceMeasurement> measurements,
+                                const SmootherSettings& settings = {});
+
+/// m: noise of places along a track that is independent from one to the next, from their second differences
+/// d: √(mean |d|² / 6), which is free of constant velocity. Of three places only those count whose two steps
+/// of time are alike (to a tenth): across a pause of the track constant velocity has a second difference,
+/// too. 0 where there are none.
+double jitter(std::span<const Vec3d> places, std::span<const double> times);
+
+// How well tracks follow the truth, from similarities of their boxes in [0, 1], frame by frame.
+//
+// CLEAR MOT (Bernardin and Stiefelhagen, EURASIP Journal on Image and Video Processing 2008), at one least
+// similarity. In each frame pairs of the frame before are kept where they still match, the rest is assigned
+// for the largest similarity:
+//
+//   MOTA = 1 − (FN + FP + IDSW) / truths      IDSW: a truth is matched by another track than when it last was
+//   MOTP = mean similarity of the matches     fragments: a truth that was matched is again, after a gap
+//   mostly tracked: matched in more than 0.8 of its frames; mostly lost: in less than 0.2
+//
+// HOTA (Luiten et al., International Journal of Computer Vision 129, 2021), over the thresholds α = 0.05,
+// 0.10 … 0.95. Pairs are assigned by similarity times how well the two fit over the whole sequence; TPA, FNA
+// and FPA of a match c count the frames of its truth and its track in which both, the truth alone, the track
+// alone are there:
+//
+//   DetA = TP / (TP + FN + FP)   AssA = 1/TP Σ_c TPA(c) / (TPA(c) + FNA(c) + FPA(c))   HOTA = √(DetA · AssA)
+//
+// Both as their authors' evaluation code has them (TrackEval).
+
+/// Who is there in a frame, and how alike their boxes are.
+struct TrackFrame {
+  std::vector<int> truths, tracks;  ///< identities, none twice; of several sequences each has its own
+  Eigen::MatrixXd similarity;       ///< truths × tracks, in [0, 1]
+};
+
+/// See the header.
+struct TrackScores {
+  int truths = 0, tracks = 0;  ///< boxes over all frames
+  int matches = 0, misses = 0, false_positives = 0, switches = 0, fragments = 0;
+  int mostly_tracked = 0, mostly_lost = 0, identities = 0;  ///< of `identities` truths
+  double mota = 0, motp = 0;
+  double hota = 0, deta = 0, assa = 0;  ///< means over α
+};
+
+/// Frames in order of time, a sequence after the other. `least`: the similarity of a match of CLEAR MOT.
+/// InputError for a similarity of another size than its frame's.
+TrackScores score_tracks(std::span<const TrackFrame> frames, double least = 0.5);
+
+/// Every field under its name.
+nlohmann::json to_json(const TrackScores& scores);
 
 }  // namespace mirage

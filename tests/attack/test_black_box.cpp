@@ -7,8 +7,6 @@
 
 #include "attack/attack.h"
 #include "attack/black_box.h"
-#include "attack/evolution.h"
-#include "attack/mesh_modes.h"
 #include "attack/tiny_world.h"
 #include "base/error.h"
 #include "exchange/gltf.h"

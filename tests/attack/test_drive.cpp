@@ -12,12 +12,11 @@
 
 #include "attack/adversary.h"
 #include "attack/drive.h"
-#include "attack/drive_scene.h"
 #include "attack/tiny_world.h"
 #include "attack/vehicle_drive.h"
-#include "base/angles.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/types.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/data/read_frames.h"
 #include "support/files.h"

@@ -6,7 +6,7 @@
 #include "attack/run.h"
 #include "attack/tiny_world.h"
 #include "base/error.h"
-#include "detection/given_detector.h"
+#include "detection/process_detector.h"
 #include "support/files.h"
 
 namespace mirage {

@@ -6,13 +6,13 @@
 #include <cstdio>
 
 #include "attack/adversary.h"
-#include "attack/clean_view.h"
+#include "attack/observation.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/intervals.h"
 #include "base/random.h"
+#include "detection/car_in_picture.h"
 #include "detection/detector_settings.h"
-#include "detection/points_in_view.h"
 #include "generator/generator.h"
 #include "support/small_rig.h"
 

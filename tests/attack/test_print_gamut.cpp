@@ -5,12 +5,10 @@
 #include <sstream>
 
 #include "attack/buildable.h"
-#include "attack/print_gamut.h"
 #include "attack/run.h"
-#include "base/color.h"
-#include "base/field_json.h"
 #include "base/files.h"
-#include "base/installation.h"
+#include "base/image.h"
+#include "base/json_fields.h"
 #include "base/random.h"
 #include "support/files.h"
 #include "support/print_profile.h"

@@ -12,7 +12,6 @@
 #include "attack/tiny_world.h"
 #include "base/error.h"
 #include "base/random.h"
-#include "simulation/object_window.h"
 #include "simulation/render_scene.h"
 #include "support/files.h"
 #include "support/gradient_check.h"

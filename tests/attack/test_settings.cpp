@@ -8,10 +8,10 @@
 
 #include "attack/checkpoint.h"
 #include "attack/run.h"
-#include "base/field_json.h"
 #include "base/files.h"
+#include "base/json_fields.h"
 #include "detection/training.h"
-#include "scene/depth/depth_training.h"
+#include "scene/depth/learned_depth.h"
 #include "support/each_field.h"
 #include "support/files.h"
 

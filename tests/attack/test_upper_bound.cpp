@@ -5,7 +5,7 @@
 #include <random>
 #include <vector>
 
-#include "attack/upper_bound.h"
+#include "attack/host_outcome.h"
 
 namespace mirage {
 namespace {

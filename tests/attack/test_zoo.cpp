@@ -6,7 +6,7 @@
 #include "attack/zoo.h"
 #include "base/error.h"
 #include "base/files.h"
-#include "exchange/object_file.h"
+#include "exchange/gltf.h"
 #include "support/files.h"
 
 namespace mirage {

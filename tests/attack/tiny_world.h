@@ -12,7 +12,7 @@
 #include "attack/run.h"
 #include "base/files.h"
 #include "detection/detector.h"
-#include "generator/car_family.h"
+#include "generator/car_body.h"
 #include "scene/data/kitti.h"
 #include "sensors/ray_caster.h"
 

@@ -12,7 +12,7 @@
 #include "base/config.h"
 #include "base/error.h"
 #include "base/files.h"
-#include "base/json_rows.h"
+#include "base/json_fields.h"
 #include "support/files.h"
 
 namespace mirage {

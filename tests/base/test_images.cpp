@@ -15,10 +15,9 @@
 #include <thread>
 #include <tuple>
 
-#include "base/color.h"
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "base/parallel.h"
 #include "base/random.h"
 #include "support/files.h"

@@ -7,7 +7,6 @@
 #include <random>
 #include <string>
 
-#include "base/clusters.h"
 #include "base/intervals.h"
 #include "base/random.h"
 

@@ -7,8 +7,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/json_depth.h"
-#include "base/json_rows.h"
+#include "base/json_fields.h"
 #include "support/files.h"
 
 namespace mirage {

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "base/files.h"
-#include "base/program.h"
 #include "base/provenance.h"
 #include "base/random.h"
 #include "support/files.h"

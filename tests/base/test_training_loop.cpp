@@ -8,8 +8,8 @@
 #include <thread>
 
 #include "base/error.h"
-#include "base/field_json.h"
 #include "base/files.h"
+#include "base/json_fields.h"
 #include "base/random.h"
 #include "base/training_loop.h"
 #include "support/files.h"

@@ -5,11 +5,11 @@
 #include <cstdlib>
 
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
 #include "base/json_fields.h"
 #include "base/names.h"
 #include "base/training_loop.h"
-#include "base/words.h"
 #include "support/files.h"
 
 namespace mirage {

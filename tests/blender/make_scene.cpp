@@ -4,8 +4,7 @@
 
 #include "base/random.h"
 #include "exchange/gltf.h"
-#include "exchange/host_proxy.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 
 int main(int count, char** arguments) {
   using namespace mirage;

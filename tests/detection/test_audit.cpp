@@ -9,8 +9,8 @@
 #include <map>
 #include <set>
 
-#include "base/angles.h"
 #include "base/random.h"
+#include "base/types.h"
 #include "detection/audit.h"
 #include "generator/dataset.h"
 #include "generator/generator.h"

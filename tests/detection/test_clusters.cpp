@@ -8,12 +8,12 @@
 #include <limits>
 #include <thread>
 
-#include "base/angles.h"
 #include "base/error.h"
 #include "base/random.h"
+#include "base/types.h"
 #include "detection/detector.h"
 #include "detection/plugin_detector.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "support/files.h"
 
 #ifdef MIRAGE_HAS_CLUSTERS

@@ -10,7 +10,6 @@
 #include "detection/car_in_picture.h"
 #include "detection/consistent_detector.h"
 #include "detection/defenses.h"
-#include "detection/points_in_view.h"
 #include "support/files.h"
 #include "support/scripted_detector.h"
 

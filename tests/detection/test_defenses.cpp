@@ -8,7 +8,6 @@
 
 #include "base/error.h"
 #include "base/random.h"
-#include "detection/body_evidence.h"
 #include "detection/defenses.h"
 #include "support/files.h"
 #include "support/scripted_detector.h"

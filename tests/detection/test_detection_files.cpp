@@ -11,7 +11,6 @@
 #include "base/random.h"
 #include "detection/car_in_picture.h"
 #include "detection/detect.h"
-#include "detection/kitti_ap.h"
 #include "scene/data/read_frames.h"
 #include "support/files.h"
 

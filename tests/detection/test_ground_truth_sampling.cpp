@@ -6,15 +6,14 @@
 #include <set>
 #include <tuple>
 
-#include "base/color.h"
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
+#include "detection/car_in_picture.h"
 #include "detection/ground_truth_sampling.h"
-#include "detection/points_in_view.h"
-#include "detection/training_data.h"
+#include "detection/training.h"
 #include "generator/dataset.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "scene/data/kitti.h"
 #include "sensors/ray_caster.h"
 #include "support/files.h"

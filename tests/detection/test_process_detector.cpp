@@ -7,9 +7,9 @@
 #include <cstdlib>
 #include <thread>
 
-#include "base/color.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/image.h"
 #include "detection/process_detector.h"
 #include "support/files.h"
 

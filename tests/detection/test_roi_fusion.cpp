@@ -6,7 +6,7 @@
 
 #include "base/error.h"
 #include "detection/roi_fusion.h"
-#include "scene/data/kitti_results.h"
+#include "scene/data/kitti_rows.h"
 #include "support/files.h"
 #include "support/scripted_detector.h"
 

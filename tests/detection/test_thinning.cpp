@@ -9,8 +9,8 @@
 #include "base/files.h"
 #include "base/random.h"
 #include "detection/defenses.h"
-#include "detection/training_data.h"
-#include "geometry/shapes.h"
+#include "detection/training.h"
+#include "geometry/mesh.h"
 #include "scene/occlusion.h"
 #include "support/files.h"
 

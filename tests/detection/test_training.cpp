@@ -7,12 +7,11 @@
 #include <set>
 
 #include "base/error.h"
-#include "base/field_json.h"
 #include "base/files.h"
+#include "base/json_fields.h"
 #include "base/schedule.h"
-#include "detection/points_in_view.h"
+#include "detection/car_in_picture.h"
 #include "detection/training.h"
-#include "detection/training_data.h"
 
 namespace mirage {
 namespace {

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "base/files.h"
-#include "exchange/gltf_builder.h"
+#include "exchange/gltf_model.h"
 
 namespace mirage::test {
 

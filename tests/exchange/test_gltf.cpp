@@ -9,11 +9,9 @@
 #include "base/files.h"
 #include "base/random.h"
 #include "exchange/gltf.h"
-#include "exchange/gltf_builder.h"
-#include "exchange/host_proxy.h"
+#include "exchange/gltf_model.h"
 #include "exchange/mesh_files.h"
-#include "geometry/shapes.h"
-#include "geometry/texel_grid.h"
+#include "geometry/mesh.h"
 #include "sensors/soft_rasterizer.h"
 #include "support/files.h"
 

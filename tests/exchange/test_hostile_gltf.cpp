@@ -9,11 +9,10 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
-#include "base/interrupt.h"
+#include "base/image.h"
 #include "documents.h"
 #include "exchange/gltf.h"
-#include "exchange/gltf_builder.h"
+#include "exchange/gltf_model.h"
 #include "exchange/mesh_files.h"
 #include "support/files.h"
 #include "support/heard.h"

@@ -7,15 +7,13 @@
 #include <sstream>
 #include <string>
 
-#include "base/color.h"
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "base/random.h"
 #include "exchange/mesh_files.h"
 #include "exchange/polygons.h"
-#include "geometry/shapes.h"
-#include "geometry/texel_grid.h"
+#include "geometry/mesh.h"
 #include "support/files.h"
 
 namespace mirage {

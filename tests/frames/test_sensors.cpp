@@ -8,7 +8,7 @@
 #include <numeric>
 
 #include "attack/attack_step.h"
-#include "attack/clean_view.h"
+#include "attack/observation.h"
 #include "base/plugins.h"
 #include "base/random.h"
 #include "detection/detector.h"

@@ -10,13 +10,13 @@
 #include <map>
 #include <stdexcept>
 
+#include "attack/buildable.h"
 #include "attack/checkpoint.h"
-#include "attack/print_gamut.h"
 #include "attack/run.h"
 #include "base/config.h"
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "detection/detect.h"
 #include "exchange/gltf.h"
 #include "exchange/mesh_files.h"

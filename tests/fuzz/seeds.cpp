@@ -9,8 +9,7 @@
 
 #include "attack/checkpoint.h"
 #include "base/files.h"
-#include "base/image_io.h"
-#include "base/installation.h"
+#include "base/image.h"
 #include "exchange/gltf.h"
 #include "exchange/mesh_files.h"
 #include "fuzz/parsers.h"

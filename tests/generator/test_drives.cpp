@@ -7,15 +7,14 @@
 #include <map>
 #include <set>
 
-#include "base/angles.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/parallel.h"
-#include "generator/drive_dataset.h"
-#include "generator/moving_street.h"
+#include "base/types.h"
+#include "generator/dataset.h"
+#include "generator/street.h"
 #include "geometry/box.h"
 #include "scene/data/read_frames.h"
-#include "scene/data/sequences.h"
 #include "support/files.h"
 #include "support/small_rig.h"
 

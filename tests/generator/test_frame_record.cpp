@@ -10,8 +10,8 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "generator/appearance.h"
 #include "generator/dataset.h"
+#include "generator/generator.h"
 #include "generator/street.h"
 #include "scene/data/read_frames.h"
 #include "sensors/ray_camera.h"

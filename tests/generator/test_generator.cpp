@@ -6,7 +6,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "base/parallel.h"
 #include "generator/car_body.h"
 #include "generator/dataset.h"
@@ -16,7 +16,7 @@
 #include "generator/parts.h"
 #include "generator/street.h"
 #include "geometry/box.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth_completion.h"

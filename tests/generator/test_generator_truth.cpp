@@ -9,7 +9,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "base/parallel.h"
 #include "generator/dataset.h"
 #include "generator/fit.h"

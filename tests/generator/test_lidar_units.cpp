@@ -17,8 +17,6 @@
 namespace mirage {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
-
 std::filesystem::path source() {
   return MIRAGE_SOURCE;
 }

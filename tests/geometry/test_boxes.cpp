@@ -7,7 +7,7 @@
 
 #include "base/random.h"
 #include "geometry/box.h"
-#include "geometry/polygon.h"
+#include "geometry/mesh.h"
 
 namespace mirage {
 namespace {

@@ -6,8 +6,7 @@
 
 #include "base/error.h"
 #include "base/random.h"
-#include "geometry/laplacian.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "support/gradient_check.h"
 
 namespace mirage {

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "base/angles.h"
-#include "geometry/seen_rectangle.h"
+#include "base/types.h"
+#include "geometry/box.h"
 
 namespace mirage {
 namespace {

@@ -6,7 +6,7 @@
 #include <numbers>
 
 #include "base/random.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "geometry/solid.h"
 
 namespace mirage {

@@ -4,7 +4,7 @@
 
 #include <cstdio>
 
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "sensors/exact_coverage.h"
 #include "sensors/projection.h"
 #include "support/gradient_check.h"

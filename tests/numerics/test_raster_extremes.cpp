@@ -1,7 +1,7 @@
 // One test an extreme of the soft rasteriser; src/guide/evidence.md cites them by name.
 #include <sys/resource.h>
 
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "raster_extremes.h"
 #include "sensors/projection.h"
 #include "support/random_vector.h"

@@ -1,7 +1,7 @@
 // A small shape model, learnt once for all tests of an executable.
 #pragma once
 
-#include "generator/car_family.h"
+#include "generator/car_body.h"
 
 namespace mirage::test {
 

@@ -7,9 +7,9 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "scene/data/data_rig.h"
-#include "scene/data/kitti_results.h"
+#include "scene/data/kitti_rows.h"
 #include "scene/data/layouts.h"
 #include "scene/data/read_frames.h"
 #include "support/files.h"

@@ -7,15 +7,15 @@
 #include <cmath>
 
 #include "base/error.h"
-#include "base/field_json.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
+#include "base/json_fields.h"
 #include "base/random.h"
 #include "base/schedule.h"
 #include "generator/generator.h"
 #include "scene/data/kitti.h"
-#include "scene/depth/depth_errors.h"
-#include "scene/depth/depth_training.h"
+#include "scene/depth/learned_depth.h"
+#include "scene/depth_completion.h"
 #include "support/files.h"
 
 #ifdef MIRAGE_HAS_GUIDED

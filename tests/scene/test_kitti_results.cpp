@@ -11,7 +11,7 @@
 #include "base/files.h"
 #include "base/random.h"
 #include "scene/data/kitti.h"
-#include "scene/data/kitti_results.h"
+#include "scene/data/kitti_rows.h"
 #include "support/files.h"
 
 namespace mirage {

@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
-#include "base/words.h"
 #include "scene/place_choice.h"
 #include "support/files.h"
 

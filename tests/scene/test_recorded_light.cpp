@@ -4,16 +4,14 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <utility>
 
-#include "base/angles.h"
 #include "base/error.h"
 #include "base/random.h"
+#include "base/types.h"
 #include "scene/data/read_frames.h"
 #include "scene/recorded_light.h"
-#include "scene/sun.h"
-#include "sensors/shading.h"
+#include "sensors/lighting.h"
 #include "support/files.h"
 
 namespace mirage {
@@ -21,8 +19,6 @@ namespace {
 
 using test::error_text;
 using testing::HasSubstr;
-
-constexpr double kDegree = std::numbers::pi / 180;
 
 TEST(Sun, PositionIsThePublishedOneOfTheSolarPositionAlgorithm) {
   // Reda & Andreas, NREL/TP-560-34302, example of appendix A.5: 12:30:30 at UTC − 7 h, zenith 50.11162°,

@@ -6,14 +6,13 @@
 #include <cmath>
 #include <numbers>
 
-#include "base/angles.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/types.h"
 #include "scene/data/kitti_drives.h"
-#include "scene/data/kitti_results.h"
+#include "scene/data/kitti_rows.h"
 #include "scene/data/layouts.h"
 #include "scene/data/read_frames.h"
-#include "scene/data/sequences.h"
 #include "support/files.h"
 #include "support/layouts.h"
 

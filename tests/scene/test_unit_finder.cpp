@@ -5,10 +5,10 @@
 #include <algorithm>
 #include <numbers>
 
-#include "base/angles.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/random.h"
+#include "base/types.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "scene/occlusion.h"

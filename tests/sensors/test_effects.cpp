@@ -8,8 +8,8 @@
 #include "base/error.h"
 #include "base/parallel.h"
 #include "base/random.h"
-#include "geometry/shapes.h"
-#include "sensors/camera_effects.h"
+#include "geometry/mesh.h"
+#include "sensors/camera.h"
 #include "sensors/lidar_sweep.h"
 #include "support/files.h"
 

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "base/error.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "sensors/exact_coverage.h"
 #include "sensors/projection.h"
 #include "support/files.h"

@@ -8,7 +8,6 @@
 #include "base/files.h"
 #include "base/random.h"
 #include "sensors/lidar_model.h"
-#include "sensors/lidar_return.h"
 #include "support/files.h"
 #include "support/gradient_check.h"
 
@@ -18,8 +17,6 @@ namespace {
 using test::error_text;
 using testing::AllOf;
 using testing::HasSubstr;
-
-constexpr double kDegree = std::numbers::pi / 180;
 
 std::filesystem::path shipped() {
   return std::filesystem::path(MIRAGE_SOURCE) / "scenes" / "rigs" / "kitti64.toml";

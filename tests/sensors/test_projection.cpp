@@ -1,7 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "geometry/shapes.h"
-#include "geometry/texel_grid.h"
+#include "geometry/mesh.h"
 #include "sensors/projection.h"
 #include "support/gradient_check.h"
 #include "support/raster_problem.h"

@@ -5,7 +5,7 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "sensors/camera.h"
 #include "sensors/raster_batch.h"
 #include "support/instruction_sets.h"

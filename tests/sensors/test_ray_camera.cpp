@@ -5,7 +5,7 @@
 #include <numbers>
 
 #include "base/parallel.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "sensors/lidar_sweep.h"
 #include "sensors/ray_camera.h"
 

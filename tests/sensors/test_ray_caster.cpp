@@ -4,7 +4,7 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "sensors/ray_caster.h"
 
 namespace mirage {

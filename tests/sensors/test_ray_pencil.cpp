@@ -6,7 +6,7 @@
 
 #include "base/error.h"
 #include "base/random.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "sensors/ray_caster.h"
 #include "sensors/ray_pencil.h"
 #include "support/instruction_sets.h"

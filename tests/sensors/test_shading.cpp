@@ -6,10 +6,10 @@
 
 #include "base/error.h"
 #include "base/random.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
+#include "sensors/lighting.h"
 #include "sensors/material.h"
-#include "sensors/mesh_distance.h"
-#include "sensors/shading.h"
+#include "sensors/ray_caster.h"
 #include "support/files.h"
 #include "support/gradient_check.h"
 

@@ -3,8 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "base/random.h"
-#include "geometry/shapes.h"
-#include "geometry/texel_grid.h"
+#include "geometry/mesh.h"
 #include "sensors/exact_coverage.h"
 #include "sensors/light_nodes.h"
 #include "sensors/projection.h"

@@ -7,11 +7,10 @@
 #include "base/error.h"
 #include "base/parallel.h"
 #include "base/random.h"
-#include "geometry/shapes.h"
-#include "geometry/texel_grid.h"
+#include "geometry/mesh.h"
 #include "sensors/light_nodes.h"
+#include "sensors/lighting.h"
 #include "sensors/material.h"
-#include "sensors/shading.h"
 #include "sensors/visible_light.h"
 #include "support/gradient_check.h"
 

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "base/error.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "scene/data/kitti.h"
 #include "simulation/depth_score.h"
 #include "support/files.h"

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "simulation/lidar_silhouette.h"
+#include "simulation/adversary_lidar.h"
 #include "support/lidar_world.h"
 
 namespace mirage {

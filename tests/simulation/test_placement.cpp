@@ -4,13 +4,13 @@
 #include <array>
 #include <set>
 
-#include "base/angles.h"
 #include "base/error.h"
 #include "base/random.h"
-#include "geometry/shapes.h"
+#include "base/types.h"
+#include "geometry/mesh.h"
+#include "simulation/insertion.h"
 #include "simulation/placement.h"
-#include "simulation/quality.h"
-#include "simulation/upstream.h"
+#include "simulation/sensor_pass.h"
 #include "support/files.h"
 #include "support/insertion_world.h"
 

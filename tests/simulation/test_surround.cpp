@@ -4,7 +4,7 @@
 #include "base/random.h"
 #include "simulation/camera_pass.h"
 #include "simulation/insertion.h"
-#include "simulation/upstream.h"
+#include "simulation/sensor_pass.h"
 #include "support/gradient_check.h"
 #include "support/insertion_world.h"
 

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "scene/data/kitti.h"
 #include "scene/data/kitti_rows.h"
 

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "base/random.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "simulation/adversary_lidar.h"
 #include "support/random_vector.h"
 

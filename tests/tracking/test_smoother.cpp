@@ -4,9 +4,9 @@
 #include <cmath>
 #include <random>
 
-#include "base/angles.h"
 #include "base/error.h"
-#include "tracking/smoother.h"
+#include "base/types.h"
+#include "tracking/tracker.h"
 
 namespace mirage {
 namespace {

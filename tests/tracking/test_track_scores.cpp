@@ -10,7 +10,6 @@
 #include <sstream>
 
 #include "base/error.h"
-#include "tracking/track_scores.h"
 #include "tracking/tracker.h"
 
 namespace mirage {

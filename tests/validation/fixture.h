@@ -6,10 +6,9 @@
 
 #include "base/random.h"
 #include "exchange/gltf.h"
-#include "exchange/host_proxy.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "simulation/insertion.h"
-#include "validation/fidelity/host_validation.h"
+#include "validation/fidelity/ladders.h"
 
 namespace mirage::test {
 

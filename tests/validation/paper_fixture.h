@@ -15,7 +15,7 @@
 #include "attack/evaluation.h"
 #include "attack/host_outcome.h"
 #include "base/error.h"
-#include "base/field_text.h"
+#include "base/fields.h"
 #include "base/files.h"
 #include "detection/reliance.h"
 #include "support/files.h"

@@ -6,8 +6,8 @@
 
 #include "fixture.h"
 #include "validation/fidelity/ladders.h"
+#include "validation/fidelity/summary.h"
 #include "validation/fidelity/vehicle_validation.h"
-#include "validation/fidelity/verdict.h"
 
 namespace mirage {
 namespace {

@@ -9,7 +9,7 @@
 #include "attack/tiny_world.h"
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "exchange/gltf.h"
 #include "fixture.h"
 #include "plain_reference.h"

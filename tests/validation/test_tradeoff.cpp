@@ -12,12 +12,11 @@
 #include "fixture.h"
 #include "generator/generator.h"
 #include "scene/data/read_frames.h"
-#include "simulation/quality.h"
+#include "simulation/insertion.h"
 #include "support/files.h"
 #include "support/small_rig.h"
 #include "validation/reference/reference_renderer.h"
 #include "validation/tradeoff/points.h"
-#include "validation/tradeoff/studies.h"
 #include "validation/tradeoff/tradeoff.h"
 
 namespace mirage {

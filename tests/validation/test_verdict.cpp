@@ -14,7 +14,6 @@
 #include "validation/fidelity/budget.h"
 #include "validation/fidelity/ladders.h"
 #include "validation/fidelity/summary.h"
-#include "validation/fidelity/verdict.h"
 #include "validation/paper/finding.h"
 
 namespace mirage {

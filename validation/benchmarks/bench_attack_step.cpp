@@ -7,13 +7,13 @@
 #include <cmath>
 
 #include "attack/attack_step.h"
-#include "attack/clean_view.h"
 #include "attack/evaluation.h"
+#include "attack/observation.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "bench.h"
+#include "detection/car_in_picture.h"
 #include "detection/detector_settings.h"
-#include "detection/points_in_view.h"
 #include "generator/generator.h"
 
 namespace mirage {

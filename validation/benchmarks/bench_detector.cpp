@@ -12,9 +12,9 @@
 #include "base/files.h"
 #include "base/random.h"
 #include "bench.h"
-#include "detection/points_in_view.h"
+#include "detection/car_in_picture.h"
 #include "detection/process_detector.h"
-#include "detection/training_data.h"
+#include "detection/training.h"
 #include "generator/dataset.h"
 #include "generator/generator.h"
 

@@ -13,7 +13,7 @@
 #include "base/parallel.h"
 #include "base/random.h"
 #include "bench.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "sensors/embree.h"
 #include "sensors/lidar_model.h"
 #include "sensors/ray_caster.h"

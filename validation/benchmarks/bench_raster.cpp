@@ -8,7 +8,7 @@
 #include "base/parallel.h"
 #include "base/random.h"
 #include "bench.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "sensors/exact_coverage.h"
 #include "sensors/projection.h"
 #include "sensors/raster_batch.h"

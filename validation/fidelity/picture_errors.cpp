@@ -8,8 +8,8 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
-#include "base/color.h"
 #include "base/error.h"
+#include "base/image.h"
 #include "base/types.h"
 
 namespace mirage {

@@ -16,7 +16,6 @@
 #include "validation/fidelity/budget.h"
 #include "validation/fidelity/summary.h"
 #include "validation/fidelity/vehicle_validation.h"
-#include "validation/fidelity/verdict.h"
 #include "validation/reference/reference_renderer.h"
 
 namespace mirage {

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "base/field_json.h"
+#include "base/json_fields.h"
 
 namespace mirage {
 

@@ -99,7 +99,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "controls"}, s.controls);
 }
 
-/// Rasteriser and rays against the reference's, light for light (host_validation.h).
+/// Rasteriser and rays against the reference's, light for light (ladders.h).
 struct MatchedResult {
   double mask_iou = 1, mae = 0, max_error = 0;  ///< errors over the union of the masks, scene-linear
   /// m, at the pixels' centres, largest and mean, against the reference's rays.

@@ -6,17 +6,15 @@
 #include <utility>
 #include <vector>
 
-#include "attack/clean_view.h"
-#include "attack/host_truth.h"
-#include "base/image_io.h"
+#include "attack/host_outcome.h"
+#include "attack/observation.h"
+#include "base/image.h"
 #include "base/random.h"
 #include "detection/average_precision.h"
 #include "detection/detect.h"
 #include "detection/reliance.h"
 #include "exchange/gltf.h"
-#include "exchange/host_proxy.h"
 #include "simulation/adversary_lidar.h"
-#include "validation/fidelity/host_validation.h"
 #include "validation/fidelity/ladders.h"
 #include "validation/fidelity/picture_errors.h"
 #include "validation/reference/reference_renderer.h"

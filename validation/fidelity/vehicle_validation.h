@@ -13,7 +13,7 @@
 #include "attack/run.h"
 #include "base/provenance.h"
 #include "validation/fidelity/budget.h"
-#include "validation/fidelity/host_validation.h"
+#include "validation/fidelity/ladders.h"
 #include "validation/fidelity/vehicle_result.h"
 #include "validation/reference/reference_renderer.h"
 

@@ -14,7 +14,6 @@
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
-#include "base/words.h"
 #include "detection/detector_settings.h"
 
 namespace mirage::paper {

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "attack/attack_settings.h"
-#include "base/field_text.h"
+#include "base/fields.h"
 
 namespace mirage::paper {
 
@@ -62,7 +62,7 @@ constexpr auto words_of(Case::Kind) {
   return std::to_array<const char*>({"generate", "attack", "evaluate", "detect"});
 }
 
-/// A column: a quantity with its interval (tables.h).
+/// A column: a quantity with its interval.
 struct Column {
   std::string key, title;
 };

@@ -13,6 +13,24 @@
 
 namespace mirage::paper {
 
+// The experiments' figures as reproduce.json has them: tables beside what the paper printed, and every arm,
+// whatever table it stands in. Shares in [0, 1].
+
+/// {name, title, note, matrix, columns: [{key, title}], rows: [{label, rig, case, values: {key: {value, low?,
+/// high?}}, paper: {key: share}, vehicles?, hosts?, frames?, meshes?, runs?, clusters?, minutes?, error?,
+/// note?, curve?, false_positive_distances?, size?, source?, target?}]}. Of a row, vehicles: detected clean;
+/// hosts: of one mesh and run; minutes: of the cases it needs, without data; error: why there are no values,
+/// or no clean AP; note: it is about a picture that its detector does not use; false_positive_distances: m,
+/// of attacks.
+nlohmann::json table_json(const Table& table, const Experiments& experiments, const Evidence& evidence);
+
+/// A mesh of each evaluation that was judged, in the cases' order; repetitions are pooled. [{name, detector
+/// and target (attacked), defense?, parts?, rig (of the frames), judge, mesh ("learned" or a control's word),
+/// seeds, vehicles, frames, hidden: {rule: {value, low, high, vehicles} or null}, net?: {rule: {value, low,
+/// high} or null}, fp_asr, interval: {confidence, drawn}}]. net: less random meshes of its size.
+nlohmann::json arms_json(const Experiments& experiments, const ReproduceSettings& settings,
+                         const Evidence& evidence);
+
 /// Runs one command of mirage to its end; throws what it throws.
 using Execute = std::function<void(const std::string& command, const NamedSettings& settings)>;
 
@@ -39,7 +57,7 @@ std::map<std::string, Step> execute(const Experiments& experiments, const Reprod
 /// A table's text in Markdown; there is none without Python.
 std::filesystem::path text_file(const std::filesystem::path& out, const std::string& table);
 
-/// All of it; writes OUT. What reproduce.json holds: {what, settings, tables, arms (tables.h), findings
+/// All of it; writes OUT. What reproduce.json holds: {what, settings, tables, arms, findings
 /// (finding.h), reliance: each detector on its data once, as Reliance, and case, words; steps: {case: step}},
 /// and the page, if it could be written. A call of all ranks, of which the first makes tables, findings and
 /// page; empty on the others.

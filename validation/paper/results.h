@@ -10,9 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "attack/hiding.h"
 #include "attack/host_outcome.h"
-#include "base/clusters.h"
 #include "base/intervals.h"
 #include "detection/reliance.h"
 #include "validation/paper/experiments.h"
@@ -62,8 +60,8 @@ struct Question {
 inline constexpr double kFar = 12;
 /// By its key. Of the hosts detected clean: "fn_asr", "fp_asr", "asr"; "far": with a false positive beyond
 /// kFar; "close": with an IoU below 0.75 as recorded. Of those within 30 m, and of the others: "near_asr",
-/// "beyond_asr". Of those that the rule finds clean: a rule's name (attack/hiding.h). Of all, found at that
-/// IoU: "recall50", "recall70", and as recorded "clean_recall50", "clean_recall70".
+/// "beyond_asr". Of those that the rule finds clean: a rule's name (attack/host_outcome.h). Of all, found at
+/// that IoU: "recall50", "recall70", and as recorded "clean_recall50", "clean_recall70".
 Question question(const std::string& key);
 /// Of all hosts: found with the IoU or better, clean or attacked.
 Question recall(double iou, bool clean);

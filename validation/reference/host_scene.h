@@ -4,10 +4,9 @@
 #include <cstdint>
 #include <filesystem>
 
-#include "attack/object_renderer.h"
+#include "attack/observation.h"
 #include "base/image.h"
 #include "simulation/insertion.h"
-#include "simulation/object_window.h"
 #include "simulation/render_scene.h"
 #include "validation/reference/reference_renderer.h"
 #include "validation/reference/unbiased_error.h"

@@ -37,7 +37,7 @@ MADE_OF = [
     ("identity", ("provenance.identity",)),
 ]
 LOSS_POINTS = 200
-VANISHED_IOU = 0.1  # the rule "vanished" of src/attack/hiding.h
+VANISHED_IOU = 0.1  # the rule "vanished" of src/attack/host_outcome.h
 
 FORMATS = {
     "pct": lambda v: f"{100 * v:.1f}\u202f%", "pct2": lambda v: f"{100 * v:.2f}", "points": lambda v: f"{100 * v:.1f}", "pct0": lambda v: f"{100 * v:.0f}\u202f%", "int": lambda v: f"{v:,.0f}",

@@ -6,11 +6,11 @@
 #include <cstring>
 #include <set>
 
-#include "attack/clean_view.h"
+#include "attack/observation.h"
 #include "base/child_process.h"
+#include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
-#include "base/interrupt.h"
+#include "base/image.h"
 #include "base/logging.h"
 #include "detection/average_precision.h"
 #include "detection/car_in_picture.h"

@@ -35,14 +35,13 @@
 #include <vector>
 
 #include "attack/adversary.h"
-#include "base/angles.h"
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "base/intervals.h"
+#include "base/types.h"
 #include "exchange/gltf.h"
-#include "exchange/host_proxy.h"
 #include "exchange/mesh_files.h"
 #include "frames/hosts.h"
 #include "frames/made_of.h"

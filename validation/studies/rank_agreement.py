@@ -17,7 +17,7 @@ import math
 import random
 import statistics
 
-VANISHED = 0.1  # the rule "vanished" of src/attack/hiding.h
+VANISHED = 0.1  # the rule "vanished" of src/attack/host_outcome.h
 Z = 1.96
 
 

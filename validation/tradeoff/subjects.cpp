@@ -8,9 +8,8 @@
 
 #include "attack/adversary.h"
 #include "base/error.h"
-#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
-#include "simulation/quality.h"
+#include "simulation/insertion.h"
 
 namespace mirage {
 namespace {

@@ -8,12 +8,71 @@
 #include <string>
 #include <vector>
 
+#include "attack/observation.h"
+#include "base/intervals.h"
+#include "detection/detector.h"
+#include "geometry/mesh.h"
 #include "validation/reference/reference_renderer.h"
 #include "validation/tradeoff/points.h"
 #include "validation/tradeoff/sensor_studies.h"
-#include "validation/tradeoff/studies.h"
+#include "validation/tradeoff/subjects.h"
 
 namespace mirage {
+
+// Attack success at equal time: one short attack in each way of trading accuracy for speed.
+
+/// An attack of equal time, and how it fared.
+struct TimedAttack {
+  std::string name, quality;
+  DetectorOptions detector;
+  double seconds = 0;                           ///< of iterations
+  int iterations = 0;                           ///< made in them
+  double loss = 0;                              ///< AttackResult::loss
+  int vehicles = 0;                             ///< held back and detected clean
+  Interval fn_asr = {}, fp_asr = {}, asr = {};  ///< 95 %
+};
+
+/// {name, quality, precision, locality, clean_memory_mb, seconds, iterations, loss, vehicles, asr, fn_asr,
+/// fp_asr, asr_interval: [low, high]}
+nlohmann::json to_json(const TimedAttack& attack);
+
+/// For each quality, then for whole passes, bfloat16 and a locality of 4 m at the default quality: an attack
+/// of settings.attack_seconds of iterations on the data set's training vehicles (made anew; once it is
+/// finished it is OUT/attack_NAME), then its success on the held-back ones, simulated at `exact` and detected
+/// in float over what the object changes for all alike. What the attacks reach depends on the machine. None
+/// if attack_seconds is 0.
+std::vector<TimedAttack> attack_study(const TradeoffSettings& settings);
+
+// The detector's side of the speed–accuracy study: one attack step of a host (simulation, detector,
+// objective, and back) with the detector's passes made in several ways.
+
+/// Axes: "passes" (over the whole frame; over what the object changes, which is the default and the
+/// baseline), "precision" (bfloat16 where the processor multiplies it), and "locality" (1, 2, 4, 8 m of
+/// surroundings).
+/// Errors: "gradient_cosine" and "gradient_norm" of the adversary's gradient (vertices and texels) against
+/// that of whole passes in double, "gradient" = 1 − the cosine, and "gradient_cosine_least", the worst
+/// host's; means over hosts whose reference is not zero. Times: CPU time of one thread, clean frames kept,
+/// medians of `repeats` in alternation with the baseline. Empty if every reference is zero. InputError,
+/// FieldError as load_detector has them.
+std::vector<TradeoffPoint> detector_points(const DetectorOptions& options, const std::vector<StepHost>& hosts,
+                                           const TexturedMesh& adversary, int repeats);
+
+// Blender Cycles in the speed–accuracy study: samples a pixel and light effects, against all effects at many
+// samples; and where the rasteriser's own picture lies on that scale.
+
+struct CyclesHost {
+  const PreparedFrame* prepared = nullptr;
+  Placement placement;
+  TexturedMesh adversary;
+  std::string name;
+};
+
+/// Points of group "cycles", axes "rung" and "samples" (without fronts). Times are wall-clock: Cycles uses
+/// all cores. Errors over the object's pixels, nothing in front of it: image_levels, image_mae,
+/// image_relative (image_mae over the mean radiance).
+std::vector<TradeoffPoint> cycles_study(ReferenceRenderer& renderer, const std::vector<CyclesHost>& hosts,
+                                        const SimulationSettings& baseline, int reference_samples,
+                                        std::uint64_t seed, const std::filesystem::path& scratch);
 
 /// What the camera's references are worth; means over hosts.
 struct CameraReference {

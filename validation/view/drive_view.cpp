@@ -5,17 +5,15 @@
 #include <algorithm>
 #include <cmath>
 
-#include "attack/drive_result.h"
+#include "attack/vehicle_drive.h"
 #include "attack/zoo.h"
 #include "base/child_process.h"
 #include "base/error.h"
-#include "base/field_text.h"
+#include "base/fields.h"
 #include "base/files.h"
-#include "base/words.h"
+#include "detection/car_in_picture.h"
 #include "detection/defenses.h"
-#include "detection/points_in_view.h"
 #include "scene/data/read_frames.h"
-#include "scene/data/sequences.h"
 #include "scene/depth/learned_depth.h"
 #include "simulation/insertion.h"
 #include "simulation/sensor_plugin.h"

@@ -15,8 +15,8 @@
 #include "base/intervals.h"
 #include "base/names.h"
 #include "detection/average_precision.h"
+#include "detection/car_in_picture.h"
 #include "detection/defenses.h"
-#include "detection/points_in_view.h"
 #include "scene/data/truth_files.h"
 #include "simulation/render_scene.h"
 

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "frames/host_id.h"
-#include "scene/data/kitti_results.h"
+#include "scene/data/kitti_rows.h"
 #include "scene/frame.h"
 #include "sensors/lidar_model.h"
 #include "simulation/simulation.h"

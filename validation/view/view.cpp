@@ -9,22 +9,19 @@
 #include <optional>
 #include <set>
 
-#include "attack/clean_view.h"
 #include "attack/evaluation.h"
 #include "attack/observation.h"
 #include "attack/run.h"
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
-#include "base/interrupt.h"
+#include "base/logging.h"
 #include "base/names.h"
 #include "base/parallel.h"
-#include "base/progress.h"
 #include "detection/detect.h"
 #include "frames/data_check.h"
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
-#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 #include "simulation/render_scene.h"
 #include "validation/fidelity/validate.h"

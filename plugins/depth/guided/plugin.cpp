@@ -1,8 +1,151 @@
 // The C interface of depth completion (scene/depth/depth_abi.h). No exception leaves a function of this file.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <exception>
 #include <nlohmann/json.hpp>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <thread>
 
 #include "../../c_interface.h"
-#include "guided_completion.h"
+#include "../../torch_threads.h"
+#include "network.h"
+#include "weights_file.h"
+
+namespace mirage::guided {
+
+struct Options {
+  std::uint64_t seed = 0;
+  int threads = 1;  ///< samples of a training step at once; completing one picture uses one
+};
+
+/// Errors leave as std::exception; the C interface turns them into one line.
+class GuidedCompletion {
+ public:
+  /// `weights`: a file written by save(), or nullptr for fresh weights drawn from the seed.
+  GuidedCompletion(const Options& options, const char* weights);
+
+  void complete(const MirageDepthInput& input, float* dense);
+  /// Total, depth and presence loss.
+  std::array<float, 3> train_step(std::span<const MirageDepthSample> samples, float learning_rate);
+  /// Without the optimiser, weights are kept in half precision.
+  void save(const std::string& file, bool with_optimiser);
+
+ private:
+  void load(const std::string& file);
+
+  Options options_;
+  Network network_{nullptr};
+  torch::optim::AdamW optimiser_;
+};
+
+namespace {
+
+using torch::Tensor;
+
+constexpr const char* kFormat = "mirage guided depth completion 2";
+constexpr double kWeightDecay = 1e-3, kLargestGradient = 2.0;
+constexpr float kFarthest = 200;  // m; the network's depth is bounded by its formula, this guards the file
+
+constexpr double kSpanMargin = 0.02;
+
+void check_shape(const MirageDepthInput& input) {
+  if (!input.image || !input.sparse || input.width < 1 || input.height < 1)
+    throw std::runtime_error("no picture or no sparse depth; give both, of the same size");
+}
+
+Network make_network(const Options& options) {
+  torch::manual_seed(options.seed);
+  return Network();
+}
+
+}  // namespace
+
+GuidedCompletion::GuidedCompletion(const Options& options, const char* weights)
+    : options_(options),
+      network_(make_network(options)),
+      optimiser_(network_->parameters(),
+                 torch::optim::AdamWOptions(1e-3).betas({0.9, 0.99}).weight_decay(kWeightDecay)) {
+  if (weights) load(weights);
+}
+
+void GuidedCompletion::complete(const MirageDepthInput& input, float* dense) {
+  check_shape(input);
+  set_torch_threads(1);
+  torch::InferenceMode mode;
+  const Features features = make_features(input);
+  const Prediction prediction = network_->forward(features);
+  // Between two close returns, depth lies within what they and IP-Basic span: there the network only chooses.
+  // It keeps pictures unlike the training's from talking it out of what was measured.
+  const Tensor& inverse = features.candidates;
+  const Tensor nearest = (1 - kSpanMargin) / inverse.amax(0).clamp_min(1e-6);
+  const Tensor farthest = (1 + kSpanMargin) / torch::where(inverse > 0, inverse, 1e6).amin(0).clamp_min(1e-6);
+  const Tensor within = torch::minimum(torch::maximum(prediction.depth, nearest), farthest);
+  const Tensor depth = torch::where(features.enclosed, within, prediction.depth).contiguous();
+  const Tensor present = torch::logical_or(prediction.presence > 0, features.enclosed).contiguous();
+  const float* z = depth.data_ptr<float>();
+  const bool* here = present.data_ptr<bool>();
+  for (std::int64_t i = 0; i < depth.numel(); ++i) dense[i] = here[i] ? std::min(z[i], kFarthest) : 0;
+}
+
+std::array<float, 3> GuidedCompletion::train_step(std::span<const MirageDepthSample> samples,
+                                                  float learning_rate) {
+  if (samples.empty()) throw std::runtime_error("train_step got no samples; give at least one");
+  for (const MirageDepthSample& sample : samples) check_shape(sample.input);
+  const std::vector<Tensor> parameters = network_->parameters();
+  std::vector<SampleResult> results(samples.size());
+  for_each_sample(samples.size(), options_.threads, [&](std::size_t i) {
+    const MirageDepthInput& input = samples[i].input;
+    const Tensor truth = torch::empty({input.height, input.width});
+    std::copy_n(samples[i].truth, truth.numel(), truth.data_ptr<float>());
+    const Features features = make_features(input);
+    const LossTerms terms = completion_loss(network_->forward(features), features, truth);
+    results[i].loss = {terms.total.item<float>(), static_cast<float>(terms.depth),
+                       static_cast<float>(terms.presence)};
+    results[i].gradients = torch::autograd::grad({terms.total}, parameters);
+  });
+  // Summed in the samples' order, so that the number of threads changes nothing.
+  std::array<float, 3> loss{};
+  const auto count = static_cast<float>(samples.size());
+  for (std::size_t k = 0; k < parameters.size(); ++k)
+    parameters[k].mutable_grad() = torch::zeros_like(parameters[k]);
+  for (const SampleResult& result : results) {
+    for (std::size_t t = 0; t < loss.size(); ++t) loss[t] += result.loss[t] / count;
+    for (std::size_t k = 0; k < parameters.size(); ++k)
+      parameters[k].mutable_grad().add_(result.gradients[k], 1 / count);
+  }
+  if (!std::isfinite(loss[0]))
+    throw std::runtime_error("the training loss is not finite; lower the learning rate");
+  torch::nn::utils::clip_grad_norm_(network_->parameters(), kLargestGradient);
+  for (auto& group : optimiser_.param_groups())
+    static_cast<torch::optim::AdamWOptions&>(group.options()).lr(learning_rate);
+  optimiser_.step();
+  return loss;
+}
+
+void GuidedCompletion::save(const std::string& file, bool with_optimiser) {
+  WeightsWriter writer;
+  writer.state("format", kFormat);
+  for (const auto& parameter : network_->named_parameters())
+    writer.add(parameter.key(), parameter.value().to(with_optimiser ? torch::kFloat : torch::kHalf));
+  if (with_optimiser) add_state(writer, optimiser_);
+  writer.write(file);
+}
+
+void GuidedCompletion::load(const std::string& file) {
+  const WeightsFile weights(file);
+  if (weights.fact("format") != kFormat)
+    throw std::runtime_error("weights of another program or version; train anew with mirage train depth");
+  const torch::NoGradGuard guard;
+  for (auto& parameter : network_->named_parameters())
+    parameter.value().copy_(weights.tensor(parameter.key(), parameter.value().sizes()));
+  read_state(weights, optimiser_);
+}
+
+}  // namespace mirage::guided
 
 namespace {
 

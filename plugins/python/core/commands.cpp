@@ -10,16 +10,13 @@
 
 #include "arrays.h"
 #include "attack/run.h"
-#include "base/color.h"
 #include "base/error.h"
-#include "base/interrupt.h"
+#include "base/image.h"
 #include "base/logging.h"
-#include "base/progress.h"
 #include "bind.h"
-#include "cli/named_settings.h"
-#include "detection/box_rows.h"
-#include "detection/given_detector.h"
-#include "detection/points_in_view.h"
+#include "cli/field_options.h"
+#include "detection/car_in_picture.h"
+#include "detection/process_detector.h"
 
 namespace mirage::python {
 namespace {

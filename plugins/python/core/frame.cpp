@@ -4,8 +4,8 @@
 #include "arrays.h"
 #include "base/error.h"
 #include "bind.h"
-#include "cli/named_settings.h"
-#include "detection/points_in_view.h"
+#include "cli/field_options.h"
+#include "detection/car_in_picture.h"
 #include "frames/data_check.h"
 #include "frames/frame_store.h"
 #include "handles.h"
@@ -14,8 +14,7 @@
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/recorded_light.h"
-#include "scene/shape/shape_roof.h"
-#include "scene/sun.h"
+#include "scene/shape/shape_fit.h"
 
 namespace mirage::python {
 namespace {

@@ -7,7 +7,7 @@
 #include "handles.h"
 #include "sensors/ray_caster.h"
 #include "simulation/check_inputs.h"
-#include "simulation/upstream.h"
+#include "simulation/sensor_pass.h"
 #include "validation/thread_clock.h"
 
 namespace mirage::python {

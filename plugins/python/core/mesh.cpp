@@ -1,9 +1,10 @@
+#include "geometry/mesh.h"
+
 #include "arrays.h"
 #include "attack/adversary.h"
 #include "base/error.h"
 #include "bind.h"
 #include "exchange/mesh_files.h"
-#include "geometry/shapes.h"
 
 namespace mirage::python {
 namespace {

@@ -2,9 +2,9 @@
 #include <dlfcn.h>
 
 #include "base/error.h"
+#include "base/files.h"
 #include "base/logging.h"
 #include "base/parallel.h"
-#include "base/program.h"
 #include "base/quiet_png.h"
 #include "bind.h"
 

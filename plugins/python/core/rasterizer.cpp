@@ -4,7 +4,7 @@
 
 #include "arrays.h"
 #include "base/error.h"
-#include "base/words.h"
+#include "base/fields.h"
 #include "bind.h"
 #include "sensors/projection.h"
 #include "sensors/raster_batch.h"

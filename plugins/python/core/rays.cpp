@@ -1,7 +1,7 @@
 #include "arrays.h"
 #include "base/error.h"
 #include "bind.h"
-#include "sensors/lidar_return.h"
+#include "sensors/lidar_model.h"
 #include "sensors/ray_caster.h"
 
 namespace mirage::python {

@@ -1,7 +1,7 @@
 // The North American look: which street it is and its ground.
 #include "generator/looks/american.h"
 
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 
 namespace mirage::generator {
 
@@ -260,6 +260,380 @@ void AmericanStreet::place_parked() {
            .s = s},
           0.2);
     }
+}
+
+// The North American look: detached houses, shops and office blocks.
+
+namespace {
+
+Mesh placed(const Mesh& mesh, const Transform& t) {
+  Mesh out;
+  append(out, mesh, t);
+  return out;
+}
+
+}  // namespace
+
+// Clapboard or stucco, shingle roof, garage with a driveway to the road, porch or front steps.
+void AmericanStreet::add_house(double s, double d, double along, double deep, int side, double drive_s) {
+  const double h = chance(0.55) ? u(2.9, 3.4) : u(5.2, 6.2), front = -sign(side) * 0.5 * deep,
+               out = -sign(side);
+  const Transform t = footing(s, sign(side) * (d + 0.5 * deep));
+  const double ground = ground_z(s, sign(side) * d) - t.translation().z();
+  Material wall;
+  const Vec3f tints[7] = {{0.62f, 0.61f, 0.57f}, {0.55f, 0.48f, 0.36f}, {0.36f, 0.42f, 0.46f},
+                          {0.30f, 0.36f, 0.28f}, {0.52f, 0.46f, 0.40f}, {0.30f, 0.12f, 0.08f},
+                          {0.62f, 0.56f, 0.34f}};
+  const int tint = random_.below(7);
+  wall.albedo = tints[tint] * f(0.6, 1.1), wall.pattern = tint == 5 ? Pattern::brick : Pattern::facade;
+  wall.second = wall.pattern == Pattern::brick ? Vec3f::Constant(0.3f) : Vec3f(0.04f, 0.045f, 0.055f);
+  wall.variant = random_.next_u32(), wall.lidar = 0.4f;
+  wall.foot = static_cast<float>(t.translation().z() + ground);
+  Mesh body;
+  add_box(body, {-0.5 * along, -0.5 * deep, ground - 1}, {0.5 * along, 0.5 * deep, ground + h});
+  surfaces_.push_back(surface(placed(body, t), wall));
+
+  Mesh roof, trim;
+  const double e = 0.5, rise = u(1.6, 3.0), a = 0.5 * along + e, b = 0.5 * deep + e, z = ground + h;
+  const double hip = chance(0.5) ? u(2, 4) : 0;  // hipped or gabled
+  const auto q = [&](double x, double y, double up) { return Vec3d(x, y, z + up); };
+  add_quad(roof, q(-a, -b, -0.1), q(a, -b, -0.1), q(a - hip, 0, rise), q(-a + hip, 0, rise));
+  add_quad(roof, q(a, b, -0.1), q(-a, b, -0.1), q(-a + hip, 0, rise), q(a - hip, 0, rise));
+  for (double x : {-1.0, 1.0})
+    add_quad(hip > 0 ? roof : trim, q(x * a, -b, -0.1), q(x * a, b, -0.1), q(x * (a - hip), 0, rise),
+             q(x * (a - hip), 0, rise));
+  for (double y : {-b, b}) add_box(trim, {-a, y - 0.03, z - 0.28}, {a, y + 0.03, z - 0.08});  // gutters
+  const float tone = f(0.05, 0.16);
+  surfaces_.push_back(surface(placed(roof, t), plain(Vec3f(1.1f, 1, 0.92f) * tone, 0.25f)));
+
+  // Garage: stands out a little, a light door in panels, a drive of concrete.
+  Mesh garage, door, grooves, drive;
+  const double x = drive_s - s, w = 2.6, y0 = front + out * 0.9, top = ground + 2.7;
+  add_box(garage, {x - w, std::min(front, y0), ground - 1}, {x + w, std::max(front, y0), top});
+  add_quad(roof = Mesh(), {x - w - 0.3, front, top + 0.9}, {x + w + 0.3, front, top + 0.9},
+           {x + w + 0.3, y0 + out * 0.4, top - 0.05}, {x - w - 0.3, y0 + out * 0.4, top - 0.05});
+  const double yd = y0 + out * 0.02;
+  add_quad(door, {x - 2.3, yd, ground}, {x + 2.3, yd, ground}, {x + 2.3, yd, ground + 2.2},
+           {x - 2.3, yd, ground + 2.2});
+  for (int k = 1; k < 4; ++k)
+    add_quad(grooves, {x - 2.3, yd + out * 0.01, ground + 0.55 * k},
+             {x + 2.3, yd + out * 0.01, ground + 0.55 * k},
+             {x + 2.3, yd + out * 0.01, ground + 0.55 * k + 0.03},
+             {x - 2.3, yd + out * 0.01, ground + 0.55 * k + 0.03});
+  Material plainwall = wall;
+  plainwall.pattern = wall.pattern == Pattern::brick ? Pattern::brick : Pattern::plain;
+  surfaces_.push_back(surface(placed(garage, t), plainwall));
+  surfaces_.push_back(surface(placed(roof, t), plain(Vec3f(1.1f, 1, 0.92f) * tone, 0.25f)));
+  surfaces_.push_back(surface(placed(door, t), plain(Vec3f::Constant(f(0.3, 0.7)), 0.5f)));
+  surfaces_.push_back(surface(placed(grooves, t), plain(Vec3f::Constant(0.15f), 0.3f)));
+  for (double r = half_[side]; r < d - 0.9; r += 1.5) {
+    const double r1 = std::min(r + 1.5, d - 0.9), m = sign(side);
+    add_quad(drive, on_ground(drive_s - 2.2, m * r, 0.02), on_ground(drive_s + 2.2, m * r, 0.02),
+             on_ground(drive_s + 2.2, m * r1, 0.02), on_ground(drive_s - 2.2, m * r1, 0.02));
+  }
+  Material slab = plain(Vec3f(1, 0.98f, 0.94f) * f(0.22, 0.4), 0.35f);
+  slab.pattern = Pattern::paving, slab.variant = 3 * (random_.next_u32() / 3) + 1;
+  surfaces_.push_back(surface(drive, slab));
+  // Porch: posts and a small roof before the door, at the other end of the front.
+  const double px = x > 0 ? -0.2 * along : 0.2 * along, py = front + out * 1.8;
+  add_box(trim, {px - 1.8, std::min(front, py), ground + 2.5},
+          {px + 1.8, std::max(front, py), ground + 2.68});
+  for (double k : {-1.7, 1.7})
+    add_box(trim, {px + k - 0.07, py - 0.07, ground - 0.5}, {px + k + 0.07, py + 0.07, ground + 2.5});
+  add_box(trim, {px - 1.8, std::min(front, py), ground - 0.5},
+          {px + 1.8, std::max(front, py), ground + 0.25});
+  surfaces_.push_back(surface(placed(trim, t), plain(Vec3f::Constant(f(0.4, 0.7)), 0.5f)));
+}
+
+// A low flat building: glass front, coloured fascia with the shop's name, roof units.
+void AmericanStreet::add_shop(double s, double d, double along, double deep, int side) {
+  const double h = u(4.8, 7.5), front = -sign(side) * 0.5 * deep, out = -sign(side);
+  const Transform t = footing(s, sign(side) * (d + 0.5 * deep));
+  const double ground = ground_z(s, sign(side) * d) - t.translation().z();
+  Material wall = plain(Vec3f(0.5f, 0.45f, 0.37f) * f(0.5, 1.3), 0.4f);
+  if (chance(0.35))
+    wall.pattern = Pattern::brick, wall.albedo = Vec3f(0.3f, 0.14f, 0.09f),
+    wall.second = Vec3f::Constant(0.35f);
+  wall.variant = random_.next_u32();
+  Mesh body, units;
+  add_box(body, {-0.5 * along, -0.5 * deep, ground - 1}, {0.5 * along, 0.5 * deep, ground + h});
+  surfaces_.push_back(surface(placed(body, t), wall));
+  for (int k = random_.below(4); k > 0; --k) {
+    const double x = u(-0.4, 0.4) * along, y = u(-0.3, 0.3) * deep;
+    add_box(units, {x - 1, y - 0.8, ground + h}, {x + 1, y + 0.8, ground + h + u(0.8, 1.4)});
+  }
+  surfaces_.push_back(surface(placed(units, t), plain(Vec3f::Constant(0.4f), 0.4f)));
+
+  Mesh glass, frames;
+  const double y = front + out * 0.03, yf = front + out * 0.07, gl = 0.46 * along;
+  add_quad(glass, {-gl, y, ground + 0.4}, {gl, y, ground + 0.4}, {gl, y, ground + 2.9},
+           {-gl, y, ground + 2.9});
+  for (double x = -gl; x <= gl + 0.01; x += gl / std::ceil(gl / 1.1))
+    add_box(frames, {x - 0.04, std::min(y, yf), ground + 0.4}, {x + 0.04, std::max(y, yf), ground + 2.9});
+  add_box(frames, {-gl, std::min(y, yf), ground + 2.1}, {gl, std::max(y, yf), ground + 2.16});
+  surfaces_.push_back(surface(placed(glass, t), plain(Vec3f(0.03f, 0.035f, 0.04f), 0.15f, 0.08f)));
+  surfaces_.push_back(surface(placed(frames, t), plain(Vec3f::Constant(f(0.05, 0.5)), 0.4f)));
+
+  // One to three shops share the building, each with its fascia, name and perhaps an awning.
+  const int shops = 1 + random_.below(3);
+  for (int k = 0; k < shops; ++k) {
+    const double w = along / shops, middle = -0.5 * along + (k + 0.5) * w, z = ground + 3.1,
+                 top = z + u(0.9, 1.3);
+    const Vec3f color =
+        chance(0.35) ? Vec3f::Constant(f(0.05, 0.7)) : Vec3f(f(0.02, 0.5), f(0.02, 0.3), f(0.02, 0.4));
+    Mesh board, letters;
+    add_box(board, {middle - 0.48 * w, std::min(front, front + out * 0.3), z},
+            {middle + 0.48 * w, std::max(front, front + out * 0.3), top});
+    surfaces_.push_back(surface(placed(board, t), plain(color, 0.5f)));
+    const double half = std::min(0.35 * w, 3.5);
+    american::add_letters(letters, 0, half, -half, 0.5 * (z + top), 0.55 * (top - z), actors_);
+    // From a board that faces −x to one that faces the street.
+    const Transform face = t * at(middle, front + out * 0.32, 0, out < 0 ? 0.5 * kPi : -0.5 * kPi);
+    surfaces_.push_back(
+        surface(placed(letters, face),
+                plain(color.mean() < 0.25f ? Vec3f(0.7f, 0.68f, 0.6f) : Vec3f::Constant(0.03f), 0.5f)));
+    if (chance(0.4)) {
+      Mesh awning;
+      const double ya = front + out * 1.5;
+      add_quad(awning, {middle - 0.4 * w, front + out * 0.05, z - 0.05},
+               {middle + 0.4 * w, front + out * 0.05, z - 0.05}, {middle + 0.4 * w, ya, z - 0.7},
+               {middle - 0.4 * w, ya, z - 0.7});
+      surfaces_.push_back(
+          surface(placed(awning, t), plain(Vec3f(f(0.05, 0.4), f(0.03, 0.2), f(0.03, 0.25)), 0.4f)));
+    }
+  }
+}
+
+// Storeys of windows over a glazed ground floor.
+void AmericanStreet::add_office(double s, double d, double along, double deep, int side) {
+  const double h = chance(0.5) ? u(11, 20) : u(18, 38), front = -sign(side) * 0.5 * deep, out = -sign(side);
+  const Transform t = footing(s, sign(side) * (d + 0.5 * deep));
+  const double ground = ground_z(s, sign(side) * d) - t.translation().z();
+  const Vec3f tints[6] = {{0.5f, 0.46f, 0.4f},   {0.34f, 0.16f, 0.11f}, {0.5f, 0.5f, 0.5f},
+                          {0.16f, 0.17f, 0.19f}, {0.6f, 0.56f, 0.48f},  {0.42f, 0.3f, 0.22f}};
+  Material wall;
+  wall.pattern = Pattern::facade, wall.albedo = tints[random_.below(6)] * f(0.6, 1.1);
+  wall.second = chance(0.4) ? Vec3f(0.05f, 0.09f, 0.12f) : Vec3f(0.035f, 0.04f, 0.05f);
+  wall.variant = random_.next_u32(), wall.lidar = 0.35f;
+  wall.foot = static_cast<float>(t.translation().z() + ground);
+  Mesh body, glass, ledge;
+  add_box(body, {-0.5 * along, -0.5 * deep, ground - 2}, {0.5 * along, 0.5 * deep, ground + h});
+  surfaces_.push_back(surface(placed(body, t), wall));
+  const double y = front + out * 0.03;
+  for (double x = -0.5 * along + 0.5; x < 0.5 * along - 2; x += 3.2)
+    add_quad(glass, {x, y, ground + 0.3}, {x + 2.6, y, ground + 0.3}, {x + 2.6, y, ground + 3.2},
+             {x, y, ground + 3.2});
+  for (double z : {3.4, h - 0.5})
+    add_box(ledge, {-0.5 * along - 0.15, std::min(front, front + out * 0.35), ground + z},
+            {0.5 * along + 0.15, std::max(front, front + out * 0.35), ground + z + 0.4});
+  surfaces_.push_back(surface(placed(glass, t), plain(Vec3f(0.03f, 0.035f, 0.04f), 0.15f, 0.08f)));
+  surfaces_.push_back(surface(placed(ledge, t), plain(wall.albedo * 0.8f, 0.35f)));
+}
+
+// The North American look: what stands beside the road.
+
+void AmericanStreet::line_with_houses(int side) {
+  const double edge = half_[side] + pavement_[side], line = edge + front_[side];
+  for (double s = -12; s < far_;) {
+    const double along = u(10, 16), plot = along + u(3, 8), deep = u(8, 11);
+    const double middle = s + 0.5 * along;
+    if (!in_cross(middle, 0.5 * along + 3)) {
+      const double drive = s + (chance(0.5) ? 2.2 : along - 2.2);
+      add_house(middle, line, along, deep, side, drive);
+      const Vec2d p = xy(middle, sign(side) * (line + 0.5 * deep));
+      taken_.push_back({p.x(), p.y(), along, deep, yaw(middle)});
+      if (chance(0.75) && s < 66 + ahead_)
+        put(vehicle(kAlikeParked),
+            {.turn = (chance(0.75) ? 0.5 : -0.5) * kPi * sign(side),
+             .d = sign(side) * (line - u(2.9, 3.6)),
+             .s = drive + 0.1 * random_.normal()},
+            0.1);
+    }
+    s += plot;
+  }
+  if (chance(0.3)) {
+    const double s = u(-5, 25);
+    add_fence(s, s + u(8, 25), sign(side) * (edge + 0.4));
+  }
+  for (double s = u(0, 10); s < 70 + ahead_; s += u(9, 22)) {  // trees on the lawns
+    if (in_cross(s, 3)) continue;
+    const Vec2d p = xy(s, sign(side) * (edge + 2.5));
+    const BevBox box{p.x(), p.y(), 1, 1, 0};
+    if (!free(box)) continue;
+    taken_.push_back(box);
+    stand(make_tree(actors_, away(s) < 22   ? 2.4
+                             : away(s) < 40 ? 1.2
+                                            : 0.5),
+          s, sign(side) * (edge + 2.5), u(0, 6));
+  }
+  add_woods(side, line + u(16, 24));
+}
+
+void AmericanStreet::line_with_shops(int side) {
+  const double edge = half_[side] + pavement_[side], line = edge + front_[side];
+  for (double s = -10; s < far_;) {
+    const double along = u(14, 34), deep = u(10, 16), middle = s + 0.5 * along;
+    if (chance(0.82) && !in_cross(middle, 0.5 * along + 4)) {
+      add_shop(middle, line, along, deep, side);
+      const Vec2d p = xy(middle, sign(side) * (line + 0.5 * deep));
+      taken_.push_back({p.x(), p.y(), along, deep, yaw(middle)});
+    }
+    s += along + (chance(0.4) ? 0.05 : u(3, 12));
+  }
+  // Car park between walk and shops: bays across, some of them taken.
+  Mesh lines;
+  const double row = line - 4.2, share = u(0.25, 0.85);
+  for (double s = -4; s < 75 + ahead_; s += 2.75) {
+    if (in_cross(s, 7)) continue;
+    const double a = sign(side) * (row - 2.5), b = sign(side) * (row + 2.5);
+    add_strip(lines, std::min(a, b), std::max(a, b), s, s + 0.1, 1, 0.008);
+    if (chance(share) && s < 62)
+      put(vehicle(kAlikeParked),
+          {.turn = (chance(0.8) ? 0.5 : -0.5) * kPi * sign(side),
+           .d = sign(side) * row + 0.15 * random_.normal(),
+           .s = s + 1.4},
+          0.1);
+  }
+  surfaces_.push_back(surface(lines, plain(Vec3f::Constant(f(0.35, 0.6)), 0.6f)));
+  for (double s = u(0, 25); s < 90; s += u(22, 60)) {
+    if (in_cross(s, 4)) continue;
+    stand(american::make_pylon(actors_), s, sign(side) * (edge + 0.9));
+  }
+  // A low hedge or young trees on the strip between walk and car park.
+  if (chance(0.4))
+    for (double s = u(0, 6); s < 75 + ahead_; s += u(9, 14)) {
+      const Vec2d p = xy(s, sign(side) * (edge + 0.8));
+      if (in_cross(s, 4) || !free({p.x(), p.y(), 1, 1, 0})) continue;
+      stand(make_tree(actors_, away(s) < 22   ? 2.0
+                               : away(s) < 40 ? 1.0
+                                              : 0.4),
+            s, sign(side) * (edge + 0.8), u(0, 6));
+    }
+  add_woods(side, line + u(24, 40));
+}
+
+void AmericanStreet::line_with_offices(int side) {
+  const double line = half_[side] + pavement_[side] + front_[side];
+  for (double s = -10; s < far_;) {
+    const double along = u(16, 40), deep = u(14, 20), middle = s + 0.5 * along;
+    if (chance(0.88) && !in_cross(middle, 0.5 * along + 2)) {
+      add_office(middle, line, along, deep, side);
+      const Vec2d p = xy(middle, sign(side) * (line + 0.5 * deep));
+      taken_.push_back({p.x(), p.y(), along, deep, yaw(middle)});
+    }
+    s += along + (chance(0.6) ? 0.05 : u(3, 10));
+  }
+  if (chance(0.5))
+    for (double s = u(2, 10); s < 70 + ahead_; s += u(9, 14))
+      if (!in_cross(s, 4))
+        stand(make_tree(actors_, away(s) < 22   ? 2.0
+                                 : away(s) < 40 ? 1.0
+                                                : 0.4),
+              s, sign(side) * (half_[side] + 1.0), u(0, 6));
+}
+
+void AmericanStreet::place_verge(int side) {
+  const double kerb = half_[side] + 0.7, turn = side ? kPi : 0;
+  const auto at_kerb = [&](Actor actor, double s) {
+    if (!in_cross(s, 2)) stand(std::move(actor), s, sign(side) * kerb, turn);
+  };
+  for (double s = u(0, 25); s < 90; s += u(15, 40)) at_kerb(american::make_sign(actors_), s);
+  for (double s = u(4, 30); s < 60; s += u(30, 70)) at_kerb(american::make_hydrant(actors_), s);
+  if (kind_ != Kind::suburb)
+    for (double s = u(0, 20); s < 100 + ahead_; s += u(25, 35))
+      at_kerb(american::make_street_lamp(actors_), s);
+  for (int i = random_.below(4); i > 0; --i) {
+    const double s = u(3, 55);
+    if (!in_cross(s, 2))
+      put(american::make_kerb_item(actors_),
+          {.turn = (side ? 1 : -1) * 0.5 * kPi,
+           .d = sign(side) * (half_[side] + std::max(0.6, pavement_[side] - 0.5)),
+           .s = s},
+          0.1);
+  }
+  if (kind_ == Kind::suburb && verge_[side] > 0.8 && chance(0.5))
+    for (double s = u(2, 10); s < 75 + ahead_; s += u(9, 14)) {
+      const Vec2d p = xy(s, sign(side) * (half_[side] + 0.5 * verge_[side]));
+      if (!in_cross(s, 4) && free({p.x(), p.y(), 0.6, 0.6, 0}))
+        stand(make_tree(actors_, away(s) < 22   ? 2.4
+                                 : away(s) < 40 ? 1.2
+                                                : 0.5),
+              s, sign(side) * (half_[side] + 0.5 * verge_[side]), u(0, 6));
+    }
+}
+
+// Wooden poles along one side, joined by three power lines and two lower cables.
+void AmericanStreet::place_utility_line() {
+  if (kind_ == Kind::downtown || !chance(0.85)) return;
+  const int side = random_.below(2);
+  const double d = sign(side) * (half_[side] + std::max(0.8, pavement_[side] + 0.3)), height = u(9, 11.5),
+               span = u(28, 38);
+  std::vector<double> feet;
+  for (double s = -14 + u(0, 12); s < far_; s += span) {
+    double place = s;
+    if (in_cross(s, 2)) place = cross_s_ - cross_half_ - 3;
+    stand(american::make_utility_pole(actors_, height), place, d);
+    feet.push_back(place);
+  }
+  Mesh wires;
+  for (std::size_t i = 0; i + 1 < feet.size(); ++i)
+    for (const Vec2d& line :
+         {Vec2d(-1.05, 0.12), Vec2d(0.6, 0.12), Vec2d(1.05, 0.12), Vec2d(0.15, -2.4), Vec2d(0.15, -3.0)}) {
+      const Vec3d a = on_ground(feet[i], d + line.x(), height - 0.55 + line.y()),
+                  b = on_ground(feet[i + 1], d + line.x(), height - 0.55 + line.y());
+      const double thick = line.y() < 0 ? 0.05 : 0.025, sag = 0.012 * (feet[i + 1] - feet[i]);
+      const auto hang = [&](double t) { return Vec3d(a + t * (b - a) - Vec3d(0, 0, 4 * sag * t * (1 - t))); };
+      for (int k = 0; k < 8; ++k) {
+        const Vec3d p = hang(k / 8.0), q = hang((k + 1) / 8.0), up(0, 0, thick);
+        add_quad(wires, p, q, q + up, p + up);
+      }
+    }
+  surfaces_.push_back(surface(wires, plain(Vec3f::Constant(0.025f), 0.1f)));
+}
+
+void AmericanStreet::place_people() {
+  const int count = kind_ == Kind::downtown ? random_.below(8) : random_.below(4);
+  for (int i = 0; i < count; ++i) {
+    const int side = random_.below(2);
+    const double s = u(6, 45);
+    if (chance(0.25))
+      put(make_cyclist(actors_),
+          {.turn = side ? kPi : 0, .d = sign(side) * (half_[side] - u(0.4, 1.2)), .s = s}, 0.1);
+    else if (cross_s_ < 45 && chance(0.3))  // on the near crosswalk
+      put(make_pedestrian(actors_),
+          {.turn = (chance(0.5) ? 0.5 : -0.5) * kPi,
+           .d = u(-half_[0], half_[1]),
+           .s = cross_s_ - cross_half_ - u(1.0, 3.2)},
+          0.1);
+    else
+      put(make_pedestrian(actors_),
+          {.turn = chance(0.8) ? (chance(0.5) ? 0 : kPi) + 0.1 * random_.normal() : u(-kPi, kPi),
+           .d = sign(side) * (half_[side] + u(std::max(0.4, verge_[side]), pavement_[side])),
+           .s = s},
+          0.1);
+  }
+}
+
+// The street's end: something stands there, not the bare horizon.
+void AmericanStreet::close_view() {
+  if (chance(0.35)) {
+    add_office(far_ + 4, -14, u(25, 60), 14, 1);
+    return;
+  }
+  Mesh crowns, leaves;
+  for (int i = 0; i < 26; ++i) {
+    const double d = -60 + 4.7 * i;
+    const Vec3d p = on_ground(far_ + u(0, 12), d);
+    const double tall = u(2, 4.5), wide = u(2.5, 4), deep = u(2.5, 4);
+    const Vec3d radii(deep, wide, tall), middle = p + Vec3d(0, 0, u(2, 4));
+    append(crowns, ellipsoid(0.8 * radii), at(middle.x(), middle.y(), middle.z()));
+    add_leaves(leaves, middle, radii, 160, 0.45, random_);
+  }
+  Material m = plain(Vec3f(0.03f, 0.055f, 0.02f), 0.35f);
+  m.pattern = Pattern::foliage, m.second = Vec3f(0.06f, 0.09f, 0.03f), m.variant = random_.next_u32();
+  surfaces_.push_back(surface(leaves, m));
+  m.albedo *= 0.5f, m.second *= 0.5f;
+  surfaces_.push_back(surface(crowns, m));
 }
 
 }  // namespace mirage::generator

@@ -52,16 +52,16 @@ class AmericanStreet : private StreetSite {
     close_view();
   }
 
-  // american.cpp: course and ground
+  // Course and ground
   void choose();
   void lay_ground();
-  // american.cpp: markings, junction, traffic
+  // Markings, junction, traffic
   void paint_road();
   void paint_arrow(Mesh& paint, double s, double d);
   void place_junction();
   void place_traffic();
   void place_parked();
-  // american_edges.cpp: what stands beside the road
+  // What stands beside the road
   void line_with_houses(int side);
   void line_with_shops(int side);
   void line_with_offices(int side);
@@ -69,7 +69,6 @@ class AmericanStreet : private StreetSite {
   void place_utility_line();
   void place_people();
   void close_view();
-  // american_edges.cpp
   void add_house(double s, double d, double along, double deep, int side, double drive_s);
   void add_shop(double s, double d, double along, double deep, int side);
   void add_office(double s, double d, double along, double deep, int side);

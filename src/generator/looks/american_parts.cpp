@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-#include "generator/sign_board.h"
+#include "generator/parts.h"
 
 namespace mirage::generator::american {
 namespace {

@@ -1,7 +1,7 @@
 // The European look: which street it is, its road and its traffic.
 #include "generator/looks/european.h"
 
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 
 namespace mirage::generator {
 

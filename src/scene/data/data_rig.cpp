@@ -3,7 +3,6 @@
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
-#include "base/words.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {

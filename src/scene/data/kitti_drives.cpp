@@ -10,12 +10,12 @@
 #include <cmath>
 #include <numbers>
 
-#include "base/angles.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/types.h"
+#include "scene/data/data_set.h"
 #include "scene/data/kitti.h"
 #include "scene/data/kitti_rows.h"
-#include "scene/data/label_types.h"
 #include "scene/data/layouts.h"
 
 namespace mirage {

@@ -9,7 +9,7 @@
 
 #include "base/error.h"
 #include "base/names.h"
-#include "scene/data/kitti_results.h"
+#include "scene/data/kitti_rows.h"
 
 namespace mirage {
 

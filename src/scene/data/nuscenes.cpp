@@ -24,12 +24,11 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
+#include "base/image.h"
 #include "base/json_fields.h"
-#include "base/json_rows.h"
 #include "base/names.h"
+#include "scene/data/data_set.h"
 #include "scene/data/kitti_rows.h"
-#include "scene/data/label_types.h"
 #include "scene/data/layouts.h"
 
 namespace mirage {

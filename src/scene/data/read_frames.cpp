@@ -3,9 +3,17 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
+#include <limits>
+#include <map>
+#include <optional>
+#include <vector>
 
 #include "base/error.h"
-#include "base/words.h"
+#include "base/fields.h"
+#include "base/logging.h"
+#include "base/parallel.h"
+#include "scene/data/data_set.h"
 #include "scene/data/layouts.h"
 
 namespace mirage {
@@ -75,6 +83,198 @@ Annotations read_annotations(const fs::path& data, const std::string& id) {
   const auto set = open_data_set(data);
   const auto [width, height] = set->picture_size(id);
   return set->annotations(id, width, height);
+}
+
+namespace {
+
+struct NumberRange {
+  int first = 0, last = std::numeric_limits<int>::max();
+};
+
+std::optional<NumberRange> range_of(const std::string& text) {
+  NumberRange range;
+  if (text.empty()) return range;
+  const std::size_t colon = text.find(':');
+  if (colon == text.npos) return std::nullopt;
+  const auto read = [](const char* from, const char* to, int& value) {
+    if (from == to) return true;
+    const auto [end, error] = std::from_chars(from, to, value);
+    return error == std::errc() && end == to && value >= 0;
+  };
+  const char* begin = text.data();
+  if (!read(begin, begin + colon, range.first) || !read(begin + colon + 1, begin + text.size(), range.last) ||
+      range.first > range.last)
+    return std::nullopt;
+  return range;
+}
+
+}  // namespace
+
+void check_frame_range(const std::string& frames) {
+  if (!range_of(frames))
+    throw FieldError("frames", frames, "is no range of frame numbers", "give it as 20:80, 20: or :80");
+}
+
+std::vector<Sequence> read_sequences(const std::filesystem::path& data, const SequencePart& part) {
+  check_frame_range(part.frames);
+  const NumberRange range = *range_of(part.frames);
+  const auto set = open_data_set(data);
+  std::map<std::string, Sequence> sequences;
+  for (const std::string& id : part.between ? set->sweeps() : set->frames()) {
+    const auto moment = set->moment(id);
+    if (!moment) continue;
+    Sequence& sequence = sequences[moment->sequence];
+    sequence.name = moment->sequence;
+    sequence.frames.push_back({id, *moment});
+  }
+  if (sequences.empty())
+    throw InputError(data.string(), "", "says of no frame when it was taken and where the car stood",
+                     "give KITTI's tracking benchmark with training/oxts, its raw recordings with "
+                     "calib_imu_to_velo.txt and oxts, or nuScenes");
+  if (!part.sequence.empty() && !sequences.contains(part.sequence)) {
+    std::vector<std::string> names;
+    for (const auto& [name, sequence] : sequences) names.push_back(name);
+    throw unknown_word("sequence", part.sequence, names);
+  }
+  std::vector<Sequence> all;
+  for (auto& [name, sequence] : sequences) {
+    if (!part.sequence.empty() && name != part.sequence) continue;
+    auto& frames = sequence.frames;
+    std::erase_if(frames, [&](const SequenceFrame& frame) {
+      return frame.moment.index < range.first || frame.moment.index > range.last;
+    });
+    std::stable_sort(frames.begin(), frames.end(),
+                     [](const auto& a, const auto& b) { return a.moment.time < b.moment.time; });
+    const auto twice = std::adjacent_find(frames.begin(), frames.end(), [](const auto& a, const auto& b) {
+      return a.moment.time == b.moment.time;
+    });
+    if (twice != frames.end())
+      throw InputError(data.string(), "frame " + std::next(twice)->id,
+                       "was taken at the time of " + twice->id, "restore the recording's times");
+    if (!frames.empty()) all.push_back(std::move(sequence));
+  }
+  if (all.empty())
+    throw InputError(data.string(), "frames", "no sequence has a frame of the numbers " + part.frames,
+                     "give another range");
+  return all;
+}
+
+namespace {
+
+/// "0 of 41 labelled vehicles count: 41 vehicle.foo".
+std::string none_counts(const LabelCensus& census) {
+  return census.labels == 0
+             ? fmt::format("the labels of {} frames hold no object", census.frames - census.unlabelled)
+             : fmt::format("0 of {} labelled objects count as a {}: {}", census.labels,
+                           fmt::join(census.classes, " or "), type_counts(census.types));
+}
+
+std::map<std::string, int> unknown_types(const LabelCensus& census) {
+  std::map<std::string, int> unknown;
+  for (const auto& [type, count] : census.types)
+    if (!is_known_type(type)) unknown[type] = count;
+  return unknown;
+}
+
+int sought(const LabelCensus& census) {
+  int count = 0;
+  for (const std::string& name : census.classes)
+    if (const auto of = census.types.find(name); of != census.types.end()) count += of->second;
+  return count;
+}
+
+/// InputError for a class that neither anybody knows nor the data have.
+void check_classes(const LabelCensus& census) {
+  std::vector<std::string> there;
+  for (const auto& [type, count] : census.types) there.push_back(type);
+  for (const std::string& name : census.classes)
+    if (!is_known_type(name) && !census.types.contains(name)) throw unknown_word("classes", name, there);
+}
+
+}  // namespace
+
+LabelCensus count_labels(const std::filesystem::path& data, std::span<const std::string> ids,
+                         const std::string& classes, Cameras cameras) {
+  const auto set = open_data_set(data, cameras);
+  std::vector<Annotations> all(ids.size());
+  parallel_for(ids.size(), [&](std::size_t i) {
+    const auto [width, height] = set->picture_size(ids[i]);
+    all[i] = set->annotations(ids[i], width, height);
+  });
+  LabelCensus census;
+  census.classes = classes_of(classes);
+  census.data = data;
+  census.incomplete = set->incomplete();
+  census.frames = ids.size();
+  for (Annotations& known : all) {
+    census.unlabelled += !known.labelled;
+    census.notes.clipped += known.notes.clipped;
+    census.notes.projected += known.notes.projected;
+    seek(census.classes, known.labels);
+    for (const Label& label : known.labels) {
+      if (label.type == "DontCare") continue;
+      ++census.labels;
+      ++census.types[label.type];
+      census.in_picture_alone += !label.in_space;
+      census.cars += is_sought(label) && has_box(label);
+    }
+  }
+  check_classes(census);
+  return census;
+}
+
+void warn_of_labels(const LabelCensus& census) {
+  const std::string data = census.data.string();
+  if (!census.incomplete.empty()) spdlog::warn("{}: {}", data, census.incomplete);
+  if (census.unlabelled > 0)
+    spdlog::warn("{}: {} of {} frames have no labels: nothing is scored in them, and no vehicle is a host",
+                 data, census.unlabelled, census.frames);
+  const auto unknown = unknown_types(census);
+  if (census.unlabelled < census.frames && sought(census) == 0)
+    spdlog::warn("{}: {}{}{}", data, none_counts(census), unknown.empty() ? "" : "; known are ",
+                 unknown.empty() ? "" : kKnownTypes);
+  else if (!unknown.empty())
+    spdlog::warn("{}: labels of unknown types count for nothing: {}; known are {}", data,
+                 type_counts(unknown), kKnownTypes);
+  if (census.in_picture_alone > 0)
+    spdlog::warn(
+        "{}: {} of {} labels have a box in the picture alone: they count for detectors of the picture alone",
+        data, census.in_picture_alone, census.labels);
+  if (census.notes.clipped > 0)
+    spdlog::warn("{}: {} labels' boxes in the picture reach past its edge, and were clipped", data,
+                 census.notes.clipped);
+  if (census.notes.projected > 0)
+    spdlog::warn("{}: {} labels have no box in the picture, which is projected from their box in space", data,
+                 census.notes.projected);
+}
+
+void require_cars(const LabelCensus& census, const std::string& work) {
+  if (census.cars > 0) return;
+  const auto refuse = [&](const std::string& problem, const std::string& fix) {
+    throw InputError(census.data.string(), "labels", problem, fix);
+  };
+  if (census.unlabelled == census.frames)
+    refuse(fmt::format("none of the {} frames has any, and {} needs labelled cars", census.frames, work),
+           "add them; view, detect --kitti and attack --hosts-from detections work without");
+  if (sought(census) > 0)
+    refuse(fmt::format("all {} cars have a box in the picture alone, and {} needs boxes in space",
+                       sought(census), work),
+           "give labels in 3-D; mirage detect --detector camera is scored on these");
+  refuse(none_counts(census), unknown_types(census).empty()
+                                  ? "label the cars"
+                                  : fmt::format("call cars Car: known are {}", kKnownTypes));
+}
+
+void require_types(const LabelCensus& census, std::span<const std::string> types, const std::string& option) {
+  if (census.unlabelled == census.frames) return require_cars(census, "a fit");
+  const bool some =
+      std::ranges::any_of(types, [&](const std::string& type) { return census.types.contains(type); });
+  if (some) return;
+  throw InputError(option, fmt::format("{}", fmt::join(types, " ")),
+                   census.labels == 0 ? none_counts(census)
+                                      : fmt::format("no label of {} has this type; there are {}",
+                                                    census.data.string(), type_counts(census.types)),
+                   "give one of the types found");
 }
 
 }  // namespace mirage

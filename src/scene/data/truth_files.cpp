@@ -4,8 +4,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image_io.h"
-#include "base/open_file.h"
+#include "base/image.h"
 
 namespace mirage {
 

@@ -11,13 +11,61 @@
 // that cross it are outliers, which ρ and a bound on the depth at which a ray counts leave without weight.
 #pragma once
 
+#include <memory>
+#include <mutex>
+#include <optional>
 #include <string>
+#include <vector>
 
+#include "geometry/box.h"
 #include "scene/carrier.h"
+#include "scene/occlusion.h"
 #include "scene/shape/shape_model.h"
-#include "scene/shape/vehicle_evidence.h"
 
 namespace mirage {
+
+// What a sweep says about one vehicle: returns on it, space its rays found empty, the ground it stands on.
+// All in the frame of the labelled box: origin at the centre of its bottom, x along its heading, z up.
+
+/// A piece of a ray (m, `velo`).
+struct Segment {
+  Vec3d from, to;
+};
+
+/// z = height + slope · (x, y).
+struct GroundPlane {
+  double height = 0;  ///< m
+  Vec2d slope = Vec2d::Zero();
+  /// The ground's z (m) at a place.
+  double at(double x, double y) const { return height + slope.x() * x + slope.y() * y; }
+};
+
+/// What the sweep says of one vehicle, in `velo`.
+struct VehicleEvidence {
+  std::vector<Vec3d> surface;         ///< returns on the vehicle, thinned
+  std::vector<Segment> empty;         ///< parts of rays before their return, near the vehicle, thinned
+  std::optional<GroundPlane> ground;  ///< absent where too little of it is seen
+  int points = 0;                     ///< returns on the vehicle before thinning
+};
+
+/// Which returns count for a vehicle, and how many are kept.
+struct EvidenceSettings {
+  double grow = 0.20;          ///< m: labels are drawn by hand; returns this far outside the box still count
+  double above_ground = 0.12;  ///< m: lower returns are the road's
+  double cell = 0.10;          ///< m: one return in each cube of this size stays
+  int max_rays = 500;          ///< empty segments kept, evenly over the rays
+  double before = 0.12;        ///< m before a return from which on its ray says nothing
+  double beside = 0.4;         ///< m to either side in which a higher return makes a ray one through glass
+  double ground_ring = 1.5;    ///< m around the box in which ground is looked for
+  int min_ground = 15;         ///< returns a ground plane needs
+};
+
+/// A ray without a return says nothing: dark paint and glass swallow light as the sky does. Nor does a ray
+/// that passes below a return on the vehicle in about the same direction: it may have gone through a window.
+/// Empty space is taken from rays with their laser's own origin (SweepIndex): an HDL-64E's lasers lie 20 cm
+/// apart.
+VehicleEvidence gather_evidence(const SweepIndex& sweep, const Box3& box,
+                                const EvidenceSettings& settings = {});
 
 /// Weights and bounds of the fit.
 struct ShapeFitSettings {
@@ -58,5 +106,39 @@ ShapeFit fit_shape(const ShapeModel& model, const VehicleEvidence& evidence, con
 /// point; (x, y) is that region's centroid, z the envelope's height there. Grid of 2.5 cm. InputError for a
 /// mesh without faces.
 Vec3d roof_point(const Mesh& vehicle, double depth = 0.20);
+
+// Roof poses from fitted shapes.
+
+/// Fits the shape manifold to cars and vans; the adversary stands on the fitted roof. A vehicle that can't be
+/// fitted (too few returns, another type) gets BoxRoofFinder's pose, with from_box set and the reason.
+class ShapeRoofFinder : public RoofFinder {
+ public:
+  /// `lidar`: the one that recorded the frames' sweeps.
+  ShapeRoofFinder(ShapeModel model, LidarModel lidar, const ShapeFitSettings& settings = {});
+  Carrier find(const Frame& frame, const Label& label) const override;
+  /// The whole fit, from an index over the frame's sweep.
+  ShapeFit fit(const SweepIndex& index, const Label& label) const;
+
+ private:
+  ShapeModel model_;
+  LidarModel lidar_;
+  ShapeFitSettings settings_;
+  // Indices of the sweeps asked for last, one a thread: a frame's vehicles are asked for together.
+  struct Indexed {
+    Sweep sweep;
+    std::shared_ptr<const SweepIndex> index;
+  };
+  std::shared_ptr<const SweepIndex> index_of(const Sweep& sweep) const;
+  mutable std::mutex mutex_;
+  mutable std::vector<Indexed> indexed_;  ///< the one used last is last
+};
+
+/// What finds the roofs, as --rooftop names it: "shape" (the shipped manifold), "box", or a manifold of the
+/// user's own (*.shape, `mirage fit --build-model`).
+inline constexpr const char* kDefaultRoof = "shape";
+/// `lidar`: the one that recorded the frames' sweeps. InputError for another word.
+std::unique_ptr<RoofFinder> make_roof_finder(const std::string& rooftop, const LidarModel& lidar);
+/// content_hash of the manifold that `rooftop` names; empty for "box". InputError for another word.
+std::string rooftop_model_hash(const std::string& rooftop);
 
 }  // namespace mirage

@@ -13,13 +13,10 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/interrupt.h"
-#include "base/json_depth.h"
 #include "base/names.h"
-#include "base/open_file.h"
 #include "base/parallel.h"
 #include "geometry/solid.h"
-#include "sensors/mesh_distance.h"
+#include "sensors/ray_caster.h"
 
 namespace mirage {
 

@@ -27,8 +27,8 @@
 #include <string>
 #include <vector>
 
-#include "geometry/distance_grid.h"
 #include "geometry/mesh.h"
+#include "geometry/solid.h"
 
 namespace mirage {
 

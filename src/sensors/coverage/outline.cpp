@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "geometry/texel_grid.h"
+#include "geometry/mesh.h"
 
 namespace mirage::coverage {
 namespace {

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "geometry/texel_grid.h"
+#include "geometry/mesh.h"
 #include "sensors/screen_mesh.h"
 
 namespace mirage::plain_raster {

@@ -8,7 +8,7 @@
 #include <filesystem>
 
 #include "detection/average_precision.h"
-#include "detection/points_in_view.h"
+#include "detection/car_in_picture.h"
 #include "generator/generator.h"
 #include "geometry/box.h"
 #include "local_network.h"

@@ -3,7 +3,7 @@
 #include <cstdio>
 
 #include "exchange/gltf.h"
-#include "geometry/shapes.h"
+#include "geometry/mesh.h"
 #include "scene/data/read_frames.h"
 #include "simulation/insertion.h"
 

@@ -1,8 +1,8 @@
-#include "sensors/camera_effects.h"
+#include "sensors/camera.h"
 
 #include <array>
 
-#include "base/words.h"
+#include "base/fields.h"
 
 namespace mirage {
 namespace {
