@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "base/random.h"
-#include "geometry/mesh.h"
 
 namespace mirage {
 

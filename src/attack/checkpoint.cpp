@@ -9,7 +9,6 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/json_fields.h"
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/provenance.h"

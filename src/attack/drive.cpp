@@ -4,16 +4,12 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <functional>
 #include <map>
 #include <mutex>
-#include <optional>
 #include <set>
 #include <utility>
 
-#include "attack/observation.h"
 #include "base/disk_cache.h"
 #include "base/error.h"
 #include "base/files.h"
@@ -22,7 +18,6 @@
 #include "base/types.h"
 #include "detection/average_precision.h"
 #include "scene/data/kitti_rows.h"
-#include "scene/data/read_frames.h"
 #include "simulation/insertion.h"
 #include "simulation/render_scene.h"
 

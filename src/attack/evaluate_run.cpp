@@ -2,10 +2,8 @@
 
 #include <spdlog/spdlog.h>
 
-#include <memory>
 #include <set>
 
-#include "attack/evaluation.h"
 #include "attack/host_outcome.h"
 #include "base/disk_cache.h"
 #include "base/error.h"

@@ -9,7 +9,6 @@
 #include <opencv2/core.hpp>
 
 #include "base/error.h"
-#include "base/fields.h"
 #include "base/types.h"
 
 namespace mirage {

@@ -6,12 +6,10 @@
 #include <boost/math/distributions/binomial.hpp>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <map>
 #include <numbers>
 #include <numeric>
 
-#include "base/intervals.h"
 #include "detection/average_precision.h"
 #include "scene/data/kitti_rows.h"
 

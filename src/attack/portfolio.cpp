@@ -12,7 +12,6 @@
 
 #include "attack/attack_hosts.h"
 #include "attack/baseline.h"
-#include "attack/black_box.h"
 #include "attack/checkpoint.h"
 #include "attack/run.h"
 #include "base/error.h"

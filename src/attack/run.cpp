@@ -8,7 +8,6 @@
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
-#include "base/json_fields.h"
 #include "base/names.h"
 #include "detection/detector_settings.h"
 #include "detection/process_detector.h"

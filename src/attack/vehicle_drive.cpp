@@ -4,16 +4,13 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <iterator>
-#include <string>
 
 #include "base/fields.h"
 #include "base/intervals.h"
 #include "base/names.h"
 #include "base/types.h"
-#include "tracking/tracker.h"
 
 namespace mirage {
 namespace {

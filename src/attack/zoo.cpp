@@ -8,7 +8,6 @@
 #include "base/files.h"
 #include "base/names.h"
 #include "exchange/mesh_files.h"
-#include "geometry/mesh.h"
 
 namespace mirage {
 namespace {

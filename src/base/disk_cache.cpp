@@ -1,16 +1,11 @@
 #include "base/disk_cache.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <vector>
 
-#include "base/error.h"
-#include "base/files.h"
-#include "base/logging.h"
 #include "base/random.h"
 
 namespace mirage {

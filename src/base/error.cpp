@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <csignal>
-#include <string>
 #include <string_view>
 
 #include "base/names.h"

@@ -4,8 +4,6 @@
 
 #include <algorithm>
 #include <cctype>
-#include <charconv>
-#include <iterator>
 #include <sstream>
 
 #include "base/files.h"

@@ -16,10 +16,7 @@
 #include <ctime>
 #include <mutex>
 #include <set>
-#include <string>
-#include <string_view>
 
-#include "base/error.h"
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/parallel.h"

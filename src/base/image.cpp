@@ -1,16 +1,12 @@
 #include "base/image.h"
 
-#include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
-#include <cstdint>
 #include <memory>
-#include <vector>
 
 #include "base/error.h"
 #include "base/files.h"

@@ -6,7 +6,6 @@
 #include <iterator>
 
 #include "base/error.h"
-#include "base/fields.h"
 #include "base/files.h"
 #include "base/names.h"
 

@@ -3,8 +3,6 @@
 #include <tbb/global_control.h>
 #include <tbb/info.h>
 
-#include <memory>
-
 namespace mirage {
 namespace {
 std::unique_ptr<tbb::global_control> control;

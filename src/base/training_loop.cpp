@@ -3,16 +3,13 @@
 #include <algorithm>
 #include <limits>
 #include <sstream>
-#include <string>
 #include <utility>
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/json_fields.h"
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/provenance.h"
-#include "base/schedule.h"
 
 namespace mirage {
 namespace {

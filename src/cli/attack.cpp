@@ -1,9 +1,7 @@
 #include "attack/attack.h"
 
 #include <algorithm>
-#include <filesystem>
 #include <memory>
-#include <optional>
 
 #include "base/error.h"
 #include "base/files.h"

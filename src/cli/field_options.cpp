@@ -6,13 +6,11 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
-#include <map>
 #include <optional>
 #include <sstream>
 
 #include "base/config.h"
 #include "base/error.h"
-#include "base/fields.h"
 #include "detection/detector_settings.h"
 #include "detection/process_detector.h"
 

@@ -15,7 +15,6 @@
 #include "base/random.h"
 #include "base/training_loop.h"
 #include "detection/detector_settings.h"
-#include "detection/training.h"
 #include "exchange/gltf.h"
 #include "scene/data/read_frames.h"
 

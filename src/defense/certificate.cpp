@@ -9,7 +9,6 @@
 
 #include "attack/observation.h"
 #include "base/error.h"
-#include "base/intervals.h"
 #include "base/logging.h"
 #include "base/random.h"
 #include "base/ranks.h"

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
-#include <map>
 #include <memory>
 #include <mutex>
 #include <opencv2/imgproc.hpp>
@@ -21,7 +20,6 @@
 #include "base/ranks.h"
 #include "base/types.h"
 #include "detection/car_in_picture.h"
-#include "detection/detect.h"
 #include "scene/data/read_frames.h"
 #include "scene/occlusion.h"
 

@@ -1,9 +1,5 @@
 #include "detection/car_in_picture.h"
 
-#include <algorithm>
-#include <cmath>
-#include <vector>
-
 #include "base/intervals.h"
 
 namespace mirage {

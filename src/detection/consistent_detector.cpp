@@ -1,8 +1,6 @@
 #include "detection/consistent_detector.h"
 
 #include <algorithm>
-#include <cmath>
-#include <optional>
 
 #include "base/error.h"
 #include "detection/car_in_picture.h"

@@ -2,16 +2,11 @@
 
 #include <turbojpeg.h>
 
-#include <algorithm>
-#include <cmath>
 #include <optional>
-#include <utility>
-#include <vector>
 
 #include "base/error.h"
 #include "base/image.h"
 #include "detection/detector_settings.h"
-#include "geometry/box.h"
 
 namespace mirage {
 namespace {

@@ -9,7 +9,6 @@
 #include <future>
 #include <iterator>
 #include <mutex>
-#include <optional>
 
 #include "base/error.h"
 #include "base/json_fields.h"

@@ -1,7 +1,6 @@
 // Running a detector over a data set and scoring it.
 #pragma once
 
-#include <array>
 #include <filesystem>
 #include <functional>
 #include <map>

@@ -6,7 +6,6 @@
 // it, or the light on an object are experiments on something that it ignores.
 #pragma once
 
-#include <filesystem>
 #include <functional>
 #include <map>
 #include <nlohmann/json.hpp>

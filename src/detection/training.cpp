@@ -14,7 +14,6 @@
 #include "base/types.h"
 #include "detection/car_in_picture.h"
 #include "detection/detector_settings.h"
-#include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/data/truth_files.h"
 #include "scene/occlusion.h"

@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 
-#include <array>
 #include <cmath>
 #include <numbers>
 #include <set>
@@ -14,7 +13,6 @@
 #include "base/names.h"
 #include "exchange/gltf_document.h"
 #include "exchange/gltf_model.h"
-#include "geometry/mesh.h"
 #include "scene/recorded_light.h"
 #include "simulation/camera_pass.h"
 

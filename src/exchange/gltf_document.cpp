@@ -12,8 +12,6 @@
 #include <cstdint>
 #include <cstring>
 #include <numbers>
-#include <string>
-#include <string_view>
 #include <utility>
 
 #include "base/error.h"

@@ -6,7 +6,6 @@
 #include <map>
 #include <set>
 
-#include "base/error.h"
 #include "base/logging.h"
 #include "exchange/gltf_document.h"
 

@@ -5,8 +5,6 @@
 #include <tiny_gltf.h>
 
 #include <cstddef>
-#include <cstdint>
-#include <cstring>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>

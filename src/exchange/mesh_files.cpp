@@ -8,9 +8,7 @@
 #include <cmath>
 #include <cstdint>
 #include <map>
-#include <optional>
 #include <set>
-#include <string>
 #include <string_view>
 
 #include "base/error.h"
@@ -20,8 +18,6 @@
 #include "exchange/gltf.h"
 #include "exchange/gltf_document.h"
 #include "exchange/gltf_model.h"
-#include "exchange/polygons.h"
-#include "geometry/mesh.h"
 #include "simulation/check_inputs.h"
 
 namespace mirage {

@@ -11,15 +11,11 @@
 #include <limits>
 #include <numeric>
 #include <optional>
-#include <span>
-#include <string>
 #include <string_view>
 #include <tuple>
-#include <utility>
 
 #include "base/error.h"
 #include "exchange/gltf_document.h"
-#include "geometry/mesh.h"
 
 namespace mirage {
 

@@ -10,14 +10,11 @@
 #include <map>
 #include <numbers>
 #include <optional>
-#include <span>
-#include <string>
 #include <utility>
 
 #include "base/config.h"
 #include "base/error.h"
 #include "base/files.h"
-#include "base/image.h"
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/random.h"
@@ -26,7 +23,6 @@
 #include "geometry/box.h"
 #include "sensors/camera.h"
 #include "sensors/lidar_sweep.h"
-#include "sensors/ray_camera.h"
 
 namespace mirage {
 namespace {

@@ -1,9 +1,6 @@
 #include "generator/parts.h"
 
 #include <cmath>
-#include <numbers>
-
-#include "geometry/mesh.h"
 
 namespace mirage::generator {
 

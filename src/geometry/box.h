@@ -1,7 +1,6 @@
 // Oriented boxes: BEV rectangles with exact IoU, and upright 3-D boxes.
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <optional>

@@ -3,8 +3,6 @@
 #include <cmath>
 #include <utility>
 
-#include "geometry/mesh.h"
-
 namespace mirage {
 namespace {
 

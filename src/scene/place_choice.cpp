@@ -7,9 +7,7 @@
 
 #include "base/config.h"
 #include "base/error.h"
-#include "base/fields.h"
 #include "base/names.h"
-#include "base/types.h"
 
 namespace mirage {
 namespace {

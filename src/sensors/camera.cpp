@@ -2,8 +2,6 @@
 
 #include <array>
 
-#include "base/fields.h"
-
 namespace mirage {
 namespace {
 

@@ -1,13 +1,10 @@
 #include "sensors/lidar_effects.h"
 
 #include <algorithm>
-#include <cmath>
-#include <limits>
 #include <numbers>
 #include <numeric>
 
 #include "base/error.h"
-#include "base/fields.h"
 
 namespace mirage {
 

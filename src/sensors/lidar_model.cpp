@@ -2,8 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
-#include <cmath>
 #include <cstdint>
 #include <numbers>
 
@@ -11,7 +9,6 @@
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
-#include "base/types.h"
 
 namespace mirage {
 namespace {

@@ -1,6 +1,5 @@
 // The rays of the light model with visibility, one pencil of them for each direction.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <map>

@@ -2,17 +2,13 @@
 
 #include <tbb/task_arena.h>
 
-#include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <limits>
 #include <string>
 #include <type_traits>
-#include <utility>
 
 #include "base/error.h"
 #include "base/parallel.h"
-#include "geometry/solid.h"
 #include "sensors/embree.h"
 
 namespace mirage {

@@ -1,7 +1,6 @@
 // Ray casting on Embree 3. A scene is static after construction; several threads may trace at once.
 #pragma once
 
-#include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>

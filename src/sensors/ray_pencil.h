@@ -5,7 +5,6 @@
 // sensors/ray_caster.h.
 #pragma once
 
-#include <cstddef>
 #include <memory>
 #include <span>
 

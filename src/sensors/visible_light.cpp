@@ -1,9 +1,6 @@
 #include "sensors/visible_light.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
-#include <numbers>
 
 #include "base/error.h"
 

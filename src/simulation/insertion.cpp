@@ -1,7 +1,6 @@
 #include "simulation/insertion.h"
 
 #include <algorithm>
-#include <array>
 
 #include "base/error.h"
 #include "base/fields.h"

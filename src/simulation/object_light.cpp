@@ -1,7 +1,5 @@
 #include "simulation/object_light.h"
 
-#include "sensors/lighting.h"
-
 namespace mirage {
 namespace {
 

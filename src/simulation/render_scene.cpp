@@ -7,7 +7,6 @@
 #include <numeric>
 
 #include "base/error.h"
-#include "geometry/mesh.h"
 #include "sensors/projection.h"
 #include "sensors/ray_camera.h"
 #include "simulation/camera_pass.h"

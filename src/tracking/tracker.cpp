@@ -6,14 +6,11 @@
 #include <boost/graph/successive_shortest_path_nonnegative_weights.hpp>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 #include <map>
 #include <numbers>
 #include <string>
-#include <utility>
 
 #include "base/error.h"
-#include "base/types.h"
 
 namespace mirage {
 namespace {

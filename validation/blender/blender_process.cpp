@@ -17,7 +17,6 @@
 #include "exchange/gltf.h"
 #include "exchange/mesh_files.h"
 #include "validation/reference/host_scene.h"
-#include "validation/reference/reference_renderer.h"
 
 namespace mirage {
 namespace {

@@ -1,15 +1,11 @@
 #include "validation/fidelity/budget.h"
 
-#include <fmt/format.h>
-
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
-#include <set>
 
-#include "base/intervals.h"
 #include "base/random.h"
 #include "validation/fidelity/ladders.h"
 #include "validation/reference/unbiased_error.h"

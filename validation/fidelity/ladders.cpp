@@ -1,12 +1,9 @@
 #include "validation/fidelity/ladders.h"
 
 #include <algorithm>
-#include <cmath>
-#include <map>
 #include <stdexcept>
 #include <tuple>
 
-#include "base/image.h"
 #include "base/schedule.h"
 #include "sensors/ray_caster.h"
 #include "simulation/adversary_lidar.h"

@@ -6,10 +6,8 @@
 #include <limits>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
-#include <vector>
 
 #include "base/error.h"
-#include "base/image.h"
 #include "base/types.h"
 
 namespace mirage {

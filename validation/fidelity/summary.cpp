@@ -4,11 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <type_traits>
 
 #include "base/fields.h"
-#include "base/intervals.h"
 #include "base/json_fields.h"
 #include "detection/reliance.h"
 #include "validation/reference/unbiased_error.h"

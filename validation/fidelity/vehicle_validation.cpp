@@ -4,7 +4,6 @@
 #include <cmath>
 #include <deque>
 #include <utility>
-#include <vector>
 
 #include "attack/host_outcome.h"
 #include "attack/observation.h"
@@ -15,9 +14,7 @@
 #include "detection/reliance.h"
 #include "exchange/gltf.h"
 #include "simulation/adversary_lidar.h"
-#include "validation/fidelity/ladders.h"
 #include "validation/fidelity/picture_errors.h"
-#include "validation/reference/reference_renderer.h"
 
 namespace mirage {
 namespace {

@@ -12,7 +12,6 @@
 #include "attack/objective.h"
 #include "base/config.h"
 #include "base/error.h"
-#include "base/fields.h"
 #include "base/files.h"
 #include "detection/detector_settings.h"
 

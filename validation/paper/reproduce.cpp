@@ -6,7 +6,6 @@
 #include <chrono>
 #include <cstdio>
 #include <list>
-#include <map>
 #include <mutex>
 #include <optional>
 #include <set>

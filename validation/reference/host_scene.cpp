@@ -1,7 +1,6 @@
 #include "validation/reference/host_scene.h"
 
 #include <algorithm>
-#include <utility>
 
 #include "sensors/raster/limits.h"
 

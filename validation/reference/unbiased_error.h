@@ -16,8 +16,6 @@
 // over-exposed counts.
 #pragma once
 
-#include <cstdint>
-
 #include "base/fields.h"
 #include "base/image.h"
 #include "base/intervals.h"

@@ -4,9 +4,7 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <iterator>
-#include <map>
 #include <memory>
 #include <set>
 
@@ -30,9 +28,6 @@
 #include "simulation/insertion.h"
 #include "validation/fidelity/picture_errors.h"
 #include "validation/reference/host_scene.h"
-#include "validation/reference/reference_renderer.h"
-#include "validation/tradeoff/sensor_studies.h"
-#include "validation/tradeoff/subjects.h"
 
 namespace mirage {
 namespace {

@@ -3,9 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 
-#include "attack/vehicle_drive.h"
 #include "attack/zoo.h"
 #include "base/child_process.h"
 #include "base/error.h"

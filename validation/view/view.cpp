@@ -7,11 +7,9 @@
 #include <limits>
 #include <map>
 #include <optional>
-#include <set>
 
 #include "attack/evaluation.h"
 #include "attack/observation.h"
-#include "attack/run.h"
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"

@@ -8,7 +8,6 @@
 #include <span>
 #include <stdexcept>
 #include <string>
-#include <thread>
 
 #include "../../c_interface.h"
 #include "../../torch_threads.h"

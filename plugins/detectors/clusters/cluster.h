@@ -1,7 +1,6 @@
 // Returns joined to things, and what a thing looks like.
 #pragma once
 
-#include <array>
 #include <span>
 #include <vector>
 

@@ -4,7 +4,6 @@
 #include <iterator>
 #include <memory>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "../../c_interface.h"

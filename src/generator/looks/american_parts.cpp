@@ -4,8 +4,6 @@
 #include <array>
 #include <cmath>
 
-#include "generator/parts.h"
-
 namespace mirage::generator::american {
 namespace {
 

@@ -12,7 +12,6 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/types.h"
 #include "scene/data/data_set.h"
 #include "scene/data/kitti.h"
 #include "scene/data/kitti_rows.h"

@@ -11,7 +11,6 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/types.h"
-#include "scene/data/data_set.h"
 
 namespace mirage {
 namespace {

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <initializer_list>
 
-#include "base/error.h"
 #include "base/names.h"
 #include "scene/data/kitti_rows.h"
 

@@ -5,15 +5,10 @@
 #include <algorithm>
 #include <charconv>
 #include <limits>
-#include <map>
-#include <optional>
-#include <vector>
 
 #include "base/error.h"
-#include "base/fields.h"
 #include "base/logging.h"
 #include "base/parallel.h"
-#include "scene/data/data_set.h"
 #include "scene/data/layouts.h"
 
 namespace mirage {

@@ -9,13 +9,11 @@
 #include <cstdint>
 #include <cstring>
 #include <mutex>
-#include <string>
 
 #include "base/error.h"
 #include "base/files.h"
 #include "base/names.h"
 #include "base/parallel.h"
-#include "geometry/solid.h"
 #include "sensors/ray_caster.h"
 
 namespace mirage {
