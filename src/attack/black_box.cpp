@@ -4,9 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
 #include <numeric>
 #include <pagmo/algorithms/cmaes.hpp>
 #include <pagmo/population.hpp>
@@ -204,9 +202,8 @@ MeshModes::MeshModes(const TexturedMesh& start, const AdversaryLimits& limits, A
   for (std::size_t f = 0; f < start.mesh.faces.size(); ++f)
     for (const AtlasTriangle& triangle : triangles) {
       const Vec2d b = (triangle.corners[0] + triangle.corners[1] + triangle.corners[2]) / 3;
-      const Face& face = start.mesh.faces[f];
-      const auto corner = [&](std::size_t c) { return vertices[static_cast<std::size_t>(face[c])]; };
-      const Vec3d centre = b[0] * corner(0) + b[1] * corner(1) + (1 - b[0] - b[1]) * corner(2);
+      const auto corners = start.mesh.corners(start.mesh.faces[f]);
+      const Vec3d centre = b[0] * corners[0] + b[1] * corners[1] + (1 - b[0] - b[1]) * corners[2];
       paint_[f * start.atlas.per_face() + static_cast<std::size_t>(triangle.texel)] =
           modes(place(centre), Axis::colour);
     }

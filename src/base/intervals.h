@@ -23,6 +23,7 @@
 // covered so well.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <functional>
 #include <map>
@@ -138,6 +139,15 @@ Interval median_interval(std::vector<double> values);
 
 /// The ⌈q·n⌉-th smallest of n > 0 values (q ≤ 0: the smallest; q ≥ 1: the largest).
 double quantile(std::vector<double> values, double q);
+/// The value that ⌊p·n⌋ of the n values lie below, the largest at most; 0 of none.
+template <class T>
+T lower_quantile(std::vector<T> values, double p) {
+  if (values.empty()) return 0;
+  const auto rank = static_cast<std::size_t>(p * static_cast<double>(values.size()));
+  const auto place = values.begin() + static_cast<std::ptrdiff_t>(std::min(values.size() - 1, rank));
+  std::nth_element(values.begin(), place, values.end());
+  return *place;
+}
 
 // Items by their group.
 

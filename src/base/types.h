@@ -6,7 +6,6 @@
 #include <array>
 #include <cmath>
 #include <numbers>
-#include <vector>
 
 namespace mirage {
 
@@ -29,6 +28,11 @@ using Transform = Eigen::Isometry3d;
 
 /// Triangle: three vertex indices, counter-clockwise seen from outside.
 using Face = std::array<int, 3>;
+
+/// The z of the cross product of two directions in a plane.
+inline double cross(const Vec2d& a, const Vec2d& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
 
 // Angles, in radians unless a name says otherwise.
 

@@ -5,8 +5,6 @@
 #include <limits>
 #include <numbers>
 
-#include "geometry/mesh.h"
-
 namespace mirage::generator {
 namespace {
 
@@ -245,7 +243,6 @@ Mesh patch(const Mesh& hull, int axis, int side, const Vec2d& low, const Vec2d& 
     const Vec2d pa(a[across], a.z()), pb(b[across], b.z()), pd(d[across], d.z());
     const Vec2d least = pa.cwiseMin(pb).cwiseMin(pd), most = pa.cwiseMax(pb).cwiseMax(pd);
     if ((least.array() > high.array() + 1e-9).any() || (most.array() < low.array() - 1e-9).any()) continue;
-    const auto cross = [](const Vec2d& m, const Vec2d& n) { return m.x() * n.y() - m.y() * n.x(); };
     const double area = cross(pb - pa, pd - pa);
     if (std::abs(area) < 1e-12) continue;
     for (int i = 0; i < count; ++i) {  // grid points in the triangle projected along the axis
@@ -278,7 +275,7 @@ Mesh patch(const Mesh& hull, int axis, int side, const Vec2d& low, const Vec2d& 
 namespace mirage {
 namespace {
 
-struct Interval {
+struct StyleRange {
   double low, high;
   double draw(RandomStream& random) const { return random.uniform(low, high); }
 };
@@ -287,14 +284,14 @@ struct Interval {
 // the length from the front, the rest of the profile shares of the height.
 struct Style {
   std::string_view name;
-  Interval length, width, height;
-  Interval overhang, wheelbase;  // front overhang to the axle; axle to axle
-  Interval nose, bonnet, cowl_u, cowl;
-  Interval roof_front_u, roof_peak, roof_rear_u,
+  StyleRange length, width, height;
+  StyleRange overhang, wheelbase;  // front overhang to the axle; axle to axle
+  StyleRange nose, bonnet, cowl_u, cowl;
+  StyleRange roof_front_u, roof_peak, roof_rear_u,
       roof_rear;  // roof_peak: share of the way between front and rear
-  Interval window_foot_u, window_foot, tail;
-  Interval clearance, belt, belt_rise, wheel, tumblehome;
-  Interval nose_round, tail_round;
+  StyleRange window_foot_u, window_foot, tail;
+  StyleRange clearance, belt, belt_rise, wheel, tumblehome;
+  StyleRange nose_round, tail_round;
 };
 
 constexpr std::array<Style, 7> kStyles = {{

@@ -63,9 +63,9 @@ Actor assemble(const BodyShape& shape, const std::string& type, const Vec3d& siz
 /// from `shape`.
 void add_roof_load(Actor& car, const BodyShape& shape, RandomStream& random);
 
-Material paint_of(RandomStream& random);
-Material tyre_rubber();
-Material dark_plastic();
+Material paint_of(RandomStream& random);  ///< of a body
+Material tyre_rubber();                   ///< of wheels
+Material dark_plastic();                  ///< of bumpers and trim
 
 }  // namespace mirage::generator
 

@@ -9,10 +9,10 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/intervals.h"
 #include "base/random.h"
 #include "generator/dataset.h"
 #include "generator/street.h"
-#include "geometry/mesh.h"
 #include "sensors/ray_caster.h"
 
 namespace mirage::generator {
@@ -121,13 +121,6 @@ Box3 disturbed(const Box3& box, double strength, RandomStream& random) {
 }
 
 }  // namespace
-
-double lower_quantile(std::vector<double> values, double p) {
-  if (values.empty()) return 0;
-  std::sort(values.begin(), values.end());
-  return values[std::min(values.size() - 1,
-                         static_cast<std::size_t>(p * static_cast<double>(values.size())))];
-}
 
 std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame& frame,
                                      const LidarModel& lidar, const FitFrameSettings& settings,

@@ -90,9 +90,6 @@ std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame&
                                      const LidarModel& lidar, const FitFrameSettings& settings,
                                      const std::vector<generator::TrueVehicle>* truth);
 
-/// Value below which the share p of the numbers lies; 0 for none.
-double lower_quantile(std::vector<double> values, double p);
-
 /// One vehicle: pose, size, roof, code, residual, errors.
 nlohmann::json to_json(const FittedVehicle& vehicle);
 /// What to_json wrote, as far as summarise_fits and to_json ask: without meshes and returns, the roof

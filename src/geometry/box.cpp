@@ -1,16 +1,11 @@
 #include "geometry/box.h"
 
 #include <algorithm>
-#include <cmath>
 #include <numbers>
 #include <utility>
 
 namespace mirage {
 namespace {
-
-double cross(const Vec2d& a, const Vec2d& b) {
-  return a.x() * b.y() - a.y() * b.x();
-}
 
 /// Two negative sides make no area, though their product is positive.
 bool has_area(const BevBox& box) {

@@ -75,6 +75,12 @@ std::vector<AtlasTriangle> atlas_triangles(int resolution);
 struct Mesh {
   std::vector<Vec3d> vertices;
   std::vector<Face> faces;
+
+  /// The face's three vertices.
+  std::array<Vec3d, 3> corners(const Face& face) const {
+    const auto at = [&](std::size_t k) { return vertices[static_cast<std::size_t>(face[k])]; };
+    return {at(0), at(1), at(2)};
+  }
 };
 
 /// Texels of a face: C×C colours (scene-linear albedo in [0, 1]).

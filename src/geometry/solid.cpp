@@ -66,9 +66,7 @@ namespace {
 using Triangle = std::array<Vec3d, 3>;
 
 Triangle corners(const Mesh& mesh, int face) {
-  const Face& f = mesh.faces[static_cast<std::size_t>(face)];
-  return {mesh.vertices[static_cast<std::size_t>(f[0])], mesh.vertices[static_cast<std::size_t>(f[1])],
-          mesh.vertices[static_cast<std::size_t>(f[2])]};
+  return mesh.corners(mesh.faces[static_cast<std::size_t>(face)]);
 }
 
 /// Where the line a + t · d meets the triangle's inside (Möller and Trumbore, 1997); NaN where it does not.

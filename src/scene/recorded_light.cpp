@@ -22,7 +22,6 @@
 #include <vector>
 
 #include "base/error.h"
-#include "base/fields.h"
 #include "base/image.h"
 #include "base/intervals.h"
 #include "base/logging.h"
@@ -344,10 +343,8 @@ Vec3d vehicle_paint(const Frame& frame, const Label& host) {
     std::vector<float> values;
     for (int v = v0; v < v1; v += step_v)
       for (int u = u0; u < u1; u += step_u) values.push_back(image.at(u, v, c));
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::nth_element(values.begin(), middle, values.end());
     const double received = light.ambient[c] + light.hemisphere[c] / 2 + light.sun[c] / 3;
-    albedo[c] = std::clamp(*middle / std::max(received, 1e-3), 0.02, 0.85);
+    albedo[c] = std::clamp(lower_quantile(std::move(values), 0.5) / std::max(received, 1e-3), 0.02, 0.85);
   }
   return albedo;
 }

@@ -10,10 +10,10 @@
 #include <map>
 #include <numbers>
 #include <numeric>
-#include <optional>
 #include <unsupported/Eigen/FFT>
 
 #include "base/error.h"
+#include "base/intervals.h"
 #include "base/types.h"
 #include "scene/occlusion.h"
 
@@ -31,10 +31,7 @@ double rest_of(double value, double modulus) {
 }
 
 double median_of(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+  return lower_quantile(std::move(values), 0.5);
 }
 
 /// A beam in the plane of horizontal distance ρ and height z: z = height + slope · ρ.

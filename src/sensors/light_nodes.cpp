@@ -44,10 +44,7 @@ const std::vector<std::array<Vec2f, 3>>& texel_corners(int resolution) {
 std::vector<LightLeaf> whole_sides(const Mesh& mesh, const Vec3d& centre, double lift) {
   std::vector<LightLeaf> sides(2 * mesh.faces.size());
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-    const Face& face = mesh.faces[f];
-    const Vec3d &a = mesh.vertices[static_cast<std::size_t>(face[0])],
-                &b = mesh.vertices[static_cast<std::size_t>(face[1])],
-                &c = mesh.vertices[static_cast<std::size_t>(face[2])];
+    const auto [a, b, c] = mesh.corners(mesh.faces[f]);
     const Vec3d normal = (b - a).cross(c - a);
     const double length = normal.norm();
     const Vec3d n = length > 0 ? Vec3d(normal / length) : Vec3d::Zero();
@@ -291,9 +288,7 @@ TexturedMesh texels_as_faces(const TexturedMesh& mesh) {
   TexturedMesh parts{{}, {1, mesh.atlas.texels}};
   const auto& corners = texel_corners(mesh.atlas.resolution);
   for (const Face& face : mesh.mesh.faces) {
-    const Vec3d &a = mesh.mesh.vertices[static_cast<std::size_t>(face[0])],
-                &b = mesh.mesh.vertices[static_cast<std::size_t>(face[1])],
-                &c = mesh.mesh.vertices[static_cast<std::size_t>(face[2])];
+    const auto [a, b, c] = mesh.mesh.corners(face);
     for (const auto& triangle : corners) {
       const int first = static_cast<int>(parts.mesh.vertices.size());
       for (const Vec2f& corner : triangle)

@@ -1,12 +1,10 @@
 #include "simulation/adversary_lidar.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <optional>
 
 #include "base/random.h"
-#include "geometry/mesh.h"
 #include "geometry/solid.h"
 #include "sensors/ray_caster.h"
 #include "sensors/soft_rasterizer.h"
@@ -15,9 +13,7 @@ namespace mirage {
 namespace {
 
 std::array<Vec3d, 3> face_of(const Mesh& mesh, int face) {
-  const Face& f = mesh.faces[static_cast<std::size_t>(face)];
-  return {mesh.vertices[static_cast<std::size_t>(f[0])], mesh.vertices[static_cast<std::size_t>(f[1])],
-          mesh.vertices[static_cast<std::size_t>(f[2])]};
+  return mesh.corners(mesh.faces[static_cast<std::size_t>(face)]);
 }
 
 /// The caster works in float and may pick a face that the exact ray just misses. On needles and near-grazing

@@ -51,10 +51,6 @@ Vec3d at(const RasterProblem& problem, double x, double y, double z) {
   return {(x - problem.target.width / 2.0) / half, (problem.target.height / 2.0 - y) / half, z};
 }
 
-double cross(const Vec2d& a, const Vec2d& b) {
-  return a.x() * b.y() - a.y() * b.x();
-}
-
 double hull_area(std::vector<Vec2d> points) {
   std::sort(points.begin(), points.end(),
             [](const Vec2d& a, const Vec2d& b) { return a.x() != b.x() ? a.x() < b.x() : a.y() < b.y(); });

@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <numbers>
-#include <optional>
 
 #include "base/error.h"
 #include "base/parallel.h"
@@ -293,10 +291,7 @@ class Study {
   Study(const PreparedFrame& prepared, const TexturedMesh& placed, const SimulationSettings& settings)
       : prepared_(prepared), placed_(placed), settings_(settings), box_(bounds(placed.mesh)) {
     sent_ = prepared.index.rays_through(box_.center(), box_.diagonal().norm() / 2);
-    for (const Face& f : placed.mesh.faces)
-      corners_.push_back({placed.mesh.vertices[static_cast<std::size_t>(f[0])],
-                          placed.mesh.vertices[static_cast<std::size_t>(f[1])],
-                          placed.mesh.vertices[static_cast<std::size_t>(f[2])]});
+    for (const Face& f : placed.mesh.faces) corners_.push_back(placed.mesh.corners(f));
     reference_ = trace(every(1), Arithmetic::plain);
     for (const Met& met : reference_) hits_ += met.face >= 0;
   }

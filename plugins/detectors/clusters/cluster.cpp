@@ -9,6 +9,8 @@
 #include <numeric>
 #include <unordered_map>
 
+#include "base/intervals.h"
+
 namespace mirage::clusters {
 namespace {
 
@@ -99,12 +101,6 @@ class Profile {
   double slope_, first_slope_;
 };
 
-double median_of(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 }  // namespace
 
 std::size_t Ground::sector_of(double x, double y) {
@@ -169,7 +165,7 @@ Ground::Ground(std::span<const Return> returns) : heights_(kSectors * kBins, 0.0
         }
         if (!votes.empty()) break;
       }
-      heights_[sector * kBins + bin] = median_of(votes);
+      heights_[sector * kBins + bin] = lower_quantile(votes, 0.5);
     }
 }
 

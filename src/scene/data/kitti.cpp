@@ -19,10 +19,10 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image.h"
+#include "base/intervals.h"
 #include "base/json_fields.h"
 #include "base/logging.h"
 #include "base/names.h"
-#include "scene/data/data_set.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/data/layouts.h"
 
@@ -284,10 +284,7 @@ std::size_t floats_a_point(const std::vector<float>& values, std::size_t columns
     std::vector<float> steps;
     for (std::size_t i = apart; i < values.size(); ++i)
       if (const float by = std::abs(values[i] - values[i - apart]); std::isfinite(by)) steps.push_back(by);
-    if (steps.empty()) return HUGE_VALF;
-    const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-    std::nth_element(steps.begin(), middle, steps.end());
-    return *middle;
+    return steps.empty() ? HUGE_VALF : lower_quantile(std::move(steps), 0.5);
   };
   std::size_t best = columns;
   float least = kClearly * step(columns);

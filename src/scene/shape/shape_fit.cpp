@@ -14,6 +14,7 @@
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
+#include "base/intervals.h"
 #include "base/parallel.h"
 
 namespace mirage {
@@ -31,8 +32,7 @@ std::optional<GroundPlane> fit_ground(const std::vector<Vec3d>& points, const Ev
   // Start from the lower quartile: what stands on the ground is above it.
   std::vector<double> heights;
   for (const Vec3d& p : points) heights.push_back(p.z());
-  std::nth_element(heights.begin(), heights.begin() + static_cast<long>(heights.size() / 4), heights.end());
-  GroundPlane plane{heights[heights.size() / 4], Vec2d::Zero()};
+  GroundPlane plane{lower_quantile(std::move(heights), 0.25), Vec2d::Zero()};
   double support = 0;
   for (int round = 0; round < kEvidenceRounds; ++round) {
     Eigen::Matrix3d normal = Eigen::Vector3d(1e-9, 1, 1).asDiagonal();

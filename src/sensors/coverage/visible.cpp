@@ -75,10 +75,6 @@ namespace {
 
 constexpr double kRounding = 64 * std::numeric_limits<double>::epsilon();
 
-double cross(const Vec2d& a, const Vec2d& b) {
-  return a.x() * b.y() - a.y() * b.x();
-}
-
 /// False for a face that covers nothing.
 bool set_up(const std::array<Vec3d, 3>& corners, int width, int height, const PixelRect& window,
             ScreenFace& face) {
