@@ -95,6 +95,8 @@ bench: build
 	cmake --build --preset release --target mirage_bench
 	build/release/mirage_bench
 	python3 -B validation/benchmarks/rank_efficiency.py build/release/mirage --json build/release/bench.json
+	python3 -B validation/benchmarks/fleet_cost.py build/release/mirage --json build/release/bench.json
+	PYTHONPATH=build/release/python /usr/bin/python3 -B validation/benchmarks/python_overhead.py --json build/release/bench.json
 
 .PHONY: reference evidence site metrics
 

@@ -20,7 +20,7 @@ Every command, what it does, an example, and its options. This page is `mirage C
 
     mirage COMMAND [--config FILE.toml] [options]
 
-X is a number, N an integer. A range and the default stand in brackets.
+X is a number, N an integer. A range and the default stand in brackets; where most commands share a default, it stands below.
 """
 
 
@@ -66,6 +66,10 @@ def page(program):
             for option, said in options:
                 users[option, without_default(said)[0]].append(said)
     shared = {key for key, by in users.items() if len(by) > 1}
+    usual = {}
+    for key in shared:
+        (default, count), = collections.Counter(without_default(said)[1] for said in users[key]).most_common(1)
+        usual[key] = default if 2 * count >= len(users[key]) else ""  # each command its own, as of --out
     lines = [HEAD]
     for name, (description, example, groups) in helps.items():
         lines += [f"## {name}", "", description[:1].upper() + description[1:] + ".", "", f"    {example}", ""]
@@ -77,20 +81,22 @@ def page(program):
                 if (option, words) not in shared:
                     own.append((option, said))
                 elif option.split()[0] != "-h,--help":
-                    also.append(f"`{option.split()[0]}`" + (f" ({default})" if default else ""))
+                    its = "" if default == usual[option, words] else f" ({default or 'no default'})"
+                    also.append(f"`{option.split()[0]}`{its}")
             if own:
                 lines += [f"**{heading}**", "", *(entry(*option) for option in own), ""]
         if also:
             lines += ["Also, [below](#options-of-several-commands): " + ", ".join(also) + ".", ""]
     lines += ["## Options of several commands", ""]
-    lines += [entry(option, limits(words, by)) for (option, words), by in users.items() if (option, words) in shared]
+    lines += [entry(key[0], limits(key[1], by, usual[key])) for key, by in users.items() if key in shared]
     return "\n".join(lines) + "\n"
 
 
-def limits(words, by):
-    """With the range, which stands in the same brackets as the default."""
+def limits(words, by, default):
+    """With the range and the default that most commands have."""
     match = re.search(r" \(((?:[^()]*; )?)(?:default [^();]*|required)\)$", by[0])
-    return f"{words} ({match[1].rstrip('; ')})" if match and match[1] else words
+    within = [part for part in ((match[1].rstrip("; ") if match else ""), default) if part]
+    return f"{words} ({'; '.join(within)})" if within else words
 
 
 def main(program, path, check=""):

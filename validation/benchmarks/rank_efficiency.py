@@ -2,7 +2,7 @@
 caches of this machine leave, of two runs on one rank each that know nothing of each other. In alternation.
 
     python3 validation/benchmarks/rank_efficiency.py [PROGRAM] [--commands attack,evaluate,validate] [--frames 16] [--rounds 3]
-        [--steps 64] [--json FILE]
+        [--steps 24] [--json FILE]
 
 Adds to FILE (build/release/bench.json), for each command: rank_efficiency_2_COMMAND = (one rank) / (2 · two ranks),
 rank_ceiling_2_COMMAND = (alone) / (one of two at a time), and rank_seconds_1_COMMAND, rank_seconds_2_COMMAND. Medians over rounds.
@@ -67,9 +67,9 @@ def main():
     options.add_argument("--commands", default="attack,evaluate,validate")
     options.add_argument("--frames", type=int, default=16)
     options.add_argument("--detector", default="fusion")
-    options.add_argument("--batch", type=int, default=2)
+    options.add_argument("--batch", type=int, default=8)
     options.add_argument("--rounds", type=int, default=3)
-    options.add_argument("--steps", type=int, default=64)
+    options.add_argument("--steps", type=int, default=24)
     options.add_argument("--json", default="build/release/bench.json")
     options = options.parse_args()
     program = os.path.abspath(options.program)
