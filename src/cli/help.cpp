@@ -243,7 +243,8 @@ std::vector<std::string> usual_words(const CLI::App& command, const CLI::Option&
     return {"roof", "tilt", "shape", "colour", "sun", "light", "exposure", "noise", "all", "none"};
   if (name == "--camera-effects") return {"ideal", "unit", "blur", "noise"};
   if (name == "--lidar-effects")
-    return {"ideal", "as-recorded", "unit", "noise", "drop-out", "divergence", "motion", "albedo"};
+    return {"ideal",     "as-recorded", "unit",   "noise", "drop-out",
+            "dark-loss", "divergence",  "motion", "albedo"};
   if (name != "--defense") return {};
   std::vector<std::string> words = defense_methods();
   for (const char* word : {"none", "jpeg:", "ceiling:", kConsistency, kShadows}) words.emplace_back(word);

@@ -94,7 +94,7 @@ struct LidarEffectsOption {
     auto* option = command.add_option(
         "--lidar-effects", words,
         "returns on the object: ideal, as-recorded (what the data set's sweeps have), unit (noise, drop-out, "
-        "divergence), or some of noise,drop-out,divergence,motion,albedo" +
+        "divergence), or some of noise,drop-out,dark-loss,divergence,motion,albedo" +
             (otherwise.empty() ? "" : "; default: " + otherwise));
     if (otherwise.empty()) option->capture_default_str();
   }

@@ -8,8 +8,20 @@
 
 namespace mirage {
 
+namespace {
+
+// Of the cars of KITTI's tracking drives 0000 and 0003: validation/studies/real_to_sim.py --data DRIVES.
+constexpr double kDarkFloor = 0.03, kDarkPower = 0.3;
+
+}  // namespace
+
 double arrival_probability(double signal, const LidarEffects& effects) {
   return effects.signal_floor > 0 ? 1 - std::exp(-signal / effects.signal_floor) : 1;
+}
+
+double surface_probability(double reflectivity, const LidarEffects& effects) {
+  if (!(effects.dark_floor > 0)) return 1;
+  return 1 - std::exp(-std::pow(std::max(reflectivity, 0.0) / effects.dark_floor, kDarkPower));
 }
 
 std::optional<double> reported_range(double range, double arrives, const FiringChance& chance,
@@ -23,7 +35,7 @@ std::optional<double> reported_range(double range, double arrives, const FiringC
 LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergence) {
   LidarEffects effects;
   if (words == "ideal") return effects;
-  std::vector<std::string> known = {"noise", "drop-out", "divergence", "motion", "albedo"};
+  std::vector<std::string> known = {"noise", "drop-out", "dark-loss", "divergence", "motion", "albedo"};
   if (words.find(',') == words.npos) known.insert(known.begin(), {"ideal", "as-recorded", "unit"});
   if (words.empty()) throw unknown_word("lidar_effects", words, known);
   for (const std::string& word : listed_words(words == "unit" ? "noise,drop-out,divergence" : words)) {
@@ -32,6 +44,8 @@ LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergen
     } else if (word == "drop-out") {
       effects.drop_out = 0.015;
       effects.signal_floor = 3e-5;
+    } else if (word == "dark-loss") {
+      effects.dark_floor = kDarkFloor;
     } else if (word == "divergence") {
       effects.divergence = divergence.isZero(0) ? Vec2d::Constant(2e-3) : divergence;
     } else if (word == "motion") {
@@ -54,6 +68,7 @@ void check_effects(const LidarEffects& effects) {
   demand(within(effects.range_sigma, 0, 10), "range_sigma", "give metres from 0 to 10");
   demand(within(effects.drop_out, 0, 1), "drop_out", "give a share from 0 to 1");
   demand(within(effects.signal_floor, 0, 1e3), "signal_floor", "give 1/m² from 0 to 1000");
+  demand(within(effects.dark_floor, 0, 1e3), "dark_floor", "give a reflectivity from 0 to 1000");
   demand(within(effects.divergence.x(), 0, 0.2) && within(effects.divergence.y(), 0, 0.2), "divergence",
          "give radians from 0 to 0.2");
   demand(within(effects.pulse_length, 0, 100), "pulse_length", "give metres from 0 to 100");

@@ -23,6 +23,8 @@ struct LidarEffects {
   double drop_out = 0;
   /// Drop-out with range and incidence (1/m²): arrival_probability(). 0: all arrive.
   double signal_floor = 0;
+  /// Drop-out of dark surfaces, whatever the range: surface_probability(). 0: none is lost.
+  double dark_floor = 0;
 
   /// Full angle of the beam (rad; horizontal, vertical) at which a Gaussian profile has fallen to 1/e². The
   /// cone is sampled by 19 rays; those whose ranges follow each other within `pulse_length` (m) make one
@@ -56,10 +58,10 @@ struct LidarEffects {
   bool moving() const { return yaw_rate != 0 || !velocity.isZero(0); }
   /// Whether a beam is more than a ray.
   bool diverging() const { return !divergence.isZero(0); }
+  /// Whether returns are lost.
+  bool losing() const { return drop_out > 0 || signal_floor > 0 || dark_floor > 0; }
   /// Whether an inserted object's returns are other than ideal.
-  bool any() const {
-    return range_sigma > 0 || drop_out > 0 || signal_floor > 0 || diverging() || albedo || moving();
-  }
+  bool any() const { return losing() || range_sigma > 0 || diverging() || albedo || moving(); }
 };
 
 /// Those that an inserted object's returns have.
@@ -68,6 +70,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "range_sigma", .range = {0, 10}, .option = ""}, s.range_sigma);
   visit({.name = "drop_out", .range = kShare, .option = ""}, s.drop_out);
   visit({.name = "signal_floor", .range = {0, 1e3}, .option = ""}, s.signal_floor);
+  visit({.name = "dark_floor", .range = {0, 1e3}, .option = "", .lacking = "0"}, s.dark_floor);
   visit({.name = "divergence", .range = {0, 0.2}, .option = ""}, s.divergence);
   visit({.name = "pulse_length", .range = {0, 100}, .option = ""}, s.pulse_length);
   visit({.name = "albedo", .option = ""}, s.albedo);
@@ -87,6 +90,12 @@ S returned_signal(S reflectivity, S cosine, S range) {
 /// How likely a return of that signal is reported: 1 − exp(−signal / signal_floor); 1 without a floor.
 double arrival_probability(double signal, const LidarEffects& effects);
 
+/// How likely a surface of that reflectivity ρ returns at all: 1 − exp(−(ρ / dark_floor)^0.3); 1 without a
+/// floor. Of the rays that meet a recorded car's body black paint loses half, at 8 m as at 30 m and hardly
+/// more at grazing incidence; bright paint a tenth. Inserted objects only: generated sweeps have their own
+/// surfaces.
+double surface_probability(double reflectivity, const LidarEffects& effects);
+
 /// What chance does to a firing, drawn whatever it meets.
 struct FiringChance {
   double range_error = 0;  ///< m
@@ -100,8 +109,9 @@ std::optional<double> reported_range(double range, double arrives, const FiringC
 
 /// Effects by word. "ideal": none. "unit": noise, drop-out and divergence, which every unit has. Or a
 /// list with commas of: noise (σ 12 mm), drop-out (1.5 %, and by signal: floor 3e-5 /m²), divergence (of the
-/// unit, `divergence` in rad; where that is zero the HDL-64E's 2 mrad), motion (15 m/s and 0.2 rad/s: an
-/// uncompensated sweep), albedo (reflectance from the texels). FieldError naming lidar_effects otherwise.
+/// unit, `divergence` in rad; where that is zero the HDL-64E's 2 mrad), dark-loss (of recorded
+/// cars: floor 0.03), motion (15 m/s and 0.2 rad/s: an uncompensated sweep), albedo (reflectance from the
+/// texels). FieldError naming lidar_effects otherwise.
 LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergence);
 
 /// InputError naming the field: a value that is not finite, a negative spread, a share beyond [0, 1], a beam

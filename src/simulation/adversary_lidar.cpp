@@ -195,14 +195,15 @@ class Insertion {
     back.face = best.face;
     back.hit = best.hit;
     back.hit.reflectance = 0;
-    double signal = 0;
+    double signal = 0, reflectivity = 0, light = 0;
     for (std::size_t p = first; p < tape_.parts.size(); ++p) {
       const LidarTape::Part& part = tape_.parts[p];
       back.hit.reflectance += part.weight * part.hit.reflectance;
       signal += strength(part);
+      reflectivity += part.weight * part.reflectivity, light += part.weight;
     }
     back.range = back.hit.range;
-    if (effects_.range_sigma > 0 || effects_.drop_out > 0 || effects_.signal_floor > 0) {
+    if (effects_.range_sigma > 0 || effects_.losing()) {
       const std::uint64_t place = sent.firing >= 0 ? (static_cast<std::uint64_t>(sent.beam) << 32) |
                                                          static_cast<std::uint64_t>(sent.firing)
                                                    : (1ull << 63) | static_cast<std::uint64_t>(sent.point);
@@ -210,8 +211,10 @@ class Insertion {
       FiringChance chance;
       chance.range_error = effects_.range_sigma * random.normal();
       chance.lost = random.uniform(), chance.weak = random.uniform();
-      const auto range = reported_range(back.range, arrival_probability(signal, effects_), chance, effects_,
-                                        lidar_.range_min, lidar_.range_max);
+      const double arrives =
+          arrival_probability(signal, effects_) * surface_probability(reflectivity / light, effects_);
+      const auto range =
+          reported_range(back.range, arrives, chance, effects_, lidar_.range_min, lidar_.range_max);
       if (!range) {
         tape_.parts.resize(first);
         ++result_.lost_points;  // the object hides what is behind it all the same

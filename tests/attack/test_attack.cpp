@@ -165,7 +165,7 @@ TEST(Attack, LidarEffectsArePartOfARun) {
   const DetectorPool detectors = stand_ins();
   auto settings = settings_for(folder / "data", folder / "run", 1);
   settings.simulation.lidar_effects =
-      parse_lidar_effects("noise,drop-out,divergence,motion,albedo", Vec2d(3e-3, 1e-3));
+      parse_lidar_effects("noise,drop-out,dark-loss,divergence,motion,albedo", Vec2d(3e-3, 1e-3));
   settings.simulation.lidar_effects.seed = 9;
   run_attack(settings, detectors);
   const LidarEffects read = read_run(folder / "run").settings.simulation.lidar_effects,
@@ -173,6 +173,7 @@ TEST(Attack, LidarEffectsArePartOfARun) {
   EXPECT_EQ(read.range_sigma, asked.range_sigma);
   EXPECT_EQ(read.drop_out, asked.drop_out);
   EXPECT_EQ(read.signal_floor, asked.signal_floor);
+  EXPECT_EQ(read.dark_floor, asked.dark_floor);
   EXPECT_EQ(read.divergence, asked.divergence);
   EXPECT_EQ(read.pulse_length, asked.pulse_length);
   EXPECT_EQ(read.albedo, asked.albedo);

@@ -76,6 +76,8 @@ TEST_P(DataSets, IsKnownByItsFolder) {
   EXPECT_STREQ(set->layout(), GetParam().name);
   EXPECT_EQ(set->frames(), GetParam().ids);
   EXPECT_EQ(data_rig(folder_.path()), GetParam().rig);
+  EXPECT_EQ(recorded_lidar_effects(folder_.path()),
+            std::string(GetParam().rig) == "kitti64" ? "noise,dark-loss,divergence" : "unit");
   write_file(folder_ / "dataset.json", R"({"rig": "xenith"})");
   EXPECT_EQ(data_rig(folder_.path()), "xenith");
 }

@@ -287,6 +287,23 @@ TEST(LidarEffects, WordsNameThem) {
         << bad;
 }
 
+TEST(LidarEffects, DarkSurfacesReturnLess) {
+  const LidarEffects dark = parse_lidar_effects("dark-loss", Vec2d::Zero());
+  EXPECT_TRUE(dark.losing() && dark.any());
+  EXPECT_EQ(dark.range_sigma, 0);
+  EXPECT_EQ(parse_lidar_effects("unit", Vec2d::Zero()).dark_floor, 0);
+  EXPECT_EQ(surface_probability(0.5, LidarEffects()), 1);
+  EXPECT_EQ(surface_probability(0, dark), 0);
+  EXPECT_NEAR(surface_probability(dark.dark_floor, dark), 1 - std::exp(-1.0), 1e-12);
+  double last = 0;
+  for (double reflectivity : {0.005, 0.02, 0.1, 0.5, 1.0}) {
+    const double share = surface_probability(reflectivity, dark);
+    EXPECT_GT(share, last) << reflectivity;
+    EXPECT_LT(share, 1) << reflectivity;
+    last = share;
+  }
+}
+
 TEST(LidarEffects, BeamPattern) {
   LidarEffects effects;
   EXPECT_EQ(beam_pattern(effects).size(), 1u);
@@ -327,6 +344,7 @@ TEST(LidarEffects, BadSettingsAreRefusedByName) {
   EXPECT_THAT(refused([](LidarEffects& e) { e.range_sigma = std::nan(""); }), HasSubstr("range_sigma"));
   EXPECT_THAT(refused([](LidarEffects& e) { e.drop_out = 1.5; }), HasSubstr("drop_out"));
   EXPECT_THAT(refused([](LidarEffects& e) { e.signal_floor = -1; }), HasSubstr("signal_floor"));
+  EXPECT_THAT(refused([](LidarEffects& e) { e.dark_floor = -1; }), HasSubstr("dark_floor"));
   EXPECT_THAT(refused([](LidarEffects& e) { e.divergence.x() = 3; }), HasSubstr("divergence"));
   EXPECT_THAT(refused([](LidarEffects& e) { e.velocity.z() = INFINITY; }), HasSubstr("velocity"));
   EXPECT_THAT(refused([](LidarEffects& e) { e.yaw_rate = 1e9; }), HasSubstr("yaw_rate"));

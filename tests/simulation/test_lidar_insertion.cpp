@@ -234,6 +234,22 @@ TEST(LidarInsertion, LostReturnsStillHideWhatIsBehind) {
   EXPECT_EQ(none.removed_points, all.removed_points);
 }
 
+TEST(LidarInsertion, DarkObjectsLoseTheReturnsThatTheirReflectivitySays) {
+  const LidarModel lidar = lidar_of_32();
+  const TexturedMesh object = dented_ball(Vec3d(9, 0.6, -0.4), 0.8, 3);
+  SimulationSettings settings;
+  settings.lidar_effects.dark_floor = 0.1;
+  for (double reflectivity : {0.02, 0.5}) {
+    settings.lidar_reflectivity = reflectivity;
+    Simulated some;
+    draw_in_lidar(lidar_frame(lidar, {}), object, settings, some);
+    const double all = some.adversary_points + some.lost_points;
+    const double share = surface_probability(reflectivity, settings.lidar_effects);
+    ASSERT_GT(all, 300);
+    EXPECT_NEAR(some.adversary_points / all, share, 4 * std::sqrt(share * (1 - share) / all)) << reflectivity;
+  }
+}
+
 TEST(LidarInsertion, MotionWritesPointsAsTheMovingUnitSawThem) {
   const LidarModel lidar = lidar_of_32(10);
   const TexturedMesh object = dented_ball(Vec3d(9, 5, -0.4), 0.8, 3, 2);
