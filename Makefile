@@ -8,7 +8,7 @@ DEMO_PACKAGES := g++ cmake ninja-build ccache libeigen3-dev libtbb-dev libspdlog
   libtinygltf-dev libopencv-imgproc-dev libhwy-dev libnova-dev libtinyxml2-dev libpagmo-dev liblcms2-dev libopenmpi-dev libtorch-dev libssl-dev \
   libopenblas0-pthread libturbojpeg0-dev zlib1g-dev blender python3-numpy python3-jinja2 python3-pil
 # What the Python module and the tests take besides.
-TEST_PACKAGES := python3-matplotlib python3-dev pybind11-dev python3-torch python3-wheel openmpi-bin xvfb xauth libgl1-mesa-dri \
+TEST_PACKAGES := python3-matplotlib python3-scipy python3-dev pybind11-dev python3-torch python3-wheel openmpi-bin xvfb xauth libgl1-mesa-dri \
   libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format clang-tidy strace nodejs npm chromium \
   mkdocs mkdocs-material
 PACKAGES := $(DEMO_PACKAGES) $(TEST_PACKAGES)

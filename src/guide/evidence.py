@@ -103,13 +103,34 @@ def gradients(source):
     return table(["backward pass against central differences", "worst relative error", "tests"], rows) + commands(result)
 
 
+REAL_TO_SIM = (("fitted", "fitted from other frames"), ("as-recorded", "the same mesh, `as-recorded`"), ("unit", "the same mesh, `unit`"),
+               ("cuboid", "cuboid of the label's size"), ("next", "the next recorded frame"))
+
+
+def real_to_sim(source):
+    """A car in a recorded frame against another one in its place: returns, and the detectors' answers."""
+    made = stored(source, "real-to-sim")
+    figures, detectors = made["figures"], [name for name in made["figures"]["detectors"] if name.endswith(" real")]
+
+    def logits(interval):
+        return f"{interval['value']:.2f} ({interval['low']:.2f}–{interval['high']:.2f})"
+
+    rows = []
+    for arm, name in REAL_TO_SIM:
+        of = (figures[key].get(arm) for key in ("returns", "below_windows_within_35_m"))
+        rows.append([name, *(f"{percent(one['off']['value'])} ({between(one['off'])})" if one else "–" for one in of),
+                     *(logits(figures["detectors"][each]["delta_logit"][arm]["size"]) for each in detectors)])
+    head = ["in place of the recorded car", "returns off, %", "below windows, to 35 m, %", *(f"`{each.split()[0]}`, logits off" for each in detectors)]
+    return table(head, rows) + commands(made)
+
+
 def zoo(source):
     """The shipped objects (scenes/objects/zoo.json, which `mirage zoo` writes): {objects, command}."""
     with open(os.path.join(source, "scenes", "objects", "zoo.json"), encoding="utf-8") as file:
         return json.load(file)
 
 
-TABLES = {"detectors": detectors, "gradients": gradients}
+TABLES = {"detectors": detectors, "gradients": gradients, "real_to_sim": real_to_sim}
 
 
 def cells(title, said, left, columns, rows):
