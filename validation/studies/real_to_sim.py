@@ -121,6 +121,16 @@ def over_vehicles(values, vehicles, statistic, seed=0, times=2000):
     return {"value": float(statistic(each)), "low": float(low), "high": float(high), "vehicles": len(each)}
 
 
+def total(rows, key, arm, seed=0, times=2000):
+    """All of an arm's returns over all recorded ones, with its 95 % bootstrap interval over vehicles."""
+    names = list(dict.fromkeys(row["vehicle"] for row in rows))
+    sums = np.array([[sum(row[key][which] for row in rows if row["vehicle"] == name) for which in (arm, "recorded")] for name in names])
+    random = np.random.default_rng(seed)
+    again = [np.divide(*sums[random.integers(0, len(names), len(names))].sum(0)) for _ in range(times)]
+    low, high = np.percentile(again, [2.5, 97.5])
+    return {"value": float(np.divide(*sums.sum(0))), "low": float(low), "high": float(high), "vehicles": len(names)}
+
+
 def roughness(points):
     """Second differences of range along each laser's neighbouring returns, m, as the noise of one of them."""
     origin, direction, laser = rays_of(points)
@@ -274,13 +284,13 @@ def figures(rows):
                             "off": of(lambda r: abs(r["returns"][arm] / r["returns"]["recorded"] - 1)),
                             "within_10": of(lambda r: r["returns"][arm] / r["returns"]["recorded"],
                                             lambda x: np.mean(np.abs(x - 1) <= 0.1)),
-                            "sum_within_35_m": sum(r["returns"][arm] for r in near) / sum(r["returns"]["recorded"] for r in near)}
+                            "sum_within_35_m": total(near, "returns", arm)}
                       for arm in ("fitted", *EFFECTS, "cuboid")}
     out["redrawn"] = of(lambda r: abs(r["returns"]["redrawn"] / r["returns"]["fitted"] - 1))  # what chance alone is worth
     out["below_windows_within_35_m"] = {
         arm: {"off": over_vehicles([abs(r["below_windows"][arm] / r["below_windows"]["recorded"] - 1) for r in near],
                                    [r["vehicle"] for r in near], np.median),
-              "sum": sum(r["below_windows"][arm] for r in near) / sum(r["below_windows"]["recorded"] for r in near)}
+              "sum": total(near, "below_windows", arm)}
         for arm in ("fitted", *EFFECTS)}
     out["range_error_m"] = {arm: of(lambda r: r["range_error"][arm]) for arm in ("fitted", "cuboid")}
     out["pixel_error"] = {arm: of(lambda r: r["pixel_error"][arm]) for arm in ("fitted", "cuboid")}
