@@ -86,7 +86,7 @@ struct Mesh {
 /// Texels of a face: C×C colours (scene-linear albedo in [0, 1]).
 /// For barycentrics (b0, b1, b2) with x = b0·C, y = b1·C, ix = ⌊x⌋, iy = ⌊y⌋ clamped to C − 1, the texel is
 /// iy·C + ix if (x + y − ix − iy) ≤ 1, and the mirrored (C−1−iy)·C + (C−1−ix) otherwise
-/// (src/README.md, Liu et al.'s public code). It splits a face into C² congruent triangles.
+/// (tests/sensors/test_soft_rasterizer_golden.cpp). It splits a face into C² congruent triangles.
 struct TexelAtlas {
   int resolution = 5;         ///< C
   std::vector<Vec3d> texels;  ///< faces × C × C, face-major
