@@ -292,43 +292,51 @@ py::array masks(const Raster& raster) {
   return array;
 }
 
+/// The window's part of an upstream gradient, channels [first, first + count) of RGBA, as it lies in memory.
+template <class Picture>
+void read_upstream(const Raster& raster, py::array array, const char* name, int first, int count,
+                   std::vector<Picture>& d_rgba) {
+  const Shape shape = shape_of(raster, count);
+  check_shape(array, name, shape);
+  const bool is_float = py::isinstance<py::array_t<float>>(array);
+  if (!is_float && !py::isinstance<py::array_t<double>>(array)) array = array_of<double>(array, name, shape);
+  bool finite = true;
+  for (std::size_t n = 0; n < d_rgba.size(); ++n) {
+    const auto in = [&]<class T>(T) {
+      const Strided<T> from{static_cast<const char*>(array.data()) + array.strides(0) * ssize(n),
+                            array.strides(1), array.strides(2), count > 1 ? array.strides(3) : 0};
+      finite &= take(from, raster.subjects[n].target.rect, first, count, d_rgba[n]);
+    };
+    if (is_float)
+      in(float());
+    else
+      in(double());
+  }
+  if (!finite) throw Failure(name, "is not finite", "check the loss that it comes from");
+}
+
+/// d_image: of RGB, or of RGBA where no d_mask is given.
+template <class Picture>
+std::vector<Picture> upstream_of(const Raster& raster, const py::object& d_image, const py::object& d_mask) {
+  std::vector<Picture> d_rgba;
+  for (const Subject& subject : raster.subjects)
+    d_rgba.emplace_back(subject.target.rect.width(), subject.target.rect.height(), 4);
+  if (!d_image.is_none()) {
+    const py::array array = any_array(d_image, "d_image");
+    const bool both = d_mask.is_none() && array.ndim() == 4 && array.shape(3) == 4;
+    read_upstream(raster, array, "d_image", 0, both ? 4 : 3, d_rgba);
+  }
+  if (!d_mask.is_none()) read_upstream(raster, any_array(d_mask, "d_mask"), "d_mask", 3, 1, d_rgba);
+  return d_rgba;
+}
+
 py::list vjp(Raster& raster, const py::object& d_image, const py::object& d_mask) {
   std::vector<ImageF> upstream;
   std::vector<Image<double>> in_double;
-  for (const Subject& subject : raster.subjects) {
-    const PixelRect& rect = subject.target.rect;
-    if (raster.in_double)
-      in_double.emplace_back(rect.width(), rect.height(), 4);
-    else
-      upstream.emplace_back(rect.width(), rect.height(), 4);
-  }
-  const auto read = [&](const py::object& given, const char* name, int first, int count) {
-    if (given.is_none()) return;
-    py::array array = any_array(given, name);
-    check_shape(array, name, shape_of(raster, count));
-    const bool is_float = py::isinstance<py::array_t<float>>(array);
-    if (!is_float && !py::isinstance<py::array_t<double>>(array))
-      array = array_of<double>(array, name, shape_of(raster, count));
-    bool finite = true;
-    for (std::size_t n = 0; n < raster.subjects.size(); ++n) {
-      const PixelRect& rect = raster.subjects[n].target.rect;
-      const auto in = [&]<class T>(T) {
-        const Strided<T> from{static_cast<const char*>(array.data()) + array.strides(0) * ssize(n),
-                              array.strides(1), array.strides(2), count > 1 ? array.strides(3) : 0};
-        finite &= raster.in_double ? take(from, rect, first, count, in_double[n])
-                                   : take(from, rect, first, count, upstream[n]);
-      };
-      if (is_float)
-        in(float());
-      else
-        in(double());
-    }
-    if (!finite) throw Failure(name, "is not finite", "check the loss that it comes from");
-  };
-  const bool together = !d_image.is_none() && d_mask.is_none() && any_array(d_image, "d_image").ndim() == 4 &&
-                        any_array(d_image, "d_image").shape(3) == 4;
-  read(d_image, "d_image", 0, together ? 4 : 3);
-  read(d_mask, "d_mask", 3, 1);
+  if (raster.in_double)
+    in_double = upstream_of<Image<double>>(raster, d_image, d_mask);
+  else
+    upstream = upstream_of<ImageF>(raster, d_image, d_mask);
   std::vector<Gradient> gradients;
   {
     const py::gil_scoped_release free;
