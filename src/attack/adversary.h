@@ -28,6 +28,7 @@ void visit_fields(Visitor& visit, S& s) {
 AdversaryLimits limits_of_size(double size);
 /// That size as a text, or what stands for it where none was asked for. FieldError if it is no number.
 void set_from_text(const std::string& text, AdversaryLimits& value);
+/// The half length along x (m), or "the placement's volume" where no size was asked for.
 std::string text_of(const AdversaryLimits& value);
 
 /// grey_ellipsoid (geometry/mesh.h: 162 vertices, 320 faces) that fills `share` of the box.

@@ -25,6 +25,7 @@ std::filesystem::path label_by_detections(const AttackSettings& settings, const 
 
 /// At most this share of the training frames is held out, and no more frames than show kMostHeldOut hosts.
 inline constexpr double kHeldOutShare = 0.2;
+/// Hosts that are held out at most, unless a single frame shows more.
 inline constexpr std::size_t kMostHeldOut = 16;
 
 /// Training hosts, apart: whole frames are drawn, so that no vehicle held out stands in a picture that is
@@ -60,6 +61,7 @@ class HostOrder {
 
   /// Indices into the hosts for iteration `iteration`, `batch` of them.
   std::vector<std::size_t> batch(long iteration) const;
+  /// Number of lanes, at least 1.
   std::size_t lanes() const { return lanes_.size(); }
 
  private:

@@ -35,10 +35,12 @@ nlohmann::json to_json(const PlateauReport& report);
 /// With AttackSearch::automatic: what was tried (attack/portfolio.h). `held_out`: the objective on the
 /// vehicles held out.
 struct AutoReport {
+  /// A mesh that candidates may start from.
   struct Start {
     std::string name;
     double held_out = 0;
   };
+  /// One attack of the portfolio.
   struct Candidate {
     std::string start;
     AttackTarget target = AttackTarget::both;

@@ -45,6 +45,7 @@ class PrintGamut {
 
   /// A shipped word, a file's absolute path, or "box:BLACK,WHITE".
   const std::string& name() const { return name_; }
+  /// Whether the gamut has one range of reflectance for all channels.
   bool is_box() const { return name_.starts_with("box:"); }
   /// Corners.
   const std::vector<Vec3d>& colours() const { return solid().corners(); }
@@ -63,6 +64,7 @@ class PrintGamut {
 /// A shipped gamut's word, the file of an ICC profile or chart, or box:BLACK,WHITE (reflectances, for all
 /// channels). FieldError for another text; InputError naming file and field as read_gamut.
 void set_from_text(const std::string& text, PrintGamut& gamut);
+/// The gamut's name, which set_from_text takes.
 inline std::string text_of(const PrintGamut& gamut) {
   return gamut.name();
 }
@@ -87,6 +89,7 @@ struct BuildableSettings {
 
   /// Files of earlier programs end with reflectances of black and white, for each channel by itself.
   static constexpr std::size_t kFormerNumbers = 2;
+  /// Takes {black, white} as PrintGamut::box does. FieldError if these are no reflectances.
   void read_former(std::span<const double> black_and_white) {
     gamut = PrintGamut::box(black_and_white[0], black_and_white[1]);
   }
@@ -146,6 +149,7 @@ struct BuildableReport {
            printable > 1 - 1e-9;
   }
 };
+/// Measures the mesh as it is, and counts its texels within settings.gamut.
 BuildableReport buildable_report(const TexturedMesh& adversary, const BuildableSettings& settings);
 
 /// {intersecting_pairs, min_thickness_m, base_vertices, base_area_m2, watertight, texels_in_print_range}

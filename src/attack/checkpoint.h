@@ -52,6 +52,7 @@ void write_checkpoint(const std::filesystem::path& file, const AttackState& stat
                       const nlohmann::json& identity);
 /// {losses, hidden, found} of rows, as a checkpoint has them, and back: `count` rows.
 nlohmann::json losses_json(const std::vector<LossRow>& rows);
+/// The rows that losses_json wrote. InputError naming file and field for any other length or number.
 std::vector<LossRow> read_losses(const JsonFields& json, std::size_t count);
 /// The file loss.csv (attack/run.h). Atomic.
 void write_losses(const std::filesystem::path& file, const std::vector<LossRow>& rows);

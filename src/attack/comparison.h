@@ -57,6 +57,7 @@ struct WorseVehicle {
   double first_score = 0, second_clean_score = 0;  ///< the first's under attack, the second's as recorded
 };
 
+/// What `mirage compare` answers. Differences are second detector less first.
 struct Comparison {
   std::vector<std::string> detectors, objects;  ///< names; objects: those of the runs before the meshes
   int hosts = 0;                                ///< tried
@@ -66,6 +67,7 @@ struct Comparison {
   std::optional<ComparedPart> own;
   std::array<HiddenBound, 2> bounds;  ///< of the first and the second, under any of the objects
   double detectable = 1;              ///< smallest true difference told in 80 % of such sets
+  /// A difference of shares, and how many vehicles would tell it.
   struct Needed {
     double difference;
     std::optional<long> vehicles;  ///< none: more than any plan takes

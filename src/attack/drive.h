@@ -105,6 +105,7 @@ using Tracks = std::vector<std::vector<TrackState>>;
 struct VersionTracks {
   Tracks own;
   std::array<Tracks, kDeaths.size()> others;  ///< none where our tracker at this death is `own`
+  /// The tracks by our tracker at kDeaths[death].
   const Tracks& at(std::size_t death) const { return others[death].empty() ? own : others[death]; }
 };
 
@@ -129,10 +130,12 @@ class DriveScene {
   DriveScene(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request,
              const Sequence& sequence);
 
+  /// The sequence's name.
   const std::string& name() const { return name_; }
+  /// The sequence's frames, by rising time.
   const std::vector<SceneFrame>& frames() const { return frames_; }
-  const Sights& clean() const { return clean_; }  ///< as recorded
-  const VersionTracks& clean_tracks() const { return clean_tracks_; }
+  const Sights& clean() const { return clean_; }                       ///< as recorded
+  const VersionTracks& clean_tracks() const { return clean_tracks_; }  ///< as recorded
 
   /// Whether a frame's answer depends on others.
   bool needs_all() const { return can_.remembers || request_.settings.sweeps > 1; }

@@ -68,6 +68,7 @@ void visit_fields(Visitor& visit, S& s) {
 /// by 2 cm, "paints:24" an object of 24 colours. "worst:4" beside others learns on the worst of 4 draws.
 /// InputError for any other word, and for the worst of draws in which nothing varies.
 Expectation parse_expectation(const std::string& words);
+/// parse_expectation, with its errors.
 inline void set_from_text(const std::string& text, Expectation& value) {
   value = parse_expectation(text);
 }
@@ -90,6 +91,7 @@ class WorldDraw {
   /// Draw number `draw` of the attack's seed.
   WorldDraw(const Expectation& expectation, std::uint64_t seed, std::uint64_t draw);
 
+  /// What varies in the draws.
   const Expectation& expectation() const { return expectation_; }
   /// Which draw it is.
   std::uint64_t number() const { return draw_; }
@@ -123,9 +125,13 @@ class DrawnHost {
   DrawnHost(const DrawnHost&) = delete;
   DrawnHost& operator=(const DrawnHost&) = delete;
 
+  /// The frame in the draw's light and exposure, or the recorded one where no draw changes these.
   const PreparedFrame& prepared() const { return frame_ ? *frame_ : recorded_; }
+  /// The object as the draw's workshop makes it, or the designed one where no draw changes that.
   const TexturedMesh& object() const { return built_ ? *built_ : designed_; }
+  /// The object's pose in the draw.
   const Placement& placement() const { return placement_; }
+  /// The settings with the draw's range noise.
   const SimulationSettings& simulation() const { return simulation_; }
   /// Which draw it is; 0 as recorded.
   std::uint64_t number() const { return draw_ ? draw_->number() : 0; }

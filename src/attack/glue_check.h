@@ -23,6 +23,8 @@ struct BoxHabits {
   double other_logit = 0;               ///< of all others
   int others = 0;
 };
+/// Compares each host's label with the best-scored detection within 3 m of its centre
+/// (CleanFrame::proposals).
 BoxHabits box_habits(const std::vector<CleanFrame>& frames);
 
 /// What moving the object changes, and what of that the gradient tells.
@@ -46,7 +48,9 @@ SeenChange seen_change(Detector& detector, FrameStore& store, const std::vector<
 /// Rows of a table: what was found, boxes, logits, gradient, hints.
 std::vector<std::pair<std::string, std::string>> rows_of(const FoundClean& found, const BoxHabits& habits,
                                                          const SeenChange& seen);
+/// Every field under its own name.
 nlohmann::json to_json(const BoxHabits& habits);
+/// {vehicles, share, cosine, largest}
 nlohmann::json to_json(const SeenChange& seen);
 
 }  // namespace mirage

@@ -191,6 +191,7 @@ class Observation {
 
   /// What it is of.
   const StepHost& host() const { return host_; }
+  /// The attack's settings; they outlive this.
   const AttackSettings& settings() const { return settings_; }
   /// Image and sweep with the object.
   const Simulated& simulated() const { return simulated_; }

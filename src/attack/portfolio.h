@@ -15,6 +15,7 @@ namespace mirage {
 /// How the steps of a run are spent. A step is one of Adam on a batch; a look at a vehicle, which needs no
 /// way back, is counted as half of a vehicle's step.
 struct AutoBudget {
+  /// A round: every candidate left takes its steps, and the better half enters the next.
   struct Round {
     std::size_t candidates = 0;
     long steps = 0;  ///< of each

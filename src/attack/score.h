@@ -33,11 +33,13 @@ inline constexpr double kScoreLimit = 0.05;
 /// and 85 km/h.
 inline constexpr std::array<double, 4> kScoreBands = {0, 20, 40, 70};
 
+/// Levels of objects, as above; recorded: nothing is on the roof.
 enum class ObjectLevel { recorded, loads, shapes, learned };
 constexpr auto words_of(ObjectLevel) {
   return std::to_array<const char*>({"recorded", "loads", "shapes", "learned"});
 }
 
+/// Whether a cell holds, as above; open: the data cannot tell.
 enum class Held { holds, fails, open };
 /// "holds", "does not hold", "cannot be told"
 std::string to_string(Held held);
@@ -50,6 +52,7 @@ struct ScoredObject {
   bool against_it = false;  ///< learned against the detector that is judged
 };
 
+/// The objects of a row in one band of distance.
 struct ScoreCell {
   HiddenBound bound;
   Held held = Held::open;
@@ -57,6 +60,7 @@ struct ScoreCell {
   std::optional<long> needed;
 };
 
+/// The objects of one level that are judged together.
 struct ScoreRow {
   ObjectLevel level = ObjectLevel::recorded;
   std::string name;
@@ -66,6 +70,7 @@ struct ScoreRow {
   std::array<ScoreCell, kScoreBands.size() - 1> cells;
 };
 
+/// The grade, and the cells that it follows from.
 struct Score {
   std::vector<ScoreRow> rows;  ///< by level
   std::string grade;           ///< "A" to "D"; empty: no object was learned against this detector
@@ -107,6 +112,7 @@ struct LearnedObject {
   AttackResult result;
 };
 
+/// What score() learns, judges and concludes.
 struct ScoreResult {
   Score score;
   RunEvaluation evaluation;

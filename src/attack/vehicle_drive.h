@@ -71,6 +71,7 @@ Ride ride(FrameStore& store, std::span<const std::pair<Moment, HostId>> frames);
 
 /// See above.
 enum class DriveVersion { clean, attacked, random };
+/// The versions' names in files, in the order of DriveVersion.
 inline constexpr std::array<const char*, 3> kDriveVersions = {"clean", "attacked", "random"};
 constexpr auto words_of(DriveVersion) {
   return kDriveVersions;
@@ -79,7 +80,9 @@ constexpr auto words_of(DriveVersion) {
 template <class T>
 struct ByVersion : std::array<T, kDriveVersions.size()> {
   using std::array<T, kDriveVersions.size()>::operator[];
+  /// The version's value.
   T& operator[](DriveVersion version) { return (*this)[static_cast<std::size_t>(version)]; }
+  /// The same, to read.
   const T& operator[](DriveVersion version) const { return (*this)[static_cast<std::size_t>(version)]; }
 };
 /// {clean, attacked, random} of of(version).
@@ -155,6 +158,7 @@ struct DriveOutcome {
   };
   std::optional<Confirmation> confirmed;  ///< none: it never was
 };
+/// Computes these figures from the vehicle's frames.
 DriveOutcome outcome_of(const VehicleDrive& vehicle, DriveVersion version);
 
 /// As in result.json, with all that read_vehicle_drive needs. strip, for those who draw it,

@@ -30,11 +30,13 @@ class ChildProcess {
   ChildProcess(const ChildProcess&) = delete;
   ChildProcess& operator=(const ChildProcess&) = delete;
 
+  /// The child's process number; −1 after stop().
   pid_t pid() const { return pid_; }
   /// False when the child no longer listens.
   bool write_line(const std::string& line);
   /// A line that is longer than any answer, as of a program that writes without end.
   static constexpr std::size_t kLongestLine = 1 << 23;  // an inspected FBX file takes 2 MB
+  /// How read_line ended. lost: the child closed its output; endless: kLongestLine bytes came without an end.
   enum class Read { line, lost, timed_out, interrupted, endless };
   /// Next line, waiting up to `seconds`. Ctrl-C ends the wait after `patience` seconds; so do kLongestLine
   /// bytes without an end.
@@ -68,7 +70,9 @@ class JsonWorker {
   /// How it ended, if it was lost by that: ChildProcess::stop's word.
   const std::optional<std::string>& end() const { return end_; }
 
+  /// ChildProcess::pid.
   pid_t pid() const { return child_.pid(); }
+  /// ChildProcess::stop; how the child ended is not told.
   void stop(double seconds) { child_.stop(seconds); }
 
  private:

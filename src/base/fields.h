@@ -38,6 +38,8 @@ namespace mirage {
 /// A setting that nothing can be done with. The library names the field; the command line names its option.
 class FieldError : public InputError {
  public:
+  /// `name`: the field's; `given`: its value as a text; `wrong`: what is wrong with it; `mend`: what to give
+  /// instead.
   FieldError(std::string name, std::string given, std::string wrong, std::string mend)
       : InputError(name, given, wrong, mend),
         field(std::move(name)),
@@ -49,8 +51,9 @@ class FieldError : public InputError {
 
 /// Both ends belong to it; not a number is in none.
 struct Range {
-  static constexpr double kMost = std::numeric_limits<double>::max();
+  static constexpr double kMost = std::numeric_limits<double>::max();  ///< largest finite number
   double low = -kMost, high = kMost;
+  /// Whether the value is one of the range's.
   bool contains(double value) const { return value >= low && value <= high; }
   /// "a number", "0 or more", "1 to 65536", …
   std::string words() const;
@@ -59,6 +62,7 @@ struct Range {
 inline constexpr Range kPositive{std::numeric_limits<double>::denorm_min(), Range::kMost};
 /// Of a whole.
 inline constexpr Range kShare{0, 1};
+/// 0 or more.
 inline constexpr Range kNotNegative{0, Range::kMost};
 /// Of what is counted and can't be none.
 inline constexpr Range kFromOne{1, Range::kMost};
@@ -147,6 +151,7 @@ class NumbersOf {
   }
   std::vector<std::pair<T*, Field>> numbers;
 };
+/// The numbers of a struct that is one list: double fields and elements of vectors, with their Field.
 template <class S>
 auto numbers_of(S& s) {
   NumbersOf<std::conditional_t<std::is_const_v<S>, const double, double>> all;
@@ -199,6 +204,7 @@ using NamedSettings = std::map<std::string, std::string>;
 /// Of set_field.
 class FieldSetter {
  public:
+  /// Sets the field `name` by `text`; both outlive this.
   FieldSetter(const std::string& name, const std::string& text) : name_(name), text_(text) {}
   template <class T>
   void operator()(const Field& field, T& value) {

@@ -127,6 +127,7 @@ void check_json_values(std::string_view text, const std::string& where, std::siz
 /// fails.
 class OpenFile {
  public:
+  /// Opens the file to be read.
   explicit OpenFile(std::filesystem::path path);
   ~OpenFile();
   OpenFile(const OpenFile&) = delete;
@@ -166,6 +167,7 @@ class FileCharacters {
   explicit FileCharacters(const std::filesystem::path& file,
                           std::uintmax_t most = std::numeric_limits<std::uintmax_t>::max());
 
+  /// Whether all characters have been passed.
   bool at_end() const { return held_ == 0; }
   /// Of a file that is not at its end.
   char current() const { return part_[at_]; }

@@ -39,6 +39,7 @@
 
 namespace mirage {
 
+/// Share of intervals that shall hold the true figure.
 inline constexpr double kConfidence = 0.95;
 /// Shares that differ by less count as the same.
 inline constexpr double kSameWithin = 0.05;
@@ -59,6 +60,7 @@ void visit_fields(Visitor& visit, S& s) {
 }
 /// What a difference of shares tells: all of its interval lies on one side of 0, or within ±kSameWithin.
 enum class Told { more, less, same, open };
+/// Told's rule; an interval that ends at 0 is neither more nor less.
 Told told(const Interval& difference);
 /// "more", "less", "the same within 5 points", "cannot be told"
 std::string to_string(Told told);
@@ -108,6 +110,7 @@ class ClusteredShare {
   /// `weight`: 1 / n where the same trial comes n times, with other meshes: it is no further vehicle.
   void add(const std::string& cluster, double value, int run = 0, double weight = 1);
   const SumsByCrossing& sums() const { return sums_; }  ///< {Σ weight · value, Σ weight}
+  /// The trials of each cluster by their weights, on average over the runs.
   Trials trials() const;
   /// Of values in [0, 1]. Without any trial: 0 in [0, 1].
   Interval interval() const;

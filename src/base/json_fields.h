@@ -149,10 +149,12 @@ template <class T>
 concept HasFields = requires(JsonWriter& writer, const T& value) {
   visit_fields(writer, value);
 };
+/// Whether the type is a std::vector.
 template <class T>
 inline constexpr bool kIsList = false;
 template <class T>
 inline constexpr bool kIsList<std::vector<T>> = true;
+/// Whether the type is a std::map from texts.
 template <class T>
 inline constexpr bool kIsMap = false;
 template <class T>
@@ -271,6 +273,7 @@ void complete(nlohmann::json& written, const nlohmann::json& lacking);
 
 /// What a run says of itself, and must agree for it to go on.
 struct RunIdentity {
+  /// `own`: fields_json() of the settings and what else decides the result; `left_out`: their lacking_json().
   RunIdentity(nlohmann::json own, nlohmann::json left_out = nlohmann::json::object())
       : json(std::move(own)), lacking(std::move(left_out)) {}
   nlohmann::json json;
@@ -292,6 +295,7 @@ inline constexpr std::size_t kMostListed = 100'000'000;
 /// Of read_fields.
 class JsonReader {
  public:
+  /// Reads from the object `from`, which outlives this.
   explicit JsonReader(const JsonFields& from) : json(from) {}
   template <class T>
   void operator()(const Field& field, T& value) {
@@ -346,11 +350,13 @@ class JsonReader {
       });
     }
   }
+  /// Fills in the struct where the object has `sign`, and leaves none where it has not.
   template <class T>
   void among(const char* sign, std::optional<T>& value) {
     value.reset();
     if (json.has(sign)) visit_fields(*this, value.emplace());
   }
+  /// Reads nothing: what follows from the fields is no setting.
   template <class T>
   void derived(const char* /*name*/, const T& /*value*/) {}
   template <class T>

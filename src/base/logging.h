@@ -46,6 +46,7 @@ using ProgressListener =
 /// thread that does the work; nothing is printed. One at a time.
 class ProgressTo {
  public:
+  /// Sends progress to the listener from now on.
   explicit ProgressTo(ProgressListener listener);
   ~ProgressTo();
   ProgressTo(const ProgressTo&) = delete;

@@ -19,7 +19,9 @@ class SharedMemory {
   /// At least so many bytes; what was written stays, data() may change. No other process can make it smaller
   /// under us. Failure if there is no room.
   void reserve(std::size_t bytes);
+  /// The first byte; null before reserve().
   char* data() const { return data_; }
+  /// Bytes that data() has.
   std::size_t size() const { return size_; }
   /// Where another process of the same user opens it, as long as this one lives: "/proc/4711/fd/9".
   std::string path() const;

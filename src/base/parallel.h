@@ -88,6 +88,7 @@ void isolated(const Work& work) {
 template <class T>
 class Lazy {
  public:
+  /// `make` computes the value, on the thread that asks first.
   explicit Lazy(std::function<T()> make) : state_(std::make_shared<State>()) {
     state_->make = std::move(make);
   }

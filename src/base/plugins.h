@@ -18,6 +18,7 @@
 
 namespace mirage {
 
+/// A plugin as the NAME.json beside it describes it.
 struct ShippedPlugin {
   std::filesystem::path file;  ///< of the shared library
   std::vector<std::string> words;

@@ -57,6 +57,7 @@ class Provenance {
 /// Of Provenance::add.
 class ProvenanceFields {
  public:
+  /// Adds to `to`, which outlives this.
   explicit ProvenanceFields(Provenance& to) : to_(to) {}
   template <class T>
   void operator()(const Field& field, const T& value) {

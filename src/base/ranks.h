@@ -44,6 +44,7 @@ class Arrival {
   ~Arrival();
   Arrival(const Arrival&) = delete;
   Arrival& operator=(const Arrival&) = delete;
+  /// Whether every rank has come here; it does not wait.
   bool all_here();
 
  private:

@@ -83,6 +83,7 @@ class TrainingLoop {
 
   /// Where the run stands. Where it `goes_on`, the trainer loads state().weights before run().
   const TrainingState& state() const { return state_; }
+  /// Whether the run goes on from a checkpoint.
   bool goes_on() const { return !state_.weights.empty(); }
   /// Appends the line to OUT/training.jsonl, with "step" and "seconds".
   void log(nlohmann::json line);

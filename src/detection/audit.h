@@ -32,6 +32,7 @@ namespace mirage {
 /// Below this mean |Δlogit| of the cars a detector does not use an input, whatever its AP does.
 inline constexpr double kLeastDeltaLogit = 0.5;
 
+/// The inputs of a detector; calibration: the camera's pose against the other sensors.
 enum class AuditInput { picture, points, calibration };
 constexpr auto words_of(AuditInput) {
   return std::to_array<const char*>({"picture", "points", "calibration"});
@@ -39,6 +40,7 @@ constexpr auto words_of(AuditInput) {
 
 /// What the detector gets in place of the right input.
 struct AuditChange {
+  /// Which input is wrong, and how: pictures first, then points, then the calibration.
   enum class Kind {
     other_picture,  ///< that of PicturePair::other
     black_picture,
@@ -54,6 +56,7 @@ struct AuditChange {
   Kind kind;
   double amount = 0;
 
+  /// The input that the change is of.
   AuditInput input() const;
   /// no_picture, no_points: a detector may refuse to go without.
   bool takes_away() const;
@@ -117,9 +120,11 @@ struct AuditRow {
   };
   std::vector<Lost> lost;  ///< "all", "0-20 m", "20-40 m", "40-70 m"
 
+  /// input_use of this change.
   InputUse use() const { return input_use(drop, delta_logit, vehicles); }
 };
 
+/// One detector on the frames of one data set, with each change.
 struct Audit {
   int frames = 0;    ///< shown
   int left_out = 0;  ///< no other frame has a picture of their size

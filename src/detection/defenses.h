@@ -19,6 +19,7 @@ namespace mirage {
 /// forward() must live until backward() is done.
 class DetectorAround : public Detector {
  public:
+  /// Stands around `inner`, which is not null.
   explicit DetectorAround(std::unique_ptr<Detector> inner) : inner_(std::move(inner)) {}
 
   std::string name() const override { return inner_->name(); }

@@ -68,7 +68,8 @@ struct CleanView {
 
 /// One sensor's measurement as a detector gets it; a view, not a copy.
 struct SensorData {
-  enum class Kind { camera, lidar, other } kind = Kind::camera;
+  /// What the sensor is; other: neither camera nor LiDAR, as radar.
+  enum class Kind { camera, lidar, other } kind = Kind::camera;  ///< of this sensor
   std::string name;
   const ImageF* image = nullptr;           ///< of a camera: scene-linear RGB; null: it saw nothing
   PinholeCamera camera = {};               ///< of a camera
@@ -102,6 +103,7 @@ struct SensorView {
 
 /// The frame's own picture and sweep, or others in their place: those of simulate().
 SensorView view_of(const Frame& frame);
+/// The frame with `image` and `points` in place of its own; both outlive the view.
 SensorView view_of(const Frame& frame, const ImageF& image, std::span<const LidarPoint> points);
 
 /// Names of the first camera and the first LiDAR.
@@ -245,6 +247,7 @@ struct DetectorOptions {
 /// A 64th of machine_memory(), shared among the processes of a run on this machine; 2048 MB at most.
 int default_clean_memory();
 
+/// DetectorOptions::classes: every class that the detector knows.
 inline constexpr const char* kEveryClass = "*";
 
 /// `options` for a data set: its rig, and the classes that are sought; every class with Victim::object.

@@ -70,6 +70,7 @@ typedef struct MirageDetection {
 #define MIRAGE_HAS_LOCAL_PASSES 16u /* MiragePass.clean saves it work */
 #define MIRAGE_KNOWS_PRESENCE 32u   /* MiragePass.watched */
 #define MIRAGE_REMEMBERS 256u       /* answers depend on the frames before: reset */
+/* What a detector says of itself. */
 typedef struct MirageCapabilities {
   uint32_t flags; /* MIRAGE_FINDS_… | MIRAGE_HAS_… | … */
   uint32_t kinds; /* of sensors that it reads: MIRAGE_CAMERA | MIRAGE_LIDAR */

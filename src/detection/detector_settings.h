@@ -8,7 +8,9 @@
 
 namespace mirage {
 
+/// Convolutions in single precision.
 inline constexpr const char* kFloat = "float";
+/// Convolutions in bfloat16; in float where multiplies_bfloat16() says no.
 inline constexpr const char* kBfloat16 = "bfloat16";
 /// The whole network in double: a reference for the others, many times slower.
 inline constexpr const char* kDouble = "double";
@@ -37,10 +39,12 @@ std::string usable_precision(const std::string& asked, bool has_bfloat16 = multi
 //                                next to it
 
 inline constexpr const char* kConsistency = "consistency";
+/// The word of the defence that looks for bodies and rays.
 inline constexpr const char* kShadows = "shadows";
 /// The word of weights that were trained under kTrainedCeiling, which goes with them. Most roofs lie above
 /// it.
 inline constexpr const char* kCeiling = "ceiling";
+/// The ceiling that those weights were trained under (m over the road).
 inline constexpr const char* kTrainedCeiling = "ceiling:1.4";
 
 /// Words and forms of the defences that need no training, for messages.
@@ -57,6 +61,7 @@ struct Defense {
   std::string weights;              ///< the word of shipped weights; empty: the plain ones
   std::vector<std::string> around;  ///< what stands around the detector, the inner first
 
+  /// Whether what the word names stands around the detector.
   bool has(const std::string& word) const;
 };
 

@@ -13,8 +13,11 @@ namespace mirage {
 /// and height, one of the picture alone the whole box in space.
 struct ObjectBoxes {
   ObjectBoxes() = default;
+  /// Seen from above: bottom, height and picture are 0.
   ObjectBoxes(const BevBox& from_above) : box{from_above, 0, 0} {}
+  /// In space (m, ego) and in the first camera's picture (pixels).
   ObjectBoxes(const Box3& in_space, const PictureBox& in_picture) : box(in_space), picture(in_picture) {}
+  /// In the first camera's picture alone (pixels): the box in space is 0.
   ObjectBoxes(const PictureBox& in_picture) : picture(in_picture) {}
   Box3 box;            ///< in space (m, ego)
   PictureBox picture;  ///< in a camera's picture (pixels)
@@ -46,15 +49,18 @@ struct Matching {
   }
   /// What the box covers from above (m²) or in the picture (pixels²), and what of it both cover.
   double area(const ObjectBoxes& a) const;
+  /// The common area in the units of area(); 0 in pictures of two cameras.
   double intersection(const ObjectBoxes& a, const ObjectBoxes& b) const;
   /// Two detections that are more alike than this are of one vehicle. From above 0.1, for vehicles stand
   /// beside each other; in the picture, where they stand behind each other, 0.5, and so by distance (2 m).
   double same() const { return by == MatchBy::bev || by == MatchBy::space ? 0.1 : 0.5; }
+  /// Whether boxes are compared in the picture.
   bool in_picture() const { return by == MatchBy::picture; }
   /// "bev", "3d", "picture", "centre".
   std::string name() const { return words_of(by)[static_cast<std::size_t>(by)]; }
 };
 
+/// The matching by that way.
 inline constexpr Matching kFromAbove{MatchBy::bev}, kInSpace{MatchBy::space}, kInPicture{MatchBy::picture},
     kByCentre{MatchBy::centre};
 

@@ -29,6 +29,7 @@ struct PluginInstance {
 template <class Api>
 class PluginDetectorBase : public Detector {
  public:
+  /// Takes the instance over, and destroys it at the end.
   explicit PluginDetectorBase(PluginInstance<Api> plugin) : plugin_(std::move(plugin)) {}
   PluginDetectorBase(const PluginDetectorBase&) = delete;
   PluginDetectorBase& operator=(const PluginDetectorBase&) = delete;
@@ -49,10 +50,12 @@ class PluginDetectorBase : public Detector {
   }
 
  protected:
+  /// run_plugin with this library and its weights; messages name `function`.
   template <class Work>
   void run(const char* function, const Work& work) {
     run_plugin(plugin_.file, function, work, plugin_.weights);
   }
+  /// Failure naming `what` if the table lacks the function.
   template <class Function>
   void demand(Function* function, const char* what) const {
     if (!function)

@@ -50,6 +50,7 @@ struct RawBoxes {
 /// Which of the rows became proposals, so that their gradients find the way back.
 class BoxRows {
  public:
+  /// Whether a box may have so many numbers: 4 in the picture, else 5, 7 or 9.
   static bool knows(std::size_t columns, bool in_picture);
   /// "give boxes [M,5] …": for messages.
   static const char* guide();
@@ -60,6 +61,7 @@ class BoxRows {
                                    int width, int height, const std::string& who);
   /// One value a row from one a proposal; zero for the rest.
   std::vector<float> of_rows(std::span<const double> d_logits) const;
+  /// Rows of the boxes that proposals() last took.
   std::size_t count() const { return count_; }
 
  private:

@@ -36,6 +36,7 @@ struct Reliance {
 
   /// By the rule of input_use.
   InputUse use() const { return input_use(drop, {mean_delta_logit, 0, delta_logit_high}, vehicles); }
+  /// Whether the picture is an input of the detector, and used.
   bool uses_picture() const { return reads_picture && use() == InputUse::used; }
   /// Its contrary, which few frames cannot tell.
   bool ignores_picture() const { return reads_picture && use() == InputUse::ignored; }

@@ -18,6 +18,7 @@ namespace mirage {
 /// Corners of a polygon at most, and of all polygons of more than four the sum of their squares: cutting one
 /// takes time by their square.
 inline constexpr unsigned kMostFaceCorners = 1000;
+/// The largest such sum.
 inline constexpr std::size_t kMostCutting = std::size_t{1} << 27;
 /// Bytes of an OBJ or PLY at most.
 inline constexpr std::size_t kLargestMesh = std::size_t{1} << 26;
@@ -41,6 +42,7 @@ class Polygons {
   void add_face(std::span<const int> corners);
   /// Notes what the file holds and a mesh does not, by its name: colours, materials.
   void leave_out(std::string what) { left_out_.insert(std::move(what)); }
+  /// What leave_out() was told, each once.
   const std::set<std::string>& left_out() const { return left_out_; }
   /// After the last one. InputError for a corner without a vertex.
   void finish() const;
@@ -48,8 +50,11 @@ class Polygons {
   [[noreturn]] void fail(const std::string& field, const std::string& problem,
                          const std::string& fix = "export the mesh again") const;
 
+  /// Vertices so far, kept or not.
   std::size_t vertex_count() const { return vertex_count_; }
+  /// Faces so far, kept or not.
   std::size_t face_count() const { return face_count_; }
+  /// The vertices in the file's axes and units; none where they are not kept.
   const std::vector<Vec3d>& vertices() const { return vertices_; }
   /// The vertices of a face, by number.
   std::span<const int> face(std::size_t f) const {

@@ -25,6 +25,7 @@ struct HostView {
   double share = 0;      ///< below 0: −left_out()
   bool from_box = true;  ///< Carrier's
 
+  /// Why the vehicle is no host; LeftOut::no where it may be one.
   LeftOut left_out() const { return share < 0 ? static_cast<LeftOut>(std::lround(-share)) : LeftOut::no; }
 };
 

@@ -12,6 +12,7 @@ namespace mirage {
 struct HostId {
   std::string frame;
   int label = 0;  ///< index into Frame::labels
+  /// By frame, then by label.
   auto operator<=>(const HostId&) const = default;
 };
 

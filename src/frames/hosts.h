@@ -23,6 +23,7 @@ struct Host {
 /// Vehicles that are no hosts because of the placement (LeftOut).
 struct HostsLeftOut {
   int no_room = 0, no_neighbour = 0;
+  /// Counts a vehicle; LeftOut::no counts nothing.
   void add(LeftOut why);
 };
 /// {"no_room": N, "no_neighbour": N}

@@ -125,11 +125,13 @@ struct FitClass {
   FitSummary fits;
 };
 
+/// Fits of a data set: all, those within 30 m, and classes of range (m) and of returns.
 struct FitReport {
   FitSummary all, within_30_m;
   std::vector<FitClass> by_range, by_returns;
 };
 
+/// Classes end at 10, 20, 30, 40 m and beyond, and at 20, 40, 100, 300, 1000 returns and more.
 FitReport summarise_fits(const std::vector<FittedVehicle>& vehicles);
 
 /// {all, within_30_m, by_range, by_returns}; each {vehicles, fitted, from_box, residual_m, roof_over_box_m,

@@ -20,6 +20,7 @@ struct Rig {
   std::string name;
   Calibration calibration;
   std::string camera = "camera";  ///< the first one's name
+  /// A camera beside the first.
   struct Side {
     std::string name;
     Calibration calibration;

@@ -79,6 +79,7 @@ Actor make_traffic_light(RandomStream& random, int lit);
 
 /// Albedo of sheeting, scene-linear.
 namespace sign_color {
+/// Linear RGB in [0, 1].
 inline const Vec3f kRed(0.50f, 0.02f, 0.02f), kWhite(0.65f, 0.65f, 0.63f), kBlue(0.015f, 0.09f, 0.42f),
     kYellow(0.65f, 0.42f, 0.02f), kGreen(0.01f, 0.18f, 0.07f), kBlack(0.02f, 0.02f, 0.02f),
     kGrey(0.25f, 0.25f, 0.25f);
@@ -87,6 +88,7 @@ inline const Vec3f kRed(0.50f, 0.02f, 0.02f), kWhite(0.65f, 0.65f, 0.63f), kBlue
 /// Faces −x, around (x, 0, z) of the actor. The face is made of flat pieces, each a hair before the last.
 class SignBoard {
  public:
+  /// `x`, `z`: m, in the actor's frame. Pieces are appended to `actor`, which outlives this.
   SignBoard(Actor& actor, double x, double z) : actor_(actor), x_(x), z_(z) {}
 
   /// Regular polygon with `corners` (20: a disc); `turn` from the one that has a corner on top.
@@ -104,6 +106,8 @@ class SignBoard {
     add_box(mesh, {x_ - 0.003, y0, z_ + z0}, {x_, y1, z_ + z1});
     push(std::move(mesh), color, 0.003);
   }
+  /// Rectangle around the sign's middle, `length` × `width` m; `angle` (rad) turns it about x, at 0 it lies
+  /// level.
   void slanted_bar(double length, double width, double angle, const Vec3f& color) {
     Mesh mesh;
     append(mesh, box_mesh({0.003, length, width}),

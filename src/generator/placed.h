@@ -60,6 +60,7 @@ struct Waypoint {
 };
 using Way = std::vector<Waypoint>;  ///< one each kWayStep seconds
 
+/// s between the waypoints of a Way.
 inline constexpr double kWayStep = 0.02;
 
 /// Something that drives.

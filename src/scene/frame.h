@@ -104,10 +104,14 @@ struct Frame {
 
   // By a camera's number (Label::camera).
   std::size_t cameras() const { return 1 + others.size(); }
+  /// The camera's name; 0: the first camera's.
   const std::string& name_of(std::size_t of) const { return of == 0 ? camera : others.at(of - 1).name; }
+  /// The camera's calibration.
   const Calibration& calibration_of(std::size_t of) const {
     return of == 0 ? calibration : others.at(of - 1).calibration;
   }
+  /// The camera's picture, scene-linear RGB; that of `others` is read when it is first asked for, with
+  /// InputError.
   const ImageF& image_of(std::size_t of) const { return of == 0 ? image : others.at(of - 1).image.get(); }
 };
 

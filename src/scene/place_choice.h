@@ -58,6 +58,7 @@ struct PlaceChoice {
 /// FieldError for any other text, a file that is not there, a coordinate beyond kFarthestPlace, and an angle
 /// that is not finite. InputError naming file and key for what a file can't say.
 void set_from_text(const std::string& text, PlaceChoice& place);
+/// NAME or FILE.toml, "roof", or "X,Y,Z,YAW" (m, degrees), with "world:" before it in `velo`.
 std::string text_of(const PlaceChoice& place);
 
 /// A placement's file; `name` becomes its text. InputError as ConfigTable, for a volume that reaches into the

@@ -43,7 +43,9 @@ struct CameraEffects {
   /// Another draw of the noise. Not a setting: an attack's expectation draws it.
   std::uint64_t draw = 0;
 
+  /// Whether pixels get any noise.
   bool noisy() const { return shot > 0 || read_sigma > 0; }
+  /// Whether the picture differs from the ideal one.
   bool any() const { return blur_sigma > 0 || noisy(); }
 };
 
@@ -60,6 +62,7 @@ inline constexpr double kLensBlur = 0.7;
 /// "ideal": none; "unit": both, as every camera has them; or some of blur (kLensBlur) and noise (shot 7e-5,
 /// read 1.25e-3: the middle of what generated pictures have). FieldError naming camera_effects otherwise.
 CameraEffects parse_camera_effects(const std::string& words);
+/// parse_camera_effects, with its errors.
 inline void set_from_text(const std::string& text, CameraEffects& effects) {
   effects = parse_camera_effects(text);
 }

@@ -27,6 +27,7 @@ class EmbreeQuery {
 #endif
   }
 
+  /// Finds the nearest hit of one ray.
   void intersect(RTCScene scene, RTCRayHit& ray) {
 #if RTC_VERSION_MAJOR == 3
     rtcIntersect1(scene, &settings_, &ray);
@@ -42,6 +43,7 @@ class EmbreeQuery {
     rtcIntersect4(valid, scene, &packet, &settings_);
 #endif
   }
+  /// The same of eight rays.
   void intersect(const int* valid, RTCScene scene, RTCRayHit8& packet) {
 #if RTC_VERSION_MAJOR == 3
     rtcIntersect8(valid, scene, &settings_, &packet);
@@ -49,6 +51,7 @@ class EmbreeQuery {
     rtcIntersect8(valid, scene, &packet, &settings_);
 #endif
   }
+  /// The same of sixteen rays.
   void intersect(const int* valid, RTCScene scene, RTCRayHit16& packet) {
 #if RTC_VERSION_MAJOR == 3
     rtcIntersect16(valid, scene, &settings_, &packet);
@@ -56,6 +59,7 @@ class EmbreeQuery {
     rtcIntersect16(valid, scene, &packet, &settings_);
 #endif
   }
+  /// Whether anything lies between the ray's ends; then its `tfar` is −∞.
   void occluded(RTCScene scene, RTCRay& ray) {
 #if RTC_VERSION_MAJOR == 3
     rtcOccluded1(scene, &settings_, &ray);

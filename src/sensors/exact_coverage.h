@@ -136,10 +136,12 @@ enum class Limit : char { beyond, within, before };
 /// Area to the right of each edge, summed up along the rows of a canvas.
 class Areas {
  public:
+  /// `rect`: the canvas. Clears `memory`, which it fills and which outlives it.
   Areas(std::vector<Four>& memory, const PixelRect& rect)
       : sums_(memory), width_(rect.width()), height_(rect.height()) {
     sums_.assign(static_cast<std::size_t>(width_ + 1) * height_, Four::Zero());
   }
+  /// Adds an edge (pixels of the canvas); `colour`: that on its left less that on its right.
   void add(const Vec2d& from, const Vec2d& to, const Four& colour) {
     // Counter-clockwise in (x, y): the left of an area goes towards smaller y.
     const auto visit = [&](int i, int j, double dy, double x, double, double) {
@@ -168,6 +170,7 @@ struct UpstreamSums {
   int width = 0;
   std::vector<Four> at, right;
 
+  /// Fills both; of(u, v) is d loss / d colour and coverage of a pixel of the window.
   template <class Of>
   void fill(const PixelRect& rect, const Of& of) {
     width = rect.width();

@@ -36,8 +36,11 @@ struct LightNodes : LightLayout {
   std::vector<Vec3d> views;    ///< of each patch, towards the camera; empty where there is no gloss
   RoofCells cells;
 
+  /// How many sides of faces there are.
   int sides() const { return static_cast<int>(wholes.size()); }
+  /// How many parts the sides have, all together.
   int patches() const { return static_cast<int>(side_of.size()); }
+  /// How many nodes there are: patches and the roof's cells.
   int nodes() const { return static_cast<int>(leaves.size()); }
   /// Whether the node is one that the camera sees.
   bool is_seen(int node) const { return node < patches() && seen[static_cast<std::size_t>(node)]; }
@@ -81,6 +84,7 @@ LightNodes light_nodes(const TexturedMesh& placed, const Vec3d& centre, RayPenci
 
 class LightAround {
  public:
+  /// What meet() answers beside a cell.
   static constexpr int kSky = -1, kDeck = -2, kRoad = -3;
 
   /// Sky alone where `around` is null. Rays start relative to `centre` (velo). Both must outlive this.
@@ -101,6 +105,7 @@ class LightAround {
     bool falls = false;  ///< towards the roof's plane from above
     bool goes_down = false;
   };
+  /// What a ray along `direction` (unit vector, `velo`) may meet.
   Along along(const Vec3d& direction) const;
 
   /// What a ray that misses the object meets: a cell (>= 0), kSky, kDeck or kRoad.

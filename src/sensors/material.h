@@ -13,6 +13,7 @@
 
 namespace mirage {
 
+/// Blender's roughness, whose square is α, and the refractive index of its specular 0.5.
 inline constexpr double kRoughness = 0.5, kRefractiveIndex = 1.5;
 
 /// F: share of unpolarised light that the surface sends back; `cosine` of the incidence in [0, 1].

@@ -69,6 +69,7 @@ inline void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed,
 
 /// Points on the silhouette, as the unit sees it.
 struct LidarSilhouette {
+  /// A point that stands for a part of a silhouette's edge.
   struct Sample {
     std::array<int, 2> vertices;  ///< of the edge
     double share = 0;             ///< of the second vertex in the point

@@ -60,6 +60,7 @@ typedef struct MirageSensorApi {
 
   /* `options_json`: {}. NULL on failure. */
   void* (*create)(const char* options_json, char* error, size_t error_size);
+  /* Frees the sensor; never called with NULL. */
   void (*destroy)(void* sensor);
   /* Lives as long as the sensor. */
   const MirageSensorWord* (*word)(void* sensor);
@@ -73,6 +74,7 @@ typedef struct MirageSensorApi {
    * given d loss / d data. */
   int (*vjp)(void* sensor, const void* tape, const double* d_data, double* d_vertices, double* d_albedo,
              char* error, size_t error_size);
+  /* Frees a tape that measure has set; never called with NULL. */
   void (*release)(void* tape);
 } MirageSensorApi;
 

@@ -51,6 +51,7 @@ class SensorTape {
   /// sensor's part of the upstream. `simulated`: what the drawing was into.
   virtual void vjp(const Simulated& simulated, const TexturedMesh& object, const Upstream<float>& upstream,
                    AdversaryGradient& placed) const = 0;
+  /// The same of an upstream in double precision.
   virtual void vjp(const Simulated& simulated, const TexturedMesh& object, const Upstream<double>& upstream,
                    AdversaryGradient& placed) const = 0;
 };
@@ -63,6 +64,7 @@ class SensorTapeOf : public SensorTape {
            AdversaryGradient& placed) const override {
     static_cast<const Self&>(*this).add(simulated, object, upstream, placed);
   }
+  /// The same in double precision.
   void vjp(const Simulated& simulated, const TexturedMesh& object, const Upstream<double>& upstream,
            AdversaryGradient& placed) const override {
     static_cast<const Self&>(*this).add(simulated, object, upstream, placed);

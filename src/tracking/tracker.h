@@ -89,6 +89,7 @@ struct TrackState {
 /// One sequence's tracks. Its answers depend on nothing but what it was told.
 class Tracker {
  public:
+  /// Starts without tracks.
   explicit Tracker(const TrackerSettings& settings = {}) : settings_(settings) {}
   /// Takes the detections of the next frame, at `time` (s, later than the last one's), and says where all
   /// living tracks are, confirmed or not, by rising id. InputError for a time that does not rise.

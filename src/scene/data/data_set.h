@@ -45,6 +45,7 @@ struct Annotations {
 /// A data set of one layout. It holds a path and no frame; several threads may ask at once.
 class DataSet {
  public:
+  /// `data`: the set's folder.
   explicit DataSet(std::filesystem::path data) : data_(std::move(data)) {}
   virtual ~DataSet() = default;
 
@@ -136,6 +137,7 @@ std::vector<std::string> classes_of(const std::string& list);
 void seek(const std::vector<std::string>& classes, std::vector<Label>& labels);
 /// Classes where nobody asks for others.
 inline constexpr const char* kCars = "Car";
+/// The help of the option --classes.
 inline constexpr const char* kClassesHelp =
     "classes of the labels that carry the object and have to be found, as Car,Van,Truck";
 

@@ -90,6 +90,7 @@ struct MatrixRow {
 /// A calibration file: rows "NAME: numbers"; the tracking benchmark leaves some colons out.
 class CalibrationFile {
  public:
+  /// Reads the rows. InputError naming the file if it cannot be read or holds more than kLargestText bytes.
   explicit CalibrationFile(std::filesystem::path file);
   /// By the first of its names that the file has: the benchmarks call the same row R0_rect and R_rect.
   /// InputError if it is missing, stands twice (as the names say, or otherwise), does not hold `count` words

@@ -23,6 +23,7 @@ struct Edge {
   int from = 0, to = 0, inside = -1, outside = -1;
 };
 
+/// The edges of the pieces that outline_piece has appended.
 struct Outline {
   std::vector<Point> points;
   std::vector<Edge> edges;
@@ -48,6 +49,7 @@ struct FaceForce {
 void add_forces(const ScreenMesh<double>& mesh, const Visible& visible, const Outline& outline,
                 const std::vector<Vec2d>& force, double image_size, std::vector<FaceForce>& faces);
 
+/// Least difference of the slopes at a crossing, as a share of them.
 inline constexpr double kLeastCrossing = 1e-6;
 
 }  // namespace mirage::coverage

@@ -43,6 +43,7 @@ struct Corner {
 /// Corners first … first + count − 1 of a pool, counter-clockwise in (x, y).
 struct Polygon {
   int first = 0, count = 0;
+  /// Whether it has no corner.
   bool empty() const { return count == 0; }
 };
 
@@ -50,6 +51,7 @@ struct Polygon {
 struct Line {
   Vec2d normal = Vec2d::Zero(), through = Vec2d::Zero();  ///< unit normal
   double slack = 0;
+  /// Signed distance from the line, positive where the normal points.
   double at(const Vec2d& p) const { return normal.dot(p - through); }
 };
 
@@ -58,11 +60,13 @@ struct Pool {
   std::vector<Corner> corners;
   std::vector<double> distances;  ///< scratch
 
+  /// Corner i of the polygon, 0 to count − 1.
   const Corner& corner(const Polygon& polygon, int i) const {
     return corners[static_cast<std::size_t>(polygon.first + i)];
   }
   /// A copy of a polygon of another pool.
   Polygon copy(const Pool& from, const Polygon& polygon);
+  /// Signed area (px²): positive for counter-clockwise corners; 0 for an empty polygon.
   double area(const Polygon& polygon) const;
 };
 
@@ -90,6 +94,7 @@ struct ScreenFace {
       b[k] = normal[(k + 1) % 3].dot(p - s[(k + 1) % 3]) * inv_altitude[(k + 1) % 3];
     return b;
   }
+  /// 1/z (1/m) of the face's plane at a point of the window.
   double inv_depth(const Vec2d& p) const { return inv_z[0] + slope.dot(p - s[0]); }
 };
 
@@ -100,6 +105,7 @@ struct Piece {
   bool whole = false;  ///< all of the face
 };
 
+/// What find_visible finds.
 struct Visible {
   std::vector<ScreenFace> faces;  ///< those with an area, finite and before the camera, near the image
   std::vector<Piece> pieces;      ///< by face

@@ -12,7 +12,9 @@ inline constexpr double kHardSigma = 1e-18;
 /// A share of the depth range; at the largest all faces weigh alike.
 inline constexpr double kLargestGamma = 1e3;
 
+/// The help of σ's option.
 inline constexpr const char* kSigmaHelp = "soft rasteriser's σ: softness of edges, NDC² of the longer side";
+/// The help of γ's option.
 inline constexpr const char* kGammaHelp = "soft rasteriser's γ: softness of depth, share of the depth range";
 
 }  // namespace mirage
