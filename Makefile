@@ -9,7 +9,7 @@ DEMO_PACKAGES := g++ cmake ninja-build ccache libeigen3-dev libtbb-dev libspdlog
   libopenblas0-pthread libturbojpeg0-dev zlib1g-dev blender python3-numpy python3-jinja2 python3-pil
 # What the Python module and the tests take besides.
 TEST_PACKAGES := python3-matplotlib python3-scipy python3-dev pybind11-dev python3-torch python3-wheel openmpi-bin xvfb xauth libgl1-mesa-dri \
-  libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format clang-tidy strace nodejs npm chromium \
+  libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format clang-tidy doxygen strace nodejs npm chromium \
   mkdocs mkdocs-material
 PACKAGES := $(DEMO_PACKAGES) $(TEST_PACKAGES)
 # What Debian 13 has and 12 has not: --detector onnx and its tests.
@@ -157,7 +157,6 @@ manual: build
 	cmake --build --preset release --target manual
 
 docs: setup
-	@$(MAKE) --no-print-directory setup PACKAGES="doxygen"
 	cmake --preset release
 	cmake --build --preset release --target docs
 
