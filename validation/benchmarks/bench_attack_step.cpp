@@ -1,18 +1,14 @@
 // One host's attack step (simulation, detector, objective, and back) over whole frames and over what the
 // object changes, in bfloat16 and truncated, in alternation, and how far their gradients lie apart. Shipped
 // weights, KITTI's rig, CPU time of one thread.
-#include <unistd.h>
-
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 
 #include "attack/attack_step.h"
 #include "attack/evaluation.h"
 #include "attack/observation.h"
 #include "base/error.h"
 #include "base/files.h"
-#include "base/memory.h"
 #include "bench.h"
 #include "detection/car_in_picture.h"
 #include "detection/detector_settings.h"
@@ -54,14 +50,6 @@ struct Street {
     }
   }
 };
-
-/// Resident memory: the program's allocator is not glibc's, whose counters say nothing.
-double resident_mb() {
-  return_unused_memory();
-  std::size_t pages = 0, resident = 0;
-  std::ifstream("/proc/self/statm") >> pages >> resident;
-  return static_cast<double>(resident) * static_cast<double>(::sysconf(_SC_PAGESIZE)) / (1 << 20);
-}
 
 /// Norm of a − b over the norm of b.
 double difference(const AdversaryGradient& a, const AdversaryGradient& b) {
@@ -168,13 +156,6 @@ void attack_steps(benchmark::State& state, const std::string& name) {
         error = std::max(error, difference(step(*local64, street.stands[k]).gradient,
                                            step(*whole64, street.stands[k]).gradient));
     }
-    const double before = resident_mb();
-    for (int k = 0; k < 4; ++k) {  // as clean frames of their own
-      PreparedFrame other = *street.frames[0];
-      for (float& value : other.frame.image.data) value *= 1 - 0.01f * static_cast<float>(k + 1);
-      step(*local, {other, street.stands[0].id, street.stands[0].placement});
-    }
-    figures()["clean_activations_mb_" + name] = (resident_mb() - before) / 4;
   }
   auto& all_figures = figures();
   all_figures["attack_step_ms_" + name + "_full"] = rounds["full"];
@@ -195,10 +176,7 @@ void attack_steps(benchmark::State& state, const std::string& name) {
   all_figures["attack_step_share_simulation_" + name] = simulation / all;
   all_figures["evaluation_forward_ms_" + name + "_full"] = rounds["full evaluation"];
   all_figures["evaluation_forward_ms_" + name] = rounds["local evaluation"];
-  if (name == "fusion") {
-    all_figures["attack_step_share_simulation"] = simulation / all;
-    all_figures["clean_activations_mb"] = all_figures["clean_activations_mb_" + name];
-  }
+  if (name == "fusion") all_figures["attack_step_share_simulation"] = simulation / all;
 }
 
 const auto* const kAttackSteps = [] {
