@@ -84,11 +84,7 @@ def main():
             figures[f"fleet_cpu_s_per_1000_{name}"] = 1000 * each
             figures[f"fleet_start_s_{name}"] = few - each * (4 if name == "attack" else cars[0])
     print(json.dumps(figures, indent=1))
-    known = {}
-    if os.path.exists(options.json):
-        with open(options.json, encoding="utf-8") as file:
-            known = json.load(file)
-    atomic.write(options.json, json.dumps({**known, **figures}, indent=1))
+    atomic.add_figures(options.json, figures)
 
 
 if __name__ == "__main__":

@@ -148,12 +148,8 @@ def main():
     figures["python_insert_distance_m"] = host.label.box_bev[0]
     figures |= rasterizers(options.rounds)
     print(json.dumps(figures, indent=2))
-    known = {}
-    if os.path.exists(options.json):
-        with open(options.json, encoding="utf-8") as file:
-            known = json.load(file)
     if os.path.isdir(os.path.dirname(options.json)):
-        atomic.write(options.json, json.dumps({**known, **figures}, indent=1))
+        atomic.add_figures(options.json, figures)
 
 
 if __name__ == "__main__":

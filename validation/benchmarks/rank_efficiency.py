@@ -88,11 +88,7 @@ def main():
             figures |= {f"rank_seconds_1_{name}": alone, f"rank_seconds_2_{name}": both,
                         f"rank_efficiency_2_{name}": alone / (2 * both), f"rank_ceiling_2_{name}": alone / beside}
             print(json.dumps(figures, indent=1), flush=True)
-    known = {}
-    if os.path.exists(options.json):
-        with open(options.json, encoding="utf-8") as file:
-            known = json.load(file)
-    atomic.write(options.json, json.dumps({**known, **figures}, indent=1))
+    atomic.add_figures(options.json, figures)
 
 
 if __name__ == "__main__":
