@@ -61,6 +61,16 @@ Ball ball(std::uint64_t seed, double distance, double sigma, double gamma, int s
 
 struct Difference {
   double image = 0, vertices = 0, texels = 0;  ///< largest; gradients relative to the largest component
+
+  void add(const Difference& other) {
+    image = std::max(image, other.image);
+    vertices = std::max(vertices, other.vertices);
+    texels = std::max(texels, other.texels);
+  }
+  void print() const {
+    std::printf("%-8s image %.1e   vertices %.1e   texels %.1e\n", raster_instruction_set(), image, vertices,
+                texels);
+  }
 };
 
 Difference compare(const Ball& scene) {
@@ -106,13 +116,9 @@ TEST(RasterBatch, AgreesWithTheReferenceOnEveryInstructionSet) {
     Difference worst;
     for (const auto& [sigma, gamma, supersampling] :
          {std::tuple{1e-5, 1e-2, 1}, {1e-4, 1e-2, 1}, {5e-7, 1e-2, 2}, {1e-5, 1e-1, 3}}) {
-      const Difference d = compare(ball(3, 12, sigma, gamma, supersampling));
-      worst.image = std::max(worst.image, d.image);
-      worst.vertices = std::max(worst.vertices, d.vertices);
-      worst.texels = std::max(worst.texels, d.texels);
+      worst.add(compare(ball(3, 12, sigma, gamma, supersampling)));
     }
-    std::printf("%-8s image %.1e   vertices %.1e   texels %.1e\n", raster_instruction_set(), worst.image,
-                worst.vertices, worst.texels);
+    worst.print();
     EXPECT_LE(worst.image, 2e-5);
     EXPECT_LE(worst.vertices, 2e-4);
     EXPECT_LE(worst.texels, 2e-5);
@@ -146,13 +152,9 @@ TEST(RasterBatch, DrawsALogitBackgroundAndColoursByVertexAsTheReference) {
               for (int c = 0; c < 3; ++c) color[c] = random.uniform();
           }
           ASSERT_TRUE(in_kernel(settings));
-          const Difference d = compare(scene);
-          worst.image = std::max(worst.image, d.image);
-          worst.vertices = std::max(worst.vertices, d.vertices);
-          worst.texels = std::max(worst.texels, d.texels);
+          worst.add(compare(scene));
         }
-    std::printf("%-8s image %.1e   vertices %.1e   texels %.1e\n", raster_instruction_set(), worst.image,
-                worst.vertices, worst.texels);
+    worst.print();
     EXPECT_LE(worst.image, 2e-4);
     EXPECT_LE(worst.vertices, 2e-4);
     EXPECT_LE(worst.texels, 2e-4);

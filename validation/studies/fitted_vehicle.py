@@ -310,7 +310,8 @@ class Material:
         self.reflectance, self.cosine, self.place = seen["reflectance"], seen["cosine"], self.middle[seen["face"]]
         # Lasers differ in what they still see of dark paint.
         self.sensitivity = np.ones(len(BEAMS))
-        alike = cKDTree(self.key(self.place, self.cosine, seen["laser"])).query(self.key(self.place, self.cosine, seen["laser"]), 16)[1]
+        key = self.key(self.place, self.cosine, seen["laser"])
+        alike = cKDTree(key).query(key, 16)[1]
         found, expected = (np.bincount(seen["laser"], w, len(BEAMS)) for w in (self.back, self.back[alike].mean(1)))
         self.sensitivity = (found + 5) / (expected + 5)
         key = self.key(self.place, self.cosine, seen["laser"])
