@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include "base/parallel.h"
 #include "sensors/raster/kernel.h"
@@ -94,6 +95,18 @@ raster::Constants constants_of(const RasterJob& job, const raster::Setup& setup)
   k.logit = settings.background != Background::silhouette;
   k.background_key = bounded(background_logit(settings) - (settings.far - setup.middle) / setup.depth_range);
   k.mesh = &mesh;
+  constexpr double kLog2E = std::numbers::log2e;
+  k.distance_scale2 = bounded(-kLog2E / (settings.sigma * units));
+  const double near_key = (setup.middle - setup.nearest) / setup.depth_range;
+  const double reference = k.logit ? std::max(near_key, double(k.background_key)) : near_key;
+  k.reference_key = bounded(reference);
+  k.depth_scale2 = bounded(kLog2E * setup.middle / setup.depth_range / settings.gamma);
+  k.depth_start2 = bounded(-kLog2E * reference / settings.gamma);
+  // Logarithm of the least weight of a fragment; what float holds, with digits to spare.
+  const double farthest_key = (setup.middle - setup.farthest) / setup.depth_range;
+  const double least = (farthest_key - reference) / settings.gamma + std::log(settings.dist_eps);
+  k.plain = !k.hard && !k.vertex_texture && mesh.corner_barycentrics.empty() &&
+            least > (k.logit ? -60 : -80) && setup.nearest >= settings.near && setup.farthest <= settings.far;
   return k;
 }
 
@@ -122,6 +135,7 @@ raster::TileJob tile_job(const RasterJob& job, RasterTape::State& state, int til
   out.y0 = double(s) * (target.rect.v0 + part.v0);
   out.width = s * part.width();
   out.height = s * part.height();
+  out.supersampling = s;
   out.pixel_of = state.pixel_of.data();
   out.tape = &state.tapes[static_cast<std::size_t>(state.tape_of[tile])];
   for (auto& channel : pixels.background) std::fill(channel, channel + size * size + 1, 0.f);

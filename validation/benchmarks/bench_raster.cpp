@@ -152,7 +152,7 @@ double peak_gflops() {
 
 // Floating-point operations a pair in src/sensors/raster (a multiply-add counts two, a comparison or
 // selection one): forward and backward of a pair that has weight.
-constexpr double kOperations = 150 + 290;
+constexpr double kOperations = 154 + 266;
 
 void softras_by_distance(benchmark::State& state) {
   const double peak = peak_gflops();

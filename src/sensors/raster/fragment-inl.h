@@ -16,6 +16,7 @@ namespace mirage::raster::HWY_NAMESPACE {
 struct LocalFace {
   float nx[3], ny[3], c[3];            ///< s = nx x + ny y + c
   float ex[3], ey[3], g[3], g_end[3];  ///< r = ex x + ey y + g; g_end: from the edge's end
+  float turn;                          ///< from n to e: −1 or 1, by the face's winding
   const FaceSetup* face;
   int resolution, first_texel;  ///< of its texture's face
   int texel_stride;
@@ -39,6 +40,7 @@ inline LocalFace Localise(const TileJob& job, const FaceSetup& face) {
     local.g_end[k] =
         static_cast<float>(face.ex[k] * (job.x0 - face.x[next]) + face.ey[k] * (job.y0 - face.y[next]));
   }
+  local.turn = local.nx[0] * local.ey[0] > local.ny[0] * local.ex[0] ? -1.f : 1.f;
   const Constants& constants = *job.constants;
   const ScreenMesh<double>& mesh = *constants.mesh;
   const auto f = static_cast<std::size_t>(face.face);
@@ -52,82 +54,99 @@ inline LocalFace Localise(const TileJob& job, const FaceSetup& face) {
   return local;
 }
 
-/// What one face does at the samples of one block.
-struct Fragment {
-  V s[3], r[3], h[3], q[3];  ///< see FaceSetup; h: the part of r beyond the edge; q = s² + h²
-  V b[3], clipped[3];        ///< barycentrics, and clamped to [0, 1] (not normalised)
-  V d2;                      ///< squared distance
-  V coverage, open;          ///< D and 1 − D, each without cancellation
-  V rcp;                     ///< 1 / Σ clipped_k (1 + delta_k)
-  V phi, key;                ///< (middle − z) / middle, (middle − z) / (far − near)
-  V lookup[3];               ///< barycentrics of the texture
-  M keep, inside, colored;
+/// A face at one block of samples, as the first pass over its blocks (distance and coverage) leaves it for
+/// the second (depth, colour, sums): in one, the chain of operations is longer than a processor looks ahead.
+struct alignas(64) Covered {
+  float coverage[kLanes], open[kLanes];  ///< D and 1 − D, each without cancellation; 0 and 1: no fragment
+  float b[3][kLanes];                    ///< barycentrics
+  float away[2][kLanes];                 ///< VJP: δ (p − q), q the nearest point of the outline
+  float share[3][kLanes];                ///< VJP: of each vertex in q
+  int first;                             ///< the block's first sample
+  bool behind;                           ///< neither its depth nor its colour matters
 };
 
 /// Distance and coverage. False where no sample of the block counts.
-template <bool kPlain>
-HWY_INLINE bool Cover(const LocalFace& local, const Constants& k, V px, V py, Fragment& f) {
+template <bool kPlain, bool kVjp>
+HWY_INLINE bool Cover(const LocalFace& local, const Constants& k, V px, V py, Covered& out) {
   const D d;
   const FaceSetup& face = *local.face;
-  for (int e = 0; e < 3; ++e)
-    f.s[e] = hn::MulAdd(Set(local.nx[e]), px, hn::MulAdd(Set(local.ny[e]), py, Set(local.c[e])));
-  f.inside = hn::Ge(hn::Min(f.s[0], hn::Min(f.s[1], f.s[2])), Zero());
-  for (int e = 0; e < 3; ++e) f.b[e] = hn::Mul(f.s[(e + 1) % 3], Set(face.inv_altitude[e]));
-  if (kPlain || !k.hard) {
-    for (int e = 0; e < 3; ++e) {
-      const V along = hn::MulAdd(Set(local.ex[e]), px, hn::Mul(Set(local.ey[e]), py));
-      f.r[e] = hn::Add(along, Set(local.g[e]));
-      f.h[e] = hn::Max(hn::Add(along, Set(local.g_end[e])), hn::Min(f.r[e], Zero()));
-      f.q[e] = hn::MulAdd(f.h[e], f.h[e], hn::Mul(f.s[e], f.s[e]));
-    }
-    f.d2 = hn::Min(f.q[0], hn::Min(f.q[1], f.q[2]));
-    f.keep = hn::Or(f.inside, hn::Lt(f.d2, Set(k.cut)));
-  } else {
-    f.d2 = Zero();
-    f.keep = f.inside;
+  V s[3];
+  for (int e = 0; e < 3; ++e) {
+    s[e] = hn::MulAdd(Set(local.nx[e]), px, hn::MulAdd(Set(local.ny[e]), py, Set(local.c[e])));
+    hn::Store(hn::Mul(s[e], Set(face.inv_altitude[(e + 2) % 3])), d, out.b[(e + 2) % 3]);
   }
-  if (hn::AllFalse(d, f.keep)) return false;
-
-  if (kPlain || !k.hard) {
-    const V e = Exp2(hn::Mul(f.d2, Set(-k.distance_scale * kLog2E)));
-    const V large = Reciprocal(hn::Add(Set(1), e)), small = hn::Mul(e, large);
-    f.coverage = hn::IfThenElse(f.inside, large, small);
-    f.open = hn::IfThenElse(f.inside, small, large);
-  } else {
-    f.coverage = Set(1);
-    f.open = Zero();
+  const M inside = hn::Ge(hn::Min(s[0], hn::Min(s[1], s[2])), Zero());
+  if (!kPlain && k.hard) {
+    hn::Store(hn::IfThenElseZero(inside, Set(1)), d, out.coverage);
+    hn::Store(hn::IfThenZeroElse(inside, Set(1)), d, out.open);
+    return !hn::AllFalse(d, inside);
   }
-  return true;
+  V r[3], h[3], q[3];  // see FaceSetup; h: the part of r beyond the edge; q = s² + h²
+  for (int e = 0; e < 3; ++e) {
+    const V along = hn::MulAdd(Set(local.ex[e]), px, hn::Mul(Set(local.ey[e]), py));
+    r[e] = hn::Add(along, Set(local.g[e]));
+    h[e] = hn::Max(hn::Add(along, Set(local.g_end[e])), hn::Min(r[e], Zero()));
+    q[e] = hn::MulAdd(h[e], h[e], hn::Mul(s[e], s[e]));
+  }
+  const V d2 = hn::Min(q[0], hn::Min(q[1], q[2]));
+  const M keep = hn::Or(inside, hn::Lt(d2, Set(k.cut)));
+  const V e = Exp2(hn::Mul(d2, Set(k.distance_scale2)));
+  const V large = hn::Div(Set(1), hn::Add(Set(1), e)), small = hn::Mul(e, large);
+  hn::Store(hn::IfThenElse(inside, large, hn::IfThenElseZero(keep, small)), d, out.coverage);
+  hn::Store(hn::IfThenElse(inside, small, hn::IfThenElse(keep, large, Set(1))), d, out.open);
+  if constexpr (kVjp) {
+    // d² = |p − q|² with q = (1 − a) v_e + a v_{e+1} on the nearest edge e; a is constant by the envelope
+    // theorem, so d d² / d v_e = −2 (1 − a) (p − q), p − q = s n + h e.
+    const M first_edge = hn::Eq(q[0], d2), second_edge = hn::Eq(q[1], d2);
+    const auto choose = [&](V a, V b, V c) HWY_ATTR {
+      return hn::IfThenElse(first_edge, a, hn::IfThenElse(second_edge, b, c));
+    };
+    const auto choose_constant = [&](const float(&c)[3])
+                                     HWY_ATTR { return choose(Set(c[0]), Set(c[1]), Set(c[2])); };
+    const V a = Clamp01(hn::Mul(choose(r[0], r[1], r[2]), choose_constant(face.inv_length)));
+    const V sign = hn::IfThenElse(inside, Set(-1), Set(1));
+    const V across = hn::Mul(sign, choose(s[0], s[1], s[2])), along = hn::Mul(sign, choose(h[0], h[1], h[2]));
+    // e is n turned by a right angle, to the side that the face's winding says.
+    const V nx = choose_constant(local.nx), ny = choose_constant(local.ny),
+            turned = hn::Mul(along, Set(local.turn));
+    hn::Store(hn::MulAdd(across, nx, hn::Mul(turned, ny)), d, out.away[0]);
+    hn::Store(hn::NegMulAdd(turned, nx, hn::Mul(across, ny)), d, out.away[1]);
+    const V rest = hn::Sub(Set(1), a);
+    hn::Store(choose(rest, Zero(), a), d, out.share[0]);
+    hn::Store(choose(a, rest, Zero()), d, out.share[1]);
+    hn::Store(choose(Zero(), a, rest), d, out.share[2]);
+  }
+  return !hn::AllFalse(d, keep);
 }
 
 /// Depth and place in the texture.
-HWY_INLINE void Place(const LocalFace& local, const Constants& k, Fragment& f) {
+struct Place {
+  V b[3], clipped[3];  ///< barycentrics, and clamped to [0, 1] (not normalised)
+  V rcp;               ///< 1 / Σ clipped_k (1 + delta_k)
+  V phi;               ///< (middle − z) / middle
+  V lookup[3];         ///< barycentrics of the texture
+};
+
+HWY_INLINE Place PlaceOf(const LocalFace& local, const Covered& at) {
   const FaceSetup& face = *local.face;
+  Place p;
   V weighted = Zero(), y[3];
   for (int e = 0; e < 3; ++e) {
-    f.clipped[e] = Clamp01(f.b[e]);
-    weighted = hn::MulAdd(f.clipped[e], Set(face.delta[e]), weighted);
-    y[e] = hn::Mul(f.clipped[e], Set(1 + face.delta[e]));
+    p.b[e] = hn::Load(D(), at.b[e]);
+    p.clipped[e] = Clamp01(p.b[e]);
+    weighted = hn::MulAdd(p.clipped[e], Set(face.delta[e]), weighted);
+    y[e] = hn::Mul(p.clipped[e], Set(1 + face.delta[e]));
   }
   // The sum is 1 at least, but for needles whose barycentrics are all rounding.
-  f.rcp = Reciprocal(hn::Max(hn::Add(y[0], hn::Add(y[1], y[2])), Set(1e-5f)));
-  f.phi = hn::Mul(weighted, f.rcp);
-  f.key = hn::Mul(f.phi, Set(k.key_scale));
-  for (int e = 0; e < 3; ++e) f.lookup[e] = hn::Mul(y[e], f.rcp);
-  f.colored = hn::And(f.keep, hn::And(hn::Ge(f.key, Set(k.key_low)), hn::Le(f.key, Set(k.key_high))));
-}
-
-/// In place of Place, where neither depth nor colour matters.
-HWY_INLINE void PlaceNowhere(Fragment& f) {
-  f.rcp = f.phi = f.key = Zero();
-  for (int e = 0; e < 3; ++e) f.clipped[e] = f.lookup[e] = Zero();
-  f.colored = hn::Lt(Zero(), Zero());
+  p.rcp = hn::Div(Set(1), hn::Max(hn::Add(y[0], hn::Add(y[1], y[2])), Set(1e-5f)));
+  p.phi = hn::Mul(weighted, p.rcp);
+  for (int e = 0; e < 3; ++e) p.lookup[e] = hn::Mul(y[e], p.rcp);
+  return p;
 }
 
 /// Index of the texel at the looked-up barycentrics (TexelAtlas; texel_index is its plain form).
 template <bool kPlain>
-HWY_INLINE VI TexelIndex(const LocalFace& local, const Fragment& f) {
-  const D d;
+HWY_INLINE VI TexelIndex(const LocalFace& local, const Place& f) {
   const DI di;
   V b0 = f.lookup[0], b1 = f.lookup[1];
   if (!kPlain && local.corners) {
@@ -139,25 +158,23 @@ HWY_INLINE VI TexelIndex(const LocalFace& local, const Fragment& f) {
     }
     b0 = m[0], b1 = m[1];
   }
-  const int resolution = local.resolution;
-  const V size = Set(static_cast<float>(resolution));
+  // Whole numbers up to 2^23, which stand in the lowest bits after adding that.
+  const float resolution = static_cast<float>(local.resolution);
+  const V size = Set(resolution), last = Set(resolution - 1);
   const V x = hn::Mul(b0, size), y = hn::Mul(b1, size);
-  const VI last = hn::Set(di, resolution - 1), zero = hn::Zero(di);
-  const VI ix = hn::Min(hn::Max(hn::ConvertTo(di, x), zero), last);
-  const VI iy = hn::Min(hn::Max(hn::ConvertTo(di, y), zero), last);
-  const VI index = hn::Add(hn::Mul(iy, hn::Set(di, resolution)), ix);
-  const V excess = hn::Sub(hn::Add(x, y), hn::ConvertTo(d, hn::Add(ix, iy)));
-  const float tolerance = 64 * std::numeric_limits<float>::epsilon() * static_cast<float>(resolution);
-  const M lower = hn::Le(excess, Set(1 + tolerance));
-  const VI mirrored = hn::Sub(hn::Set(di, resolution * resolution - 1), index);
-  return hn::IfThenElse(hn::RebindMask(di, lower), index, mirrored);
+  const V column = hn::Min(hn::Floor(x), last), row = hn::Min(hn::Floor(y), last);
+  const V index = hn::MulAdd(row, size, column), excess = hn::Sub(hn::Add(x, y), hn::Add(column, row));
+  const float tolerance = 64 * std::numeric_limits<float>::epsilon() * resolution;
+  const V texel = hn::IfThenElse(hn::Le(excess, Set(1 + tolerance)), index,
+                                 hn::Sub(Set(resolution * resolution - 1), index));
+  return hn::And(hn::BitCast(di, hn::Add(texel, Set(8388608))), hn::Set(di, 0x7fffff));
 }
 
 struct Color {
   V c[3];
 };
 
-HWY_INLINE Color VertexColor(const LocalFace& local, const Fragment& f) {
+HWY_INLINE Color VertexColor(const LocalFace& local, const Place& f) {
   Color color;
   for (int c = 0; c < 3; ++c) {
     color.c[c] = Zero();

@@ -1,10 +1,14 @@
 // Vectorised over samples: a vector holds a block of neighbouring samples, 4 × (lanes / 4). For each face in
-// turn, its blocks: the face's constants stay in registers, the samples' state in the first-level cache.
+// turn, two passes over its blocks (Covered): the face's constants stay in registers, what the first leaves
+// for the second and the samples' state in the first-level cache.
 #include "sensors/raster/kernel.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
+#include <span>
 
 #include "sensors/simd_targets.h"
 
@@ -34,10 +38,6 @@ HWY_EXPORT(SampleOrder);
 HWY_EXPORT(DrawTile);
 HWY_EXPORT(DrawTileVjp);
 HWY_EXPORT(InstructionSet);
-
-bool Constants::plain() const {
-  return !hard && !vertex_texture && mesh->corner_barycentrics.empty();
-}
 
 void sample_order(int supersampling, int tile_pixels, std::int32_t* pixel_of) {
   HWY_DYNAMIC_DISPATCH(SampleOrder)(supersampling, tile_pixels, pixel_of);

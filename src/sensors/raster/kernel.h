@@ -22,9 +22,10 @@ struct Constants {
   bool hard = false;  ///< the nearest face that contains the sample, S is 0 or 1; else soft
   bool vertex_texture = false;
   bool logit = false;  ///< the background competes with the faces: a fragment of D = 1 that S leaves out
-  float background_key = 0;  ///< its key
-  float distance_scale = 1;  ///< 1 / σ in sample units
-  float cut = 0;             ///< T in the same units as the distance
+  float background_key = 0;   ///< its key
+  float distance_scale = 1;   ///< 1 / σ in sample units
+  float distance_scale2 = 0;  ///< −log₂ e times that, for powers of 2
+  float cut = 0;              ///< T in the same units as the distance
   float inv_gamma = 1;
   float key_scale = 1;              ///< middle / (far − near)
   float key_low = 0, key_high = 1;  ///< keys of far and near
@@ -32,16 +33,28 @@ struct Constants {
   const float* texels = nullptr;
   const std::size_t* texel_starts = nullptr;
   const ScreenMesh<double>* mesh = nullptr;
-  /// Soft, whole faces with atlas: what every insertion uses.
-  bool plain() const;
+  /// Soft, whole faces with atlas, all between near and far, and so near to each other that float holds
+  /// exp((key − reference_key) / γ) of each: what insertions use. It needs no running maximum.
+  bool plain = false;
+  float reference_key = 0;                   ///< of the nearest corner, or of a background nearer than that
+  float depth_scale2 = 0, depth_start2 = 0;  ///< (key − reference_key) log₂ e / γ = scale2 · φ + start2
 };
 
-/// What the forward pass keeps of a tile, sample by sample in the kernel's own order.
-struct TileTape {
-  alignas(64) float top[kSamples];    ///< largest key of a coloured fragment (hard colour: its face's index)
-  alignas(64) float sum[kSamples];    ///< Σ D exp((key − top) / γ)
-  alignas(64) float clear[kSamples];  ///< Π (1 − D); hard: 1 where S = 1
-  alignas(64) float color[3][kSamples];  ///< colour among faces
+/// Values of a tile's samples, six a sample: those of a vector's samples one field after the other, so that
+/// what is used together lies together.
+struct TileSamples {
+  alignas(64) float values[6 * kSamples];
+};
+
+/// What the forward pass keeps of a tile.
+struct TileTape : TileSamples {
+  enum Field {
+    kTop,    ///< not plain: largest key of a coloured fragment (hard colour: its face's index)
+    kSum,    ///< Σ D exp((key − top) / γ); plain: (key − reference_key)
+    kClear,  ///< Π (1 − D); hard: 1 where S = 1
+    kColor,  ///< three: colour among faces
+  };
+  std::uint64_t touched[kSamples / 64];  ///< a bit for each vector of samples that a face may touch
 };
 
 struct TexelGradient {
@@ -57,6 +70,7 @@ struct TileJob {
   int count = 0;
   double x0 = 0, y0 = 0;                   ///< sample coordinates of the tile's first sample
   int width = 0, height = 0;               ///< samples in the window
+  int supersampling = 1;                   ///< samples along a pixel's side
   const std::int32_t* pixel_of = nullptr;  ///< pixel of each sample, in the kernel's order
   TileTape* tape = nullptr;
 

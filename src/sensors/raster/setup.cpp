@@ -100,6 +100,7 @@ void set_up(const ScreenMesh<double>& mesh, const SoftRasterSettings<double>& se
         nearest = std::min(nearest, corner.z());
         farthest = std::max(farthest, corner.z());
       }
+  setup.nearest = nearest, setup.farthest = farthest;
   setup.middle = (nearest + farthest) / 2;
 
   setup.unsorted.clear();

@@ -31,11 +31,12 @@ struct FaceSetup {
 
 /// A mesh ready to be drawn into one window.
 struct Setup {
-  double samples_per_ndc = 1;    ///< s L / 2
-  double middle = 1;             ///< depth (m) about which depth keys are taken
-  double depth_range = 1;        ///< far − near
-  double reach = 0;              ///< √T in samples
-  std::vector<FaceSetup> faces;  ///< usable ones, the nearest first
+  double samples_per_ndc = 1;        ///< s L / 2
+  double nearest = 1, farthest = 1;  ///< depths (m) of the corners between near and far
+  double middle = 1;                 ///< depth (m) about which depth keys are taken
+  double depth_range = 1;            ///< far − near
+  double reach = 0;                  ///< √T in samples
+  std::vector<FaceSetup> faces;      ///< usable ones, the nearest first
 
   int tile_pixels = 1;                ///< side of a tile in pixels
   int columns = 0, rows = 0;          ///< tiles of the window

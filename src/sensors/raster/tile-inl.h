@@ -27,68 +27,132 @@ const char* InstructionSet() {
   return hwy::TargetName(HWY_TARGET);
 }
 
-/// Calls visit(first sample of the block, px, py) for each block of the tile that the face may touch.
+inline constexpr int kBlocks = kSamples / kLanes;
+
+/// A field of the block whose first sample is `first`.
+HWY_INLINE float* At(TileSamples& samples, int first, int field) {
+  return samples.values + 6 * first + field * kLanes;
+}
+HWY_INLINE V Read(const TileSamples& samples, int first, int field) {
+  return hn::Load(D(), samples.values + 6 * first + field * kLanes);
+}
+
+/// Calls visit(block) for each bit.
 template <class Visit>
-HWY_INLINE void ForEachBlock(const TileJob& job, const LocalFace& local, V lane_x, V lane_y,
-                             const Visit& visit) {
-  const FaceSetup& face = *local.face;
-  const int last_column = (job.width - 1) / kBlockWidth, last_row = (job.height - 1) / kBlockHeight;
-  const auto place = [](double at, int size, int last) {
-    return static_cast<int>(std::clamp(std::floor(at / size), -1.0, last + 1.0));
-  };
-  const int c0 = std::max(0, place(face.low_x - job.x0, kBlockWidth, last_column)),
-            c1 = std::min(last_column, place(face.high_x - job.x0, kBlockWidth, last_column)),
-            r0 = std::max(0, place(face.low_y - job.y0, kBlockHeight, last_row)),
-            r1 = std::min(last_row, place(face.high_y - job.y0, kBlockHeight, last_row));
-  constexpr float kMidX = (kBlockWidth - 1) / 2.f, kMidY = (kBlockHeight - 1) / 2.f;
-  // A block whose middle is further outside an edge's line than this holds no sample of the face.
-  const float radius =
-      static_cast<float>(job.setup->reach) + 1e-3f + std::sqrt(kMidX * kMidX + kMidY * kMidY);
-  for (int r = r0; r <= r1; ++r)
-    for (int c = c0; c <= c1; ++c) {
-      const float x = static_cast<float>(c * kBlockWidth), y = static_cast<float>(r * kBlockHeight);
-      float outside = std::numeric_limits<float>::infinity();
-      for (int e = 0; e < 3; ++e)
-        outside = std::min(outside, local.nx[e] * (x + kMidX) + local.ny[e] * (y + kMidY) + local.c[e]);
-      if (outside < -radius) continue;
-      visit((r * kBlockColumns + c) * kLanes, hn::Add(lane_x, Set(x)), hn::Add(lane_y, Set(y)));
+HWY_INLINE void ForEachBit(const std::uint64_t* words, const Visit& visit) {
+  for (int w = 0; w < (kBlocks + 63) / 64; ++w)
+    for (std::uint64_t bits = words[w]; bits; bits &= bits - 1) visit(64 * w + std::countr_zero(bits));
+}
+
+/// Places of samples in their block, and of the first sample of each block.
+struct Grid {
+  V lane_x, lane_y;
+  alignas(64) float x[kBlocks], y[kBlocks];
+
+  Grid() {
+    alignas(64) float lanes[2][kLanes];
+    for (int i = 0; i < kLanes; ++i) {
+      lanes[0][i] = static_cast<float>(i % kBlockWidth);
+      lanes[1][i] = static_cast<float>(i / kBlockWidth);
     }
-}
-
-HWY_INLINE void LanePlaces(V& lane_x, V& lane_y) {
-  alignas(64) float x[kLanes], y[kLanes];
-  for (int i = 0; i < kLanes; ++i) {
-    x[i] = static_cast<float>(i % kBlockWidth);
-    y[i] = static_cast<float>(i / kBlockWidth);
+    lane_x = hn::Load(D(), lanes[0]);
+    lane_y = hn::Load(D(), lanes[1]);
+    for (int i = 0; i < kBlocks; ++i) {
+      x[i] = static_cast<float>(i % kBlockColumns * kBlockWidth);
+      y[i] = static_cast<float>(i / kBlockColumns * kBlockHeight);
+    }
   }
-  lane_x = hn::Load(D(), x);
-  lane_y = hn::Load(D(), y);
+};
+
+/// Not inlined: in a shared library each access to it would be a call.
+HWY_NOINLINE const Grid& TileGrid() {
+  static const Grid grid;
+  return grid;
 }
 
-/// Samples behind whose fragments all of the face lies by more than `distance` (in units of γ).
-HWY_INLINE M Behind(const Constants& k, const FaceSetup& face, V top, V sum, float distance) {
-  const V behind = hn::Mul(hn::Sub(top, Set(face.front)), Set(k.inv_gamma));
-  return hn::And(hn::Gt(sum, Set(kEnough)), hn::Gt(behind, Set(distance)));
+/// A bit for each block that the face may touch.
+HWY_INLINE void TouchedBlocks(const TileJob& job, const LocalFace& local, const Grid& grid,
+                              std::uint64_t* words) {
+  const D d;
+  const FaceSetup& face = *local.face;
+  constexpr float kSlack = 1e-3f, kLastX = kBlockWidth - 1, kLastY = kBlockHeight - 1;
+  const auto in_tile = [](double at) { return static_cast<float>(std::clamp(at, -1e4, 1e4)); };
+  const V low_x = Set(in_tile(face.low_x - job.x0) - kLastX - kSlack),
+          low_y = Set(in_tile(face.low_y - job.y0) - kLastY - kSlack),
+          high_x = Set(std::min(in_tile(face.high_x - job.x0) + kSlack, static_cast<float>(job.width - 1))),
+          high_y = Set(std::min(in_tile(face.high_y - job.y0) + kSlack, static_cast<float>(job.height - 1)));
+  // A block whose middle is further outside an edge's line than this holds no sample of the face.
+  const V radius =
+      Set(-static_cast<float>(job.setup->reach) - kSlack - std::sqrt(kLastX * kLastX + kLastY * kLastY) / 2);
+  // StoreMaskBits may write 8 bytes.
+  std::uint8_t bytes[(kBlocks + 63) / 64 * 8 + 8] = {};
+  for (int i = 0; i < kBlocks; i += kLanes) {
+    const V x = hn::Load(d, grid.x + i), y = hn::Load(d, grid.y + i);
+    const V middle_x = hn::Add(x, Set(kLastX / 2)), middle_y = hn::Add(y, Set(kLastY / 2));
+    M touched =
+        hn::And(hn::And(hn::Ge(x, low_x), hn::Le(x, high_x)), hn::And(hn::Ge(y, low_y), hn::Le(y, high_y)));
+    for (int e = 0; e < 3; ++e) {
+      const V s =
+          hn::MulAdd(Set(local.nx[e]), middle_x, hn::MulAdd(Set(local.ny[e]), middle_y, Set(local.c[e])));
+      touched = hn::And(touched, hn::Ge(s, radius));
+    }
+    if constexpr (kLanes >= 8) {
+      hn::StoreMaskBits(d, touched, bytes + i / 8);
+    } else {
+      std::uint8_t few[8];
+      hn::StoreMaskBits(d, touched, few);
+      bytes[i / 8] = static_cast<std::uint8_t>(bytes[i / 8] | (few[0] & ((1 << kLanes) - 1)) << i % 8);
+    }
+  }
+  std::memcpy(words, bytes, (kBlocks + 63) / 64 * 8);
 }
 
-/// The fragment of a face at a block, with all that drops samples of it. `behind`: depth and colour do not
-/// matter. False where none is left by distance.
-template <bool kPlain>
-HWY_INLINE bool Meet(const TileJob& job, const LocalFace& local, int first, V px, V py, bool behind,
-                     Fragment& f) {
+/// First pass over the face's blocks: fills `list`, and says how many there are. Blocks are passed over, or
+/// noted as behind, where the face has at most e^-distance / kEnough of a sample's weight.
+template <bool kPlain, bool kVjp>
+HWY_INLINE int CoverBlocks(const TileJob& job, const LocalFace& local, const Grid& grid, float distance,
+                           Covered* list) {
+  const D d;
+  const FaceSetup& face = *local.face;
   const Constants& k = *job.constants;
-  if (!Cover<kPlain>(local, k, px, py, f)) return false;
-  if (!behind || job.limit || !kPlain)
-    Place(local, k, f);
-  else
-    PlaceNowhere(f);
-  if (job.limit) {
-    const VI pixel = hn::LoadU(DI(), job.pixel_of + first);
-    const M near = hn::Ge(f.key, hn::GatherIndex(D(), job.limit, pixel));
-    f.keep = hn::And(f.keep, near);
-    f.colored = hn::And(f.colored, near);
-  }
-  return true;
+  TileTape& tape = *job.tape;
+  const bool hard = !kPlain && k.hard;
+  std::uint64_t words[(kBlocks + 63) / 64];
+  TouchedBlocks(job, local, grid, words);
+  const float behind = (face.front - k.reference_key) * k.inv_gamma + distance;
+  const V enough = Set(kPlain ? kEnough * std::exp(std::min(behind, 80.f)) : kEnough);
+  int count = 0;
+  for (int w = 0; !kVjp && w < (kBlocks + 63) / 64; ++w) tape.touched[w] |= words[w];
+  ForEachBit(
+      words, [&](int block) HWY_ATTR __attribute__((always_inline)) {
+        Covered& at = list[count];
+        at.first = block * kLanes;
+        M hidden = hn::Gt(Read(tape, at.first, TileTape::kSum), enough);
+        if (!kPlain) {
+          const V depth = hn::Sub(Read(tape, at.first, TileTape::kTop), Set(face.front));
+          hidden = hn::And(hidden, hn::Gt(hn::Mul(depth, Set(k.inv_gamma)), Set(distance)));
+        }
+        at.behind = !hard && hn::AllTrue(d, hidden);
+        if (at.behind && hn::AllTrue(d, hn::Lt(Read(tape, at.first, TileTape::kClear), Set(kClosed)))) return;
+        count += Cover<kPlain, kVjp>(local, k, hn::Add(grid.lane_x, Set(grid.x[block])),
+                                     hn::Add(grid.lane_y, Set(grid.y[block])), at);
+      });
+  return count;
+}
+
+/// Drops the fragments that the scene hides.
+HWY_INLINE void Limit(const TileJob& job, const Covered& at, const Place& p, V& coverage, V& open) {
+  const VI pixel = hn::LoadU(DI(), job.pixel_of + at.first);
+  const V key = hn::Mul(p.phi, Set(job.constants->key_scale));
+  const M near = hn::Ge(key, hn::GatherIndex(D(), job.limit, pixel));
+  coverage = hn::IfThenElseZero(near, coverage);
+  open = hn::IfThenElse(near, open, Set(1));
+}
+
+/// Not plain: samples that the face gives colour.
+HWY_INLINE M Drawn(const Constants& k, V coverage, V key) {
+  return hn::And(hn::Gt(coverage, Zero()),
+                 hn::And(hn::Ge(key, Set(k.key_low)), hn::Le(key, Set(k.key_high))));
 }
 
 HWY_INLINE V Silhouette(const Constants& k, V clear) {
@@ -97,8 +161,8 @@ HWY_INLINE V Silhouette(const Constants& k, V clear) {
 
 /// Samples that some face gives colour.
 HWY_INLINE M Any(const Constants& k, const TileTape& tape, int first) {
-  return k.hard ? hn::Ge(hn::Load(D(), tape.top + first), Zero())
-                : hn::Gt(hn::Load(D(), tape.sum + first), Zero());
+  return k.hard ? hn::Ge(Read(tape, first, TileTape::kTop), Zero())
+                : hn::Gt(Read(tape, first, TileTape::kSum), Zero());
 }
 
 /// Of the photograph, what the tape's colour takes the place of. Where no face gives colour it stays,

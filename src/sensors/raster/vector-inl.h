@@ -29,8 +29,8 @@ inline constexpr float kEnough = 0.1f, kFarBehind = 18.4f, kNoWeightBehind = 16.
 inline constexpr float kNoKey = -1e30f, kLog2E = 1.44269504f;
 // Fragments of less weight give no gradient through colour and depth.
 inline constexpr float kNoWeight = 1e-6f;
-// Fragments whose d loss / d x is a smaller share of the tile's largest do not push their edges.
-inline constexpr float kNoPush = 1e-7f;
+// Logarithm of the least weight of a background that competes with plain faces.
+inline constexpr float kFaintest = -75;
 
 HWY_INLINE V Zero() {
   return hn::Zero(D());
@@ -51,21 +51,11 @@ HWY_INLINE V Exp2(V x) {
   const V shifted = hn::Add(hn::Max(x, Set(-125)), Set(12582912));
   const V f = hn::Sub(hn::Max(x, Set(-125)), hn::Sub(shifted, Set(12582912)));
   // Minimax on [-1/2, 1/2] with 2^0 = 1.
-  V p = hn::MulAdd(f, Set(kExp2[5]), Set(kExp2[4]));
-  p = hn::MulAdd(f, p, Set(kExp2[3]));
-  p = hn::MulAdd(f, p, Set(kExp2[2]));
-  p = hn::MulAdd(f, p, Set(kExp2[1]));
-  p = hn::MulAdd(f, p, Set(1));
+  const V low = hn::MulAdd(f, Set(kExp2[1]), Set(1)), middle = hn::MulAdd(f, Set(kExp2[3]), Set(kExp2[2])),
+          high = hn::MulAdd(f, Set(kExp2[5]), Set(kExp2[4])), f2 = hn::Mul(f, f);
+  const V p = hn::MulAdd(f2, hn::MulAdd(f2, high, middle), low);
   const VI exponent = hn::ShiftLeft<23>(hn::BitCast(di, shifted));
   return hn::BitCast(d, hn::Add(hn::BitCast(di, p), exponent));
-}
-
-/// 1 / x to 2 units in the last place: an estimate and steps of Newton's, each of which doubles its digits.
-/// x86's estimate has 12 bits or more, NEON's has 8.
-HWY_INLINE V Reciprocal(V x) {
-  V r = hn::ApproximateReciprocal(x);
-  for (int step = 0; step < (HWY_ARCH_X86 ? 1 : 2); ++step) r = hn::MulAdd(r, hn::NegMulAdd(x, r, Set(1)), r);
-  return r;
 }
 
 HWY_INLINE V Clamp01(V x) {

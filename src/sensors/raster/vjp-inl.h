@@ -13,41 +13,41 @@ HWY_BEFORE_NAMESPACE();
 namespace mirage::raster::HWY_NAMESPACE {
 
 /// d loss / d what the fragments of a sample share.
-struct SampleGradients {
-  alignas(64) float color[3][kSamples];  ///< d loss / d colour among faces
-  alignas(64) float mean[kSamples];      ///< … times that colour
-  alignas(64) float clear[kSamples];     ///< d loss / d S · Π(1 − D); hard: 0
-  alignas(64) float inv_sum[kSamples];
+struct SampleGradients : TileSamples {
+  enum Field {
+    kMean,    ///< d loss / d colour among faces, times that colour
+    kClear,   ///< d loss / d S · Π(1 − D); hard: 0
+    kInvSum,  ///< 1 / TileTape::kSum
+    kColor,   ///< three: d loss / d colour among faces
+  };
 };
 
-/// Returns the largest gradient.
-float BeginVjp(const TileJob& job, SampleGradients& g) {
+void BeginVjp(const TileJob& job, SampleGradients& g) {
   const D d;
   const Constants& k = *job.constants;
   const TileTape& tape = *job.tape;
-  V largest = Zero();
-  for (int i = 0; i < kSamples; i += kLanes) {
-    const VI pixel = hn::LoadU(DI(), job.pixel_of + i);
-    const V clear = hn::Load(d, tape.clear + i), silhouette = Silhouette(k, clear);
-    const V sum = hn::Load(d, tape.sum + i);
+  ForEachBit(tape.touched, [&](int block) HWY_ATTR {
+    const int first = block * kLanes;
+    const VI pixel = hn::LoadU(DI(), job.pixel_of + first);
+    const V clear = Read(tape, first, TileTape::kClear), silhouette = Silhouette(k, clear);
+    const V sum = Read(tape, first, TileTape::kSum);
     V d_silhouette = hn::GatherIndex(d, job.d_out[3], pixel), mean = Zero(), background = Zero();
-    const V share = Share(k, tape, i, silhouette);
+    const V share = Share(k, tape, first, silhouette);
     for (int c = 0; c < 3; ++c) {
-      const V d_image = hn::GatherIndex(d, job.d_out[c], pixel), color = hn::Load(d, tape.color[c] + i);
+      const V d_image = hn::GatherIndex(d, job.d_out[c], pixel),
+              color = Read(tape, first, TileTape::kColor + c);
       const V step = hn::Sub(color, hn::GatherIndex(d, job.background[c], pixel));
       background = hn::MulAdd(d_image, step, background);
       const V d_color = hn::Mul(d_image, share);
-      largest = hn::Max(largest, hn::Abs(d_color));
-      hn::Store(d_color, d, g.color[c] + i);
+      hn::Store(d_color, d, At(g, first, SampleGradients::kColor + c));
       mean = hn::MulAdd(d_color, color, mean);
     }
-    if (!k.logit) d_silhouette = hn::Add(d_silhouette, hn::IfThenElseZero(Any(k, tape, i), background));
-    largest = hn::Max(largest, hn::Abs(d_silhouette));
-    hn::Store(mean, d, g.mean + i);
-    hn::Store(k.hard ? Zero() : hn::Mul(d_silhouette, clear), d, g.clear + i);
-    hn::Store(hn::IfThenElseZero(hn::Gt(sum, Zero()), hn::Div(Set(1), sum)), d, g.inv_sum + i);
-  }
-  return hn::GetLane(hn::MaxOfLanes(d, largest));
+    if (!k.logit) d_silhouette = hn::Add(d_silhouette, hn::IfThenElseZero(Any(k, tape, first), background));
+    hn::Store(mean, d, At(g, first, SampleGradients::kMean));
+    hn::Store(k.hard ? Zero() : hn::Mul(d_silhouette, clear), d, At(g, first, SampleGradients::kClear));
+    hn::Store(hn::IfThenElseZero(hn::Gt(sum, Zero()), hn::Div(Set(1), sum)), d,
+              At(g, first, SampleGradients::kInvSum));
+  });
 }
 
 /// Texel gradients of one face in one tile, gathered densely and handed on as a list. Neighbouring lanes hit
@@ -95,6 +95,7 @@ class TexelSums {
 };
 
 struct Scratch {
+  Covered list[kBlocks];
   SampleGradients samples;
   TexelSums texels;
 };
@@ -123,17 +124,15 @@ void DrawFacesVjp(const TileJob& job) {
   Scratch& scratch = ThreadScratch();
   SampleGradients& samples = scratch.samples;
   TexelSums& texel_sums = scratch.texels;
-  const float little = kNoPush * BeginVjp(job, samples);
+  BeginVjp(job, samples);
   const bool hard = !kPlain && k.hard;
-  V lane_x, lane_y;
-  LanePlaces(lane_x, lane_y);
+  const Grid& grid = TileGrid();
   for (int i = 0; i < job.count; ++i) {
     const FaceSetup& face = job.setup->faces[job.faces[i]];
     const LocalFace local = Localise(job, face);
     const int texels = local.resolution * local.resolution;
     const bool by_vertex = !kPlain && k.vertex_texture;
     if (!by_vertex) texel_sums.Begin(texels);
-    const float turn = local.nx[0] * local.ey[0] > local.ny[0] * local.ex[0] ? -1.f : 1.f;
     // ∇b_e, bounded for faces seen edge-on.
     float slope_x[3], slope_y[3];
     for (int e = 0; e < 3; ++e) {
@@ -146,120 +145,101 @@ void DrawFacesVjp(const TileJob& job) {
       sums.x[e] = sums.y[e] = sums.delta[e] = Zero();
       for (int c = 0; c < 3; ++c) sums.corner[e][c] = Zero();
     }
-    ForEachBlock(
-        job, local, lane_x, lane_y, [&](int first, V px, V py) HWY_ATTR __attribute__((always_inline)) {
-          const V top = hn::Load(d, tape.top + first);
-          const bool behind =
-              !hard && hn::AllTrue(d, Behind(k, face, top, hn::Load(d, tape.sum + first), kNoWeightBehind));
-          if (behind && hn::AllTrue(d, hn::Lt(hn::Load(d, tape.clear + first), Set(kClosed)))) return;
-          Fragment f;
-          if (!Meet<kPlain>(job, local, first, px, py, behind, f)) return;
-          // x = δ d² / σ: d D / d x = D (1 − D), and through the product d S / d x_j = D_j Π(1 − D).
-          V d_x = hn::Mul(hn::Load(d, samples.clear + first), f.coverage);
-          d_x = hn::IfThenElseZero(f.keep, d_x);
-
-          V d_bary[3];
-          bool to_bary = false;
-          if (!behind && face.colored) {
-            V weight;
-            if (hard) {
-              weight = hn::IfThenElseZero(hn::Eq(top, Set(static_cast<float>(job.faces[i]))), Set(1));
-              weight = hn::IfThenElseZero(f.colored, weight);
-            } else {
-              const V depth = Exp2(hn::Min(Zero(), hn::Mul(hn::Sub(f.key, top), Set(k.inv_gamma * kLog2E))));
-              weight = hn::IfThenElseZero(
-                  f.colored, hn::Mul(hn::Mul(f.coverage, depth), hn::Load(d, samples.inv_sum + first)));
-            }
-            const M some = hn::Gt(weight, Set(kNoWeight));
-            if (!hn::AllFalse(d, some)) {
-              V d_color[3];
-              for (int c = 0; c < 3; ++c) d_color[c] = hn::Load(d, samples.color[c] + first);
-              VI index;
-              if (!by_vertex) {
-                index = TexelIndex<kPlain>(local, f);
-                texel_sums.Add(index, weight, d_color);
-              }
-              if (by_vertex) {
-                // lookup_e = y_e / Σ y, y_e = c_e (1 + delta_e), c the clamped barycentrics.
-                V d_lookup[3], mean = Zero();
-                for (int e = 0; e < 3; ++e) {
-                  d_lookup[e] = Zero();
-                  const V share = hn::Mul(weight, f.lookup[e]);
-                  for (int c = 0; c < 3; ++c) {
-                    sums.corner[e][c] = hn::MulAdd(share, d_color[c], sums.corner[e][c]);
-                    d_lookup[e] =
-                        hn::MulAdd(d_color[c], Set(local.texels[local.texel_stride * c + e]), d_lookup[e]);
-                  }
-                  d_lookup[e] = hn::Mul(weight, d_lookup[e]);
-                  mean = hn::MulAdd(d_lookup[e], f.lookup[e], mean);
-                }
-                for (int e = 0; e < 3; ++e) {
-                  const V d_y = hn::Mul(f.rcp, hn::Sub(d_lookup[e], mean));
-                  sums.delta[e] = hn::MulAdd(d_y, f.clipped[e], sums.delta[e]);
-                  d_bary[e] = hn::Mul(d_y, Set(1 + face.delta[e]));
-                }
-              }
-              if (!hard) {
-                const Color color = by_vertex ? VertexColor(local, f) : TexelColor(local, index);
-                V advantage = hn::Neg(hn::Load(d, samples.mean + first));
-                for (int c = 0; c < 3; ++c) advantage = hn::MulAdd(d_color[c], color.c[c], advantage);
-                const V gain = hn::Mul(weight, advantage);
-                d_x = hn::MulAdd(gain, f.open, d_x);
-                // Depth: φ = Σ c_k delta_k / Σ c_k (1 + delta_k), c the clamped barycentrics.
-                const V d_phi = hn::Mul(gain, Set(k.key_scale * k.inv_gamma));
-                const V u = hn::Mul(d_phi, f.rcp), by_phi = hn::Mul(u, f.phi), rest = hn::Sub(u, by_phi);
-                for (int e = 0; e < 3; ++e) {
-                  sums.delta[e] = hn::MulAdd(rest, f.clipped[e], sums.delta[e]);
-                  const V by_depth = hn::MulSub(rest, Set(face.delta[e]), by_phi);
-                  d_bary[e] = by_vertex ? hn::Add(d_bary[e], by_depth) : by_depth;
-                }
-              }
-              to_bary = !hard || by_vertex;
-              for (int e = 0; to_bary && e < 3; ++e) {
-                const M free = hn::And(hn::Gt(f.b[e], Zero()), hn::Lt(f.b[e], Set(1)));
-                d_bary[e] = hn::IfThenElseZero(free, d_bary[e]);
-              }
-            }
+    const int count = CoverBlocks<kPlain, true>(job, local, grid, kNoWeightBehind, scratch.list);
+    for (const Covered& at : std::span(scratch.list, static_cast<std::size_t>(count))) {
+      const auto load = [&](int field) HWY_ATTR { return Read(samples, at.first, field); };
+      const bool colored = !at.behind && face.colored;
+      V coverage = hn::Load(d, at.coverage), open = hn::Load(d, at.open);
+      Place p;
+      if (colored || job.limit) p = PlaceOf(local, at);
+      if (job.limit) Limit(job, at, p, coverage, open);
+      // x = δ d² / σ: d D / d x = D (1 − D), and through the product d S / d x_j = D_j Π(1 − D).
+      V d_x = hn::Mul(load(SampleGradients::kClear), coverage);
+      if (colored) {
+        V weight;
+        if (kPlain) {
+          const V depth = Exp2(hn::MulAdd(p.phi, Set(k.depth_scale2), Set(k.depth_start2)));
+          weight = hn::Mul(hn::Mul(coverage, depth), load(SampleGradients::kInvSum));
+        } else {
+          const V key = hn::Mul(p.phi, Set(k.key_scale)), top = Read(tape, at.first, TileTape::kTop);
+          const M drawn = Drawn(k, coverage, key);
+          if (hard) {
+            weight = hn::IfThenElseZero(hn::Eq(top, Set(static_cast<float>(job.faces[i]))), Set(1));
+          } else {
+            const V depth = Exp2(hn::Min(Zero(), hn::Mul(hn::Sub(key, top), Set(k.inv_gamma * kLog2E))));
+            weight = hn::Mul(hn::Mul(coverage, depth), load(SampleGradients::kInvSum));
           }
-
-          if (!hard && !hn::AllTrue(d, hn::Lt(hn::Abs(d_x), Set(little)))) {
-            // d² = |p − q|² with q = (1 − a) v_e + a v_{e+1} on the nearest edge e; a is constant by the
-            // envelope theorem, so d d² / d v_e = −2 (1 − a) (p − q), p − q = s n + h e.
-            const V f2 = hn::Mul(hn::IfThenElse(f.inside, hn::Neg(d_x), d_x), Set(2 * k.distance_scale));
-            const M first_edge = hn::Eq(f.q[0], f.d2), second_edge = hn::Eq(f.q[1], f.d2);
-            const auto choose = [&](V a, V b, V c) HWY_ATTR {
-              return hn::IfThenElse(first_edge, a, hn::IfThenElse(second_edge, b, c));
-            };
-            const auto choose_constant = [&](const float(&c)[3])
-                                             HWY_ATTR { return choose(Set(c[0]), Set(c[1]), Set(c[2])); };
-            const V fs = hn::Mul(f2, choose(f.s[0], f.s[1], f.s[2])),
-                    fh = hn::Mul(f2, choose(f.h[0], f.h[1], f.h[2]));
-            const V a = Clamp01(hn::Mul(choose(f.r[0], f.r[1], f.r[2]), choose_constant(face.inv_length)));
-            // e is n turned by a right angle, to the side that the face's winding says.
-            const V nx = choose_constant(local.nx), ny = choose_constant(local.ny),
-                    turned = hn::Mul(fh, Set(turn));
-            const V push_x = hn::MulAdd(fs, nx, hn::Mul(turned, ny));
-            const V push_y = hn::NegMulAdd(turned, nx, hn::Mul(fs, ny));
-            const V rest = hn::Sub(Set(1), a);
-            const V share[3] = {choose(rest, Zero(), a), choose(a, rest, Zero()), choose(Zero(), a, rest)};
+          weight = hn::IfThenElseZero(drawn, weight);
+        }
+        if (!hn::AllFalse(d, hn::Gt(weight, Set(kNoWeight)))) {
+          V d_color[3], d_bary[3];
+          for (int c = 0; c < 3; ++c) d_color[c] = load(SampleGradients::kColor + c);
+          VI index;
+          if (!by_vertex) {
+            index = TexelIndex<kPlain>(local, p);
+            texel_sums.Add(index, weight, d_color);
+          }
+          if (by_vertex) {
+            // lookup_e = y_e / Σ y, y_e = c_e (1 + delta_e), c the clamped barycentrics.
+            V d_lookup[3], mean = Zero();
             for (int e = 0; e < 3; ++e) {
-              sums.x[e] = hn::MulAdd(share[e], push_x, sums.x[e]);
-              sums.y[e] = hn::MulAdd(share[e], push_y, sums.y[e]);
+              d_lookup[e] = Zero();
+              const V share = hn::Mul(weight, p.lookup[e]);
+              for (int c = 0; c < 3; ++c) {
+                sums.corner[e][c] = hn::MulAdd(share, d_color[c], sums.corner[e][c]);
+                d_lookup[e] =
+                    hn::MulAdd(d_color[c], Set(local.texels[local.texel_stride * c + e]), d_lookup[e]);
+              }
+              d_lookup[e] = hn::Mul(weight, d_lookup[e]);
+              mean = hn::MulAdd(d_lookup[e], p.lookup[e], mean);
+            }
+            for (int e = 0; e < 3; ++e) {
+              const V d_y = hn::Mul(p.rcp, hn::Sub(d_lookup[e], mean));
+              sums.delta[e] = hn::MulAdd(d_y, p.clipped[e], sums.delta[e]);
+              d_bary[e] = hn::Mul(d_y, Set(1 + face.delta[e]));
             }
           }
-          if (to_bary) {
+          if (!hard) {
+            const Color color = by_vertex ? VertexColor(local, p) : TexelColor(local, index);
+            V advantage = hn::Neg(load(SampleGradients::kMean));
+            for (int c = 0; c < 3; ++c) advantage = hn::MulAdd(d_color[c], color.c[c], advantage);
+            const V gain = hn::Mul(weight, advantage);
+            d_x = hn::MulAdd(gain, open, d_x);
+            // Depth: φ = Σ c_k delta_k / Σ c_k (1 + delta_k), c the clamped barycentrics.
+            const V d_phi = hn::Mul(gain, Set(k.key_scale * k.inv_gamma));
+            const V u = hn::Mul(d_phi, p.rcp), by_phi = hn::Mul(u, p.phi), rest = hn::Sub(u, by_phi);
+            for (int e = 0; e < 3; ++e) {
+              sums.delta[e] = hn::MulAdd(rest, p.clipped[e], sums.delta[e]);
+              const V by_depth = hn::MulSub(rest, Set(face.delta[e]), by_phi);
+              d_bary[e] = by_vertex ? hn::Add(d_bary[e], by_depth) : by_depth;
+            }
+          }
+          if (!hard || by_vertex) {
             // The barycentrics solve Σ b_m v_m = p, Σ b_m = 1, so that d b_e / d v_m = −b_m ∇b_e.
             V x = Zero(), y = Zero();
             for (int e = 0; e < 3; ++e) {
-              x = hn::MulAdd(d_bary[e], Set(slope_x[e]), x);
-              y = hn::MulAdd(d_bary[e], Set(slope_y[e]), y);
+              const M free = hn::And(hn::Gt(p.b[e], Zero()), hn::Lt(p.b[e], Set(1)));
+              const V d_b = hn::IfThenElseZero(free, d_bary[e]);
+              x = hn::MulAdd(d_b, Set(slope_x[e]), x);
+              y = hn::MulAdd(d_b, Set(slope_y[e]), y);
             }
             for (int m = 0; m < 3; ++m) {
-              sums.x[m] = hn::NegMulAdd(x, f.b[m], sums.x[m]);
-              sums.y[m] = hn::NegMulAdd(y, f.b[m], sums.y[m]);
+              sums.x[m] = hn::NegMulAdd(x, p.b[m], sums.x[m]);
+              sums.y[m] = hn::NegMulAdd(y, p.b[m], sums.y[m]);
             }
           }
-        });
+        }
+      }
+      if (!hard) {
+        const V f = hn::Mul(d_x, Set(2 * k.distance_scale));
+        const V push_x = hn::Mul(f, hn::Load(d, at.away[0])), push_y = hn::Mul(f, hn::Load(d, at.away[1]));
+        for (int e = 0; e < 3; ++e) {
+          const V share = hn::Load(d, at.share[e]);
+          sums.x[e] = hn::MulAdd(share, push_x, sums.x[e]);
+          sums.y[e] = hn::MulAdd(share, push_y, sums.y[e]);
+        }
+      }
+    }
     FaceSums& out = job.sums[i];
     for (int e = 0; e < 3; ++e) {
       out.x[e] = Total(sums.x[e]);
@@ -277,7 +257,7 @@ void DrawFacesVjp(const TileJob& job) {
 }
 
 void DrawTileVjp(const TileJob& job) {
-  if (job.constants->plain())
+  if (job.constants->plain)
     DrawFacesVjp<true>(job);
   else
     DrawFacesVjp<false>(job);
