@@ -7,6 +7,7 @@
 
 #include "base/error.h"
 #include "base/names.h"
+#include "base/ranks.h"
 #include "frames/frame_store.h"
 #include "frames/made_of.h"
 #include "scene/data/read_frames.h"
@@ -179,7 +180,8 @@ Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
     settings.matching = can.matching();
     settings.detector_identity = detector_identity(options, can.version);
     require_shared(store.cache(), "compare", settings.detector_identity);
-    settings.kinds = vehicle_kinds(request.data, hosts);
+    settings.told = rank() == 0;
+    if (settings.told) settings.kinds = vehicle_kinds(request.data, hosts);
     const CleanDetections clean = clean_detections(pool, store, hosts, settings);
     outcomes.push_back(evaluate(pool, store, hosts, clean, meshes, simulation, settings).hosts);
     names.push_back(pool.front()->name());
@@ -188,6 +190,7 @@ Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
     add_detector(detector, options);
     made_of->set(outcomes.size() == 1 ? "first" : "second", detector.made_of());
   }
+  if (rank() > 0) return {};
   if (made_of) {
     made_of->set("simulation", to_json(simulation));
     add_frames(*made_of, request, frames);

@@ -83,7 +83,7 @@ Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const 
 
 /// Evaluates both detectors on every usable vehicle of the data set that no run has learned on. InputError
 /// for anything but two detectors, for no object, and where no vehicle is left. `made_of`, if it is not null,
-/// learns what both detectors, the frames and the objects are.
+/// learns what both detectors, the frames and the objects are. Ranks but the first get nothing.
 Comparison compare(const ComparisonRequest& request, Provenance* made_of = nullptr);
 
 /// {detectors, objects, hosts, vehicles, clusters, difference, low, high, told, first, second, own?,

@@ -43,7 +43,7 @@ Reliance cached_reliance(const DetectorPool& detectors, const std::string& ident
       if (!progress) progress = std::make_unique<Progress>("use of the picture", total, quiet);
       progress->update(done);
     };
-    return measure_reliance(instances, recorded_frames(source), ids, tell, seen);
+    return measure_reliance(instances, recorded_frames(source, identity, "evaluate"), ids, tell, seen);
   };
   const auto disk = DiskCache::from_environment();
   if (identity.empty() || !disk->on() || !reads_picture(*detectors.front())) return measure();
@@ -55,7 +55,7 @@ Reliance cached_reliance(const DetectorPool& detectors, const std::string& ident
       disk->report_damaged(kKind, key);
     }
   const Reliance reliance = measure();
-  disk->write(kKind, key, to_json(reliance).dump());
+  if (rank() == 0) disk->write(kKind, key, to_json(reliance).dump());
   return reliance;
 }
 
@@ -228,7 +228,8 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
                  result.hosts.size());
 
   result.settings = request.settings;
-  result.settings.kinds = vehicle_kinds(stage.settings.data, result.hosts);
+  result.settings.told = rank() == 0;
+  if (result.settings.told) result.settings.kinds = vehicle_kinds(stage.settings.data, result.hosts);
   if (result.detectors.empty())
     result.detectors = load_detector_pool(result.detector, static_cast<int>(result.hosts.size()));
   const Capabilities can = result.detectors.front()->capabilities();
@@ -238,9 +239,8 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
     spdlog::info("every pass of the detector is over the whole frame: {}", can.why_whole);
   require_shared(result.store->cache(), "evaluate", result.settings.detector_identity);
   CleanDetections seen;
-  if (rank() == 0)  // the only one that tells; the others take from its part of the rest meanwhile
-    result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, stage.settings,
-                                      result.settings.quiet, &seen);
+  result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, stage.settings,
+                                    result.settings.quiet, &seen);
   CleanDetections clean;
   if (stage.settings.placement.victim != Victim::object)  // its clean frames have a plain object in them
     clean = clean_detections(result.detectors, *result.store, result.hosts, result.settings, seen);
@@ -251,19 +251,22 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   std::vector<TexturedMesh> meshes;
   for (const NamedObject& object : result.objects) meshes.push_back(object.mesh);
   if (of_run) meshes.push_back(result.run.adversary);
-  for (std::size_t i = 0; i < meshes.size() && rank() == 0; ++i)
+  const bool told = result.settings.told;
+  for (std::size_t i = 0; i < meshes.size() && told; ++i)
     warn_of_volume(stage.settings.placement, extents(meshes[i]),
                    of_run ? "the run's mesh" : escape_name(result.objects[i].name));
   result.learned = judged(meshes);
-  for (std::size_t mesh = 0; mesh < result.objects.size(); ++mesh)
+  for (std::size_t mesh = 0; mesh < result.objects.size() && told; ++mesh)
     result.each.push_back({result.objects[mesh].name, of_mesh(result.learned, mesh), extents(meshes[mesh])});
-  if (result.learned.vehicles == 0)
+  if (told && result.learned.vehicles == 0)
     spdlog::warn("{} finds none of {} vehicles as recorded: of its rates nothing is known",
                  result.detectors.front()->name(), result.hosts.size());
   if (request.random_meshes == 0) return result;
   for (const Baseline kind : kinds) {
     const auto controls = baseline_meshes(result.run, kind, request.random_meshes);
-    result.baselines.push_back({kind, judged(controls), {}, extents(controls.front())});
+    Evaluation of = judged(controls);
+    if (!told) continue;
+    result.baselines.push_back({kind, std::move(of), {}, extents(controls.front())});
     BaselineArm& arm = result.baselines.back();
     arm.net = net_success(result.learned.hosts, arm.evaluation.hosts);
   }

@@ -18,7 +18,8 @@ namespace mirage {
 /// measure_reliance() on at most kAuditFrames of the data set's frames, spread evenly, or what is kept of it
 /// in DiskCache::from_environment() for the same detector, frames and program. `identity`:
 /// detector_identity() of the pool's options; empty: not cached. Shows progress unless `quiet`. `seen`, if
-/// given, gets what measuring saw in the frames as recorded.
+/// given, gets what measuring saw in the frames as recorded. Ranks share the passes; the first has the
+/// result.
 Reliance cached_reliance(const DetectorPool& detectors, const std::string& identity,
                          const FrameSource& source, bool quiet = true, CleanDetections* seen = nullptr);
 
@@ -82,7 +83,7 @@ struct RunEvaluation {
 };
 
 /// InputError for options that contradict each other and where there are no hosts; with `meshes` as
-/// read_objects().
+/// read_objects(). Ranks but the first have no outcomes (EvaluationSettings::told).
 RunEvaluation evaluate_run(const EvaluationRequest& request);
 
 /// The learned mesh's Evaluation; of each baseline the same keys and "meshes", under its word, `start` under

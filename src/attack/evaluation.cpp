@@ -374,7 +374,10 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
   Progress progress("evaluate", count, settings.quiet);
   std::mutex mutex;
   std::size_t done = 0;
-  const std::vector<std::size_t> order = order_among_ranks(count);
+  const auto same_frame = [&](std::size_t i) {
+    return hosts[i / adversaries.size()].frame == hosts[(i - 1) / adversaries.size()].frame;
+  };
+  const std::vector<std::size_t> order = order_among_ranks(count, same_frame);
   for_each_with_detector(detectors, count, [&](Detector& detector, std::size_t k) {
     throw_if_interrupted(how_to_go_on(store, settings));
     const std::size_t i = order[k];
@@ -382,6 +385,14 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
     const std::size_t mesh = i % adversaries.size();
     FoundAttacked found = attacked.look(detector, id, adversaries[mesh], hashes[mesh],
                                         local && passes.at(id.frame) >= kWorthKeeping);
+    const auto tell = [&] {
+      const std::lock_guard lock(mutex);
+      progress.update(++done);
+    };
+    if (!by.told) {
+      if (itself) attacked.look(detector, id, plain, plain_hash, local);
+      return tell();
+    }
     const auto prepared = store.get(id.frame);
     const std::size_t at = mesh * hosts.size() + i / adversaries.size();
     const Placement placement = store.placement(id);
@@ -400,9 +411,9 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
     }
     outcomes[at] = judged(std::move(found.detections),
                           labelled_boxes(placement, placed, prepared->frame.calibration, found.object));
-    const std::lock_guard lock(mutex);
-    progress.update(++done);
+    tell();
   });
+  if (!by.told) return {};
   Evaluation evaluation = summarize(std::move(outcomes), static_cast<int>(adversaries.size()));
   evaluation.against_grown = std::move(grown);
   return evaluation;

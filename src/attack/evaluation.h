@@ -79,6 +79,9 @@ struct EvaluationSettings {
   /// How the detector is judged (Capabilities::matching); evaluate() sets it.
   Matching matching = {};
   bool quiet = false;
+  /// False, on a rank that tells nothing: evaluate() fills what is kept on disk, and has no outcomes. It then
+  /// opens no frame of another rank's.
+  bool told = true;
   /// Of the pool's options (frames/made_of.h); empty: clean detections are not cached.
   std::string detector_identity = {};
   /// What kind of vehicle a host is, by host_name; the label's type where it is not in here.

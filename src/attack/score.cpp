@@ -301,6 +301,7 @@ ScoreResult score(const ScoreRequest& request) {
     }
   }
   result.evaluation = evaluate_run(evaluation);
+  if (!result.evaluation.settings.told) return result;
   result.points = use_of_points(result.evaluation);
   std::vector<ScoredObject> objects;
   const std::size_t known = result.evaluation.objects.size() - result.learned.size();

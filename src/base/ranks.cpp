@@ -107,17 +107,26 @@ void share_blocks(std::vector<std::vector<double>>& blocks) {
               static_cast<int>(k % static_cast<std::size_t>(ranks)), MPI_COMM_WORLD);
 }
 
-std::vector<std::size_t> order_among_ranks(std::size_t count) {
+std::vector<std::size_t> order_among_ranks(std::size_t count,
+                                           const std::function<bool(std::size_t)>& goes_on) {
   const auto first = [&](int r) {
     return count * static_cast<std::size_t>(r) / static_cast<std::size_t>(rank_count());
   };
-  std::vector<std::size_t> own, others;
-  for (std::size_t i = 0; i < count; ++i)
-    (i >= first(rank()) && i < first(rank() + 1) ? own : others).push_back(i);
+  std::vector<std::vector<std::size_t>> own, others;  // runs that stay together
+  auto* part = &own;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (i == 0 || !goes_on || !goes_on(i)) {
+      part = i >= first(rank()) && i < first(rank() + 1) ? &own : &others;
+      part->emplace_back();
+    }
+    part->back().push_back(i);
+  }
   RandomStream random(static_cast<std::uint64_t>(rank()), "order among ranks");
   shuffle(others, random);
   own.insert(own.end(), others.begin(), others.end());
-  return own;
+  std::vector<std::size_t> order;
+  for (const auto& run : own) order.insert(order.end(), run.begin(), run.end());
+  return order;
 }
 
 long first_rank_value(long value) {

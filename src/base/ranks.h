@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -59,7 +60,9 @@ void share_blocks(std::vector<std::vector<double>>& blocks);
 /// 0 … count − 1 in the order in which this process takes work whose results all ranks keep in one cache: its
 /// own stretch first, then the rest in a random order of its own. So ranks finish together, whatever each
 /// item costs, and a rank that dies leaves its items to the others. One process: as they are.
-std::vector<std::size_t> order_among_ranks(std::size_t count);
+/// `goes_on(i)`: item i shares work with the one before (a frame to be read); such runs stay together.
+std::vector<std::size_t> order_among_ranks(std::size_t count,
+                                           const std::function<bool(std::size_t)>& goes_on = {});
 /// The first rank's value, on all. A call of all ranks.
 long first_rank_value(long value);
 

@@ -166,6 +166,7 @@ nlohmann::json run(const EvaluateOptions& options, const Common& common) {
   options.quality.ask(request.asked);
   options.effects.ask(request.asked);
   const RunEvaluation evaluation = evaluate_run(request);
+  if (rank() > 0) return nlohmann::json::object();  // the first tells
   common.made_of->add(evaluation.stage.settings);
   add_frames(*common.made_of, evaluation.stage.settings, evaluation.hosts);
   if (!evaluation.objects.empty()) add_objects(*common.made_of, evaluation.objects);
@@ -176,7 +177,7 @@ nlohmann::json run(const EvaluateOptions& options, const Common& common) {
   print_bounds(evaluation);
   print_strata(evaluation);
   nlohmann::json result = to_json(evaluation);
-  if (options.pictures > 0 && rank() == 0)
+  if (options.pictures > 0)
     result["pictures"] = draw_evaluation_pictures(evaluation, options.pictures, common.out / "pictures");
   return result;
 }

@@ -3,6 +3,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/options.h"
@@ -132,6 +133,9 @@ nlohmann::json run(const ScoreOptions& options, const Common& common) {
     throw InputError("--locality", fmt::format("{}", request.detector.locality),
                      "is an approximation, and proves nothing", "leave it or --certify out");
   const ScoreResult result = score(request);
+  nlohmann::json certificates;
+  if (options.certify) certificates = certified(request, result.evaluation);
+  if (rank() > 0) return nlohmann::json::object();  // the first tells
   Provenance& made_of = *common.made_of;
   const AttackSettings& judged = result.evaluation.stage.settings;
   add_frames(made_of, judged, result.evaluation.hosts);
@@ -139,7 +143,7 @@ nlohmann::json run(const ScoreOptions& options, const Common& common) {
   add_detector(made_of, result.evaluation.detector);
   made_of.set("simulation", to_json(judged.simulation));
   nlohmann::json json = to_json(result);
-  if (options.certify) json["certified"] = certified(request, result.evaluation);
+  if (options.certify) json["certified"] = certificates;
   print_score(result);
   return {{"score", json}};
 }

@@ -366,6 +366,7 @@ AttackedIou attacked_iou(const DetectorPool& detectors, FrameStore& store, const
   std::span<const HostOutcome> outcomes = settings.attacked;
   if (outcomes.empty()) {
     EvaluationSettings by = settings.evaluation;
+    by.told = true;  // on every rank
     by.matching = detectors.front()->capabilities().matching();
     own = evaluate(detectors, store, hosts, clean_detections(detectors, store, hosts, by),
                    settings.adversaries, settings.simulation, by)

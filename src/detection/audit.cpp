@@ -447,7 +447,7 @@ Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& sour
   std::vector<std::string> refused(changes.size());
   std::mutex mutex;
   std::size_t done = 0;
-  const bool tells = rank() == 0;  // the others fill what is kept, and read nothing that is there
+  const bool tells = rank() == 0;  // the others fill what is kept
   const std::vector<std::size_t> order = order_among_ranks(pairs.size());
   hand_out(detectors.size(), pairs.size(), [&](std::size_t worker, std::size_t k) {
     throw_if_interrupted(source.kept_views ? "run it again: it goes on" : "the audit is measured anew");
@@ -466,7 +466,10 @@ Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& sour
       const Frame& frame = shown.get().frame;
       return answers_to(detector, view_of(frame, frame.image, shown.get().points), shown.get().truth);
     });
-    if (tells) frames[f].right = told(std::move(found));
+    if (tells)
+      frames[f].right = told(std::move(found));
+    else
+      frames[f].right.scored.detections = std::move(found.at(0));
     frames[f].changed.resize(changes.size());
     for (std::size_t c = 0; c < changes.size(); ++c) {
       const auto look = [&]() -> ViewAnswers {
@@ -494,15 +497,16 @@ Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& sour
     const std::lock_guard lock(mutex);
     if (progress) progress(++done, pairs.size());
   });
-  if (!tells) return {};
   Audit audit;
+  for (std::size_t f = 0; f < frames.size(); ++f)
+    audit.as_recorded[pairs[f].frame] = frames[f].right.scored.detections;
+  if (!tells) return audit;
   audit.frames = static_cast<int>(pairs.size());
   audit.left_out = static_cast<int>(ids.size() - pairs.size());
   std::vector<ScoredFrame> right;
   for (std::size_t f = 0; f < frames.size(); ++f) {
     right.push_back(frames[f].right.scored);
     audit.vehicles += static_cast<int>(frames[f].right.cars.size());
-    audit.as_recorded[pairs[f].frame] = frames[f].right.scored.detections;
   }
   audit.ap70 = ap70_of(right);
   audit.clusters = clusters_of(right);

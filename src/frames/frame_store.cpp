@@ -96,7 +96,13 @@ FrameStore::~FrameStore() {
 }
 
 std::string FrameStore::content(const std::string& id) const {
-  return content_of(data_, id, cameras_, sensors_content_);
+  {
+    const std::lock_guard lock(mutex_);
+    if (const auto known = contents_.find(id); known != contents_.end()) return known->second;
+  }
+  const std::string hash = content_of(data_, id, cameras_, sensors_content_);
+  const std::lock_guard lock(mutex_);
+  return contents_.emplace(id, hash).first->second;
 }
 
 std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id) const {

@@ -79,7 +79,7 @@ class FrameStore {
 
   /// What is kept on disk of these frames.
   FrameCache& cache() { return cache_; }
-  /// frame_hash() of the frame as it is on disk, and what measures it besides.
+  /// frame_hash() of the frame as it is on disk, and what measures it besides. Each is hashed once.
   std::string content(const std::string& id) const;
 
  private:
@@ -121,6 +121,7 @@ class FrameStore {
   Held held_;  ///< the one used last is first
   std::size_t bytes_ = 0, limit_ = kMemoryLimit;
   mutable std::size_t reads_ = 0;
+  mutable std::map<std::string, std::string> contents_;  ///< content() by id
 
   std::mutex ahead_mutex_;  // of what follows
   std::condition_variable ahead_changed_;

@@ -3,7 +3,8 @@
     python3 validation/benchmarks/fleet_cost.py [PROGRAM] [--frames 4,12] [--detector fusion] [--json FILE]
 
 Each command goes over few and over more generated frames; what the further vehicles take is the cost. Adds to FILE
-(build/release/bench.json) and prints fleet_cpu_s_per_1000_COMMAND (`attack`: of 1000 steps of 8) and fleet_start_s_COMMAND.
+(build/release/bench.json) and prints fleet_cpu_s_per_1000_COMMAND (`attack`: of 1000 steps of 8), certify_seconds_a_frame and
+fleet_start_s_COMMAND.
 Processor time, Blender's included: of N processes each takes an N-th, but for the start. And attack_peak_memory_gb, of an
 attack on all threads.
 """
@@ -82,6 +83,8 @@ def main():
             count = 20 if name == "attack" else cars[1] - cars[0]
             each = (more - few) / count
             figures[f"fleet_cpu_s_per_1000_{name}"] = 1000 * each
+            if name == "certify":
+                figures["certify_seconds_a_frame"] = (more - few) / (sizes[1] - sizes[0])
             figures[f"fleet_start_s_{name}"] = few - each * (4 if name == "attack" else cars[0])
     print(json.dumps(figures, indent=1))
     atomic.add_figures(options.json, figures)

@@ -357,6 +357,7 @@ int study(const Options& options) {
     for (const auto& [side, of_side] : rows) {
       result[variant.name][side] = pooled(of_side, variant.name);
       print(result[variant.name][side], variant.name, side);
+      if (variant.name == "visible") result["light_error_" + side] = result[variant.name][side]["no_noise"];
     }
   write_json(options.out / "result.json", result);
   return 0;
