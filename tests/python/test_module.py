@@ -203,6 +203,10 @@ class Insertions(unittest.TestCase):
         plain = result.vjp(d_image, None)[0]
         for other in (Lend(d_image), np.asfortranarray(d_image), d_image.astype(np.float64), d_image.tolist()):
             np.testing.assert_allclose(result.vjp(other)[0], plain, atol=1e-12)
+        d_points = np.random.default_rng(2).normal(size=result.points.shape).astype(np.float32)
+        plain = result.vjp(None, d_points)[0]
+        for other in (Lend(d_points), np.asfortranarray(d_points), d_points.astype(np.float64), d_points.tolist()):
+            np.testing.assert_allclose(result.vjp(None, other)[0], plain, atol=1e-12)
 
     def test_errors_name_the_setting(self):
         mesh = mirage.icosphere()

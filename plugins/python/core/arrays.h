@@ -4,10 +4,17 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstring>
 #include <memory>
 #include <string>
+#include <type_traits>
 #include <vector>
 
+#include "base/image.h"
 #include "base/types.h"
 
 namespace mirage::python {
@@ -51,6 +58,58 @@ py::array_t<T, py::array::c_style | py::array::forcecast> array_of(const py::han
   const py::array any = any_array(values, name);
   check_shape(any, name, shape);
   return py::array_t<T, py::array::c_style | py::array::forcecast>(any);
+}
+
+/// An array's numbers where they lie, whatever its strides.
+template <class T>
+struct Strided {
+  const char* data = nullptr;
+  std::array<std::ptrdiff_t, 4> strides{};  ///< bytes; 0 beyond its dimensions
+
+  double at(int i, int j, int k) const {
+    T value;
+    std::memcpy(&value, data + strides[0] * i + strides[1] * j + strides[2] * k, sizeof value);
+    return double(value);
+  }
+  /// Of the first dimension.
+  Strided part(std::size_t i) const {
+    return {data + strides[0] * ssize(i), {strides[1], strides[2], strides[3], 0}};
+  }
+};
+
+/// read(Strided): of `array` as it lies in memory, in float or double; a copy in double of what is neither.
+/// At most four dimensions. InputError as check_shape's.
+template <class Read>
+void read_in_place(py::array array, const std::string& name, const Shape& shape, const Read& read) {
+  check_shape(array, name, shape);
+  const bool is_float = py::isinstance<py::array_t<float>>(array);
+  if (!is_float && !py::isinstance<py::array_t<double>>(array)) array = array_of<double>(array, name, shape);
+  const auto in = [&]<class T>(Strided<T> from) {
+    from.data = static_cast<const char*>(array.data());
+    std::copy_n(array.strides(), array.ndim(), from.strides.begin());
+    read(from);
+  };
+  if (is_float)
+    in(Strided<float>());
+  else
+    in(Strided<double>());
+}
+
+/// `count` channels of the pixels of `rect` to where pixel(u, v) points. False for a number that is not
+/// finite.
+template <class T, class Pixel>
+bool take(const Strided<T>& from, const PixelRect& rect, int count, const Pixel& pixel) {
+  bool finite = true;
+  for (int v = rect.v0; v < rect.v1; ++v)
+    for (int u = rect.u0; u < rect.u1; ++u) {
+      auto* to = pixel(u, v);
+      for (int c = 0; c < count; ++c, ++to) {
+        const double value = from.at(v, u, c);
+        finite &= std::isfinite(value);
+        *to = static_cast<std::remove_reference_t<decltype(*to)>>(value);
+      }
+    }
+  return finite;
 }
 
 /// Rows of three numbers. InputError naming `name` if the array does not hold whole rows.

@@ -104,21 +104,48 @@ py::array_t<float> depth(const ResultHandle& result) {
   });
 }
 
+/// An upstream gradient of which `part` alone is looked at: where it lies, or, if that is in another type or
+/// layout, in an array of its shape whose other numbers are never written.
+template <class S>
+class UpstreamArray {
+ public:
+  UpstreamArray(const py::object& values, const std::string& name, const Shape& shape, const PixelRect& part)
+      : array_(any_array(values, name)) {
+    check_shape(array_, name, shape);
+    if (py::array_t<S, py::array::c_style>::check_(array_)) return;
+    const auto rows = static_cast<std::size_t>(shape[0]), columns = static_cast<std::size_t>(shape[1]);
+    const int channels = shape.size() > 2 ? static_cast<int>(shape[2]) : 1;
+    filled_.reset(new S[rows * columns * static_cast<std::size_t>(channels)]);
+    read_in_place(array_, name, shape, [&](const auto& from) {
+      take(from, part, channels, [&](int u, int v) {
+        return filled_.get() + (static_cast<std::size_t>(v) * columns + static_cast<std::size_t>(u)) *
+                                   static_cast<std::size_t>(channels);
+      });
+    });
+  }
+  const S* data() const { return filled_ ? filled_.get() : static_cast<const S*>(array_.data()); }
+
+ private:
+  py::array array_;
+  std::unique_ptr<S[]> filled_;
+};
+
 template <class S>
 py::tuple vjp_in(const Result& result, const py::object& d_image, const py::object& d_points) {
   const Simulated& s = result->simulated;
-  using Array = py::array_t<S, py::array::c_style | py::array::forcecast>;
-  Array of_image, of_points;
+  std::optional<UpstreamArray<S>> of_image, of_points;
   Upstream<S> upstream;
   if (!d_image.is_none()) {
-    of_image = array_of<S>(d_image, "d_image", {s.image.height, s.image.width, 3});
-    upstream.image = of_image.data();
+    of_image.emplace(d_image, "d_image", Shape{s.image.height, s.image.width, 3}, s.rect);
+    upstream.image = of_image->data();
     upstream.width = s.image.width;
     upstream.height = s.image.height;
   }
   if (!d_points.is_none()) {
-    of_points = array_of<S>(d_points, "d_points", {ssize(s.sweep.size()), 4});
-    upstream.points = {reinterpret_cast<const std::array<S, 4>*>(of_points.data()), s.sweep.size()};
+    const auto points = static_cast<int>(s.sweep.size());
+    of_points.emplace(d_points, "d_points", Shape{points, 4},
+                      PixelRect{0, points - s.adversary_points, 4, points});
+    upstream.points = {reinterpret_cast<const std::array<S, 4>*>(of_points->data()), s.sweep.size()};
   }
   const auto gradient = std::make_shared<AdversaryGradient>();
   {

@@ -189,31 +189,11 @@ void compose(const Raster& raster, std::size_t n, int channels, T* out) {
   put(raster, n, 0, channels, out);
 }
 
-/// Where an upstream gradient lies: its own memory, whatever its strides.
-template <class T>
-struct Strided {
-  const char* data = nullptr;
-  std::ptrdiff_t row = 0, column = 0, channel = 0;  // bytes
-
-  double at(int v, int u, int c) const {
-    T value;
-    std::memcpy(&value, data + row * v + column * u + channel * c, sizeof value);
-    return double(value);
-  }
-};
-
-/// Reads `count` channels of the window's upstream gradients. False for a number that is not finite.
+/// The window's upstream gradients, `count` channels from `first` on. False for a number that is not finite.
 template <class T, class To>
-bool take(const Strided<T>& from, const PixelRect& rect, int first, int count, Image<To>& d_rgba) {
-  bool finite = true;
-  for (int v = 0; v < rect.height(); ++v)
-    for (int u = 0; u < rect.width(); ++u)
-      for (int c = 0; c < count; ++c) {
-        const double value = from.at(rect.v0 + v, rect.u0 + u, c);
-        finite &= std::isfinite(value);
-        d_rgba.at(u, v, first + c) = static_cast<To>(value);
-      }
-  return finite;
+bool take_window(const Strided<T>& from, const PixelRect& rect, int first, int count, Image<To>& d_rgba) {
+  return take(from, rect, count,
+              [&](int u, int v) { return d_rgba.pixel(u - rect.u0, v - rect.v0) + first; });
 }
 
 struct Gradient {
@@ -240,7 +220,7 @@ Gradient gather(const Subject& subject, const ScreenGradient<double>& screen) {
   return gradient;
 }
 
-/// upstream[n] as take() fills it, in the precision of the drawing.
+/// upstream[n] as read_upstream() fills it, in the precision of the drawing.
 std::vector<Gradient> backward(Raster& raster, const std::vector<ImageF>& upstream,
                                const std::vector<Image<double>>& upstream_in_double) {
   std::vector<ScreenGradient<double>> screens(raster.subjects.size());
@@ -294,24 +274,13 @@ py::array masks(const Raster& raster) {
 
 /// The window's part of an upstream gradient, channels [first, first + count) of RGBA, as it lies in memory.
 template <class Picture>
-void read_upstream(const Raster& raster, py::array array, const char* name, int first, int count,
+void read_upstream(const Raster& raster, const py::array& array, const char* name, int first, int count,
                    std::vector<Picture>& d_rgba) {
-  const Shape shape = shape_of(raster, count);
-  check_shape(array, name, shape);
-  const bool is_float = py::isinstance<py::array_t<float>>(array);
-  if (!is_float && !py::isinstance<py::array_t<double>>(array)) array = array_of<double>(array, name, shape);
   bool finite = true;
-  for (std::size_t n = 0; n < d_rgba.size(); ++n) {
-    const auto in = [&]<class T>(T) {
-      const Strided<T> from{static_cast<const char*>(array.data()) + array.strides(0) * ssize(n),
-                            array.strides(1), array.strides(2), count > 1 ? array.strides(3) : 0};
-      finite &= take(from, raster.subjects[n].target.rect, first, count, d_rgba[n]);
-    };
-    if (is_float)
-      in(float());
-    else
-      in(double());
-  }
+  read_in_place(array, name, shape_of(raster, count), [&](const auto& from) {
+    for (std::size_t n = 0; n < d_rgba.size(); ++n)
+      finite &= take_window(from.part(n), raster.subjects[n].target.rect, first, count, d_rgba[n]);
+  });
   if (!finite) throw Failure(name, "is not finite", "check the loss that it comes from");
 }
 
@@ -480,7 +449,7 @@ std::array<double, 2> time_rasterization(const TexturedMesh& mesh, const std::ar
   const std::vector<float> d_image(size, 1);
   std::vector<float> picture(size);
   const std::ptrdiff_t pixel = std::ptrdiff_t{4} * channels;
-  const Strided<float> upstream{reinterpret_cast<const char*>(d_image.data()), pixel * width, pixel, 4};
+  const Strided<float> upstream{reinterpret_cast<const char*>(d_image.data()), {pixel * width, pixel, 4}};
   const Shared raster = raster_of(height, width, background, numbers, words, 1, false, 1);
   const py::gil_scoped_release free;
   double kernel = cpu_ms([&] {
@@ -492,7 +461,7 @@ std::array<double, 2> time_rasterization(const TexturedMesh& mesh, const std::ar
   const double around = cpu_ms([&] {
     compose(*raster, 0, channels, picture.data());
     d_rgba[0] = ImageF(rect.width(), rect.height(), 4);
-    take(upstream, rect, 0, channels, d_rgba[0]);
+    take_window(upstream, rect, 0, channels, d_rgba[0]);
   });
   kernel += cpu_ms([&] { backward(*raster, d_rgba, {}); });
   return {kernel, kernel + around};
