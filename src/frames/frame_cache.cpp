@@ -322,7 +322,7 @@ void require_shared(const FrameCache& cache, const std::string& command, const s
 std::string lidar_identity(const LidarModel& lidar) {
   // A new field does not compile until it is named here.
   const auto& [name, beams, azimuth_step, encoder_step, azimuth_min, azimuth_max, range_min, range_max, rate,
-               rotation, divergence, velo_from_lidar, height] = lidar;
+               rotation, divergence, velo_from_lidar, height, recorded_effects] = lidar;
   nlohmann::json all = {azimuth_step,   encoder_step,   azimuth_min, azimuth_max,
                         range_min,      range_max,      rate,        rotation,
                         divergence.x(), divergence.y(), height,      nlohmann::json::array()};

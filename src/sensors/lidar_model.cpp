@@ -9,6 +9,7 @@
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
+#include "sensors/lidar_effects.h"
 
 namespace mirage {
 namespace {
@@ -128,6 +129,15 @@ LidarModel read_lidar_model(const std::filesystem::path& path) {
   if (table.has("divergence")) {
     const auto full = table.numbers("divergence", 2, 0, 100);
     model.divergence = Vec2d(full[0], full[1]) * 1e-3;
+  }
+  if (table.has("recorded_effects")) {
+    model.recorded_effects = table.text("recorded_effects");
+    try {
+      parse_lidar_effects(model.recorded_effects, model.divergence);
+    } catch (const FieldError& error) {
+      throw InputError(path.string(), "lidar.recorded_effects", error.value + ": " + error.problem,
+                       error.fix);
+    }
   }
   const auto mount = table.numbers("velo_from_lidar", 6, -180, 180);
   model.velo_from_lidar.translation() = Vec3d(mount[0], mount[1], mount[2]);

@@ -56,6 +56,8 @@ struct LidarModel {
   Vec2d divergence = Vec2d::Zero();         ///< rad, horizontal and vertical, full angle; 0: unknown
   Transform velo_from_lidar = Transform::Identity();  ///< mount pose of the unit in `velo`
   double height = 0;                                  ///< m of the `velo` origin over the ground
+  /// What returns of sweeps that it recorded have, in words of parse_lidar_effects (lidar_effects.h).
+  std::string recorded_effects = "unit";
 
   /// Firings between azimuth_min and azimuth_max.
   int azimuth_count() const;

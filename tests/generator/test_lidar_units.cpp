@@ -126,6 +126,8 @@ TEST(LidarUnits, BadUnitTablesAreNamed) {
   EXPECT_THAT(with("34.56, ", ""), HasSubstr("lidar.firing_time"));
   EXPECT_THAT(with("34.56, ", "-1, "), HasSubstr("lidar.firing_time[0]"));
   EXPECT_THAT(with("divergence = [3.0, 1.2]", "divergence = 3"), HasSubstr("lidar.divergence"));
+  EXPECT_THAT(with("[lidar]", "[lidar]\nrecorded_effects = \"nois\""),
+              AllOf(HasSubstr("lidar.recorded_effects"), HasSubstr("nois"), HasSubstr("noise")));
   EXPECT_THAT(with("-0.0112", "-1.0112"), AllOf(HasSubstr("lidar.beams"), HasSubstr("top beam down")));
   EXPECT_THAT(with("[  15.000", "[  12.000"), HasSubstr("lidar.beams"));
   EXPECT_THAT(with("[lidar]", "[radar]"), HasSubstr("lidar: missing key"));

@@ -78,6 +78,13 @@ TEST_P(DataSets, IsKnownByItsFolder) {
   EXPECT_EQ(data_rig(folder_.path()), GetParam().rig);
   EXPECT_EQ(recorded_lidar_effects(folder_.path()),
             std::string(GetParam().rig) == "kitti64" ? "noise,dark-loss,divergence" : "unit");
+  const std::string rig = read_file(shipped_file("scenes/rigs/xenith.toml"));
+  write_file(folder_ / "rig.toml", rig);
+  EXPECT_EQ(recorded_lidar_effects(folder_.path()), "unit");
+  std::string told = rig;
+  write_file(folder_ / "rig.toml",
+             told.replace(told.find("[lidar]"), 7, "[lidar]\nrecorded_effects = \"noise\""));
+  EXPECT_EQ(recorded_lidar_effects(folder_.path()), "noise");
   write_file(folder_ / "dataset.json", R"({"rig": "xenith"})");
   EXPECT_EQ(data_rig(folder_.path()), "xenith");
 }

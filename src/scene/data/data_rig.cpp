@@ -44,8 +44,7 @@ bool rig_is_assumed(const fs::path& data, const std::string& rig) {
 
 std::string recorded_lidar_effects(const fs::path& data) {
   if (fs::exists(data / "dataset.json")) return "noise,drop-out";
-  const bool kittis = !fs::exists(data / "rig.toml") && data_rig(data) == "kitti64";
-  return kittis ? "noise,dark-loss,divergence" : "unit";
+  return lidar_of(data).recorded_effects;
 }
 
 }  // namespace mirage

@@ -31,8 +31,8 @@ LidarModel lidar_of(const std::filesystem::path& data, const std::string& rig = 
 bool rig_is_assumed(const std::filesystem::path& data, const std::string& rig = "");
 
 /// What returns of the set's own sweeps have, in words of parse_lidar_effects (sensors/lidar_effects.h).
-/// Generated (dataset.json): noise and drop-out, of thin rays (sensors/lidar_sweep.h). Recorded by
-/// KITTI's unit: noise, divergence and the dark surfaces' losses that its cars show; by others: the unit's.
+/// Generated (dataset.json): noise and drop-out, of thin rays (sensors/lidar_sweep.h). Recorded: what the
+/// unit says of its sweeps (LidarModel::recorded_effects). InputError as lidar_of's.
 std::string recorded_lidar_effects(const std::filesystem::path& data);
 /// The word that asks for them.
 inline constexpr const char* kAsRecorded = "as-recorded";
