@@ -134,9 +134,6 @@ Expectation parse_expectation(const std::string& words) {
                          {"roof", "tilt", "shape", "colour", "sun", "light", "exposure", "noise", "paints:24",
                           "worst:4", "all", "none"});
   }
-  if (e.worst > 0 && !e.any())
-    throw InputError("expectation", words, "chooses among draws in which nothing varies",
-                     "name what varies, too, as in shape:0.02,worst:4");
   return e;
 }
 

@@ -66,7 +66,7 @@ void visit_fields(Visitor& visit, S& s) {
 /// "none", or words of roof, tilt, shape, colour, sun, light, exposure, noise separated by commas, or "all":
 /// the named ones at 5 cm and 2°, 2°, 1 cm, 0.15, 20°, 0.3, 0.2, 0.01 and 2 cm. "shape:0.02" is a shape off
 /// by 2 cm, "paints:24" an object of 24 colours. "worst:4" beside others learns on the worst of 4 draws.
-/// InputError for any other word, and for the worst of draws in which nothing varies.
+/// InputError for any other word. The worst of draws in which nothing varies is refused by run_attack.
 Expectation parse_expectation(const std::string& words);
 /// parse_expectation, with its errors.
 inline void set_from_text(const std::string& text, Expectation& value) {

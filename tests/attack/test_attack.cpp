@@ -159,6 +159,17 @@ TEST(Attack, APhantomThatNothingRewardsIsRefused) {
               testing::AllOf(testing::HasSubstr("lambda_fp"), testing::HasSubstr("road-ahead")));
 }
 
+TEST(Attack, TheWorstOfDrawsInWhichNothingVariesIsRefused) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3);
+  AttackSettings settings = settings_for(folder / "data", folder / "run", 1);
+  for (const char* alone : {"worst:4", "none,worst:4"}) {
+    set_from_text(alone, settings.expectation);
+    EXPECT_THAT(error_text<FieldError>([&] { run_attack(settings, stand_ins()); }),
+                testing::HasSubstr("draws in which nothing varies"));
+  }
+}
+
 TEST(Attack, LidarEffectsArePartOfARun) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 3);

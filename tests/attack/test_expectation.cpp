@@ -205,9 +205,6 @@ TEST(Expectation, TheWorstOfDrawsIsOfSomeThatVary) {
     EXPECT_THAT(test::error_text<InputError>([&] { parse_expectation(std::string("roof,") + wrong); }),
                 HasSubstr("use 2 to 64, as in worst:4"))
         << wrong;
-  for (const char* alone : {"worst:4", "none,worst:4"})
-    EXPECT_THAT(test::error_text<InputError>([&] { parse_expectation(alone); }),
-                HasSubstr("draws in which nothing varies"));
   EXPECT_THAT(test::error_text<InputError>([&] { require_judged(e); }), HasSubstr("mirage attack alone"));
   // No number twice, and none of an attack without it or of its validation
   // (from 2^62 on).
