@@ -1,10 +1,15 @@
 // What every plugin's C interface needs: no exception leaves a function, and its reason fits one line.
 #pragma once
 
+#include <algorithm>
+#include <cstdint>
 #include <cstdio>
 #include <exception>
+#include <memory>
+#include <span>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 namespace mirage {
 
@@ -40,5 +45,51 @@ int guarded(char* error, std::size_t error_size, const Work& work) noexcept {
   }
   return 1;
 }
+
+/// Answers that live on in the instance, as a table's function gives them.
+template <class Answer>
+void give(const std::vector<Answer>& answers, const Answer** first, std::int64_t* count) {
+  *first = answers.data();
+  *count = static_cast<std::int64_t>(answers.size());
+}
+
+/// Functions of a table that are the same for every instance of type T that has a method of that name.
+template <class T>
+struct CFunctions {
+  static T& of(void* instance) { return *static_cast<T*>(instance); }
+  /// What make() gives: a T* or a std::unique_ptr<T>. Null if it throws.
+  template <class Make>
+  static void* made(char* error, std::size_t error_size, const Make& make) noexcept {
+    std::unique_ptr<T> instance;
+    guarded(error, error_size, [&] { instance = std::unique_ptr<T>(make()); });
+    return instance.release();
+  }
+  static void destroy(void* instance) { delete &of(instance); }
+  template <class Input, class Answer>
+  static int forward(void* instance, const Input* input, float score_threshold, std::int32_t keep_graph,
+                     const Answer** answers, std::int64_t* count, char* error, std::size_t error_size) {
+    return guarded(error, error_size, [&] {
+      give(of(instance).forward(*input, score_threshold, keep_graph != 0), answers, count);
+    });
+  }
+  static int backward(void* instance, const float* d_logits, std::int64_t count, float* d_image,
+                      float* d_points, char* error, std::size_t error_size) {
+    return guarded(error, error_size, [&] {
+      of(instance).backward({d_logits, static_cast<std::size_t>(count)}, d_image, d_points);
+    });
+  }
+  template <class Sample>
+  static int train_step(void* instance, const Sample* samples, std::int64_t count, float learning_rate,
+                        float loss[3], char* error, std::size_t error_size) {
+    return guarded(error, error_size, [&] {
+      const auto terms = of(instance).train_step({samples, static_cast<std::size_t>(count)}, learning_rate);
+      std::copy(terms.begin(), terms.end(), loss);
+    });
+  }
+  static int save(void* instance, const char* file, std::int32_t with_optimiser, char* error,
+                  std::size_t error_size) {
+    return guarded(error, error_size, [&] { of(instance).save(file, with_optimiser != 0); });
+  }
+};
 
 }  // namespace mirage

@@ -149,21 +149,13 @@ struct ClustersDetector {
   std::vector<MirageDetection> found;
 };
 
-ClustersDetector& instance(void* detector) {
-  return *static_cast<ClustersDetector*>(detector);
-}
+using Functions = mirage::CFunctions<ClustersDetector>;
 
 void* create(const char* /*options_json*/, const char* weights, char* error, size_t error_size) {
-  std::unique_ptr<ClustersDetector> detector;
-  guarded(error, error_size, [&] {
+  return Functions::made(error, error_size, [&] {
     if (weights) mirage::bad("weights", "clusters has none", "leave --weights out");
-    detector = std::make_unique<ClustersDetector>();
+    return std::make_unique<ClustersDetector>();
   });
-  return detector.release();
-}
-
-void destroy(void* detector) {
-  delete &instance(detector);
 }
 
 const MirageCapabilities* capabilities(void*) {
@@ -181,23 +173,20 @@ const MirageCapabilities* capabilities(void*) {
 int forward(void* detector, const MiragePass* pass, const MirageDetection** detections, int64_t* count,
             char* error, size_t error_size) {
   return guarded(error, error_size, [&] {
-    auto& found = instance(detector).found;
+    auto& found = Functions::of(detector).found;
     found = detect(*pass->frame, pass->score_threshold);
-    *detections = found.data();
-    *count = static_cast<int64_t>(found.size());
+    mirage::give(found, detections, count);
   });
 }
 
 void* share(void*, char* error, size_t error_size) {
-  std::unique_ptr<ClustersDetector> other;
-  guarded(error, error_size, [&] { other = std::make_unique<ClustersDetector>(); });
-  return other.release();
+  return Functions::made(error, error_size, [] { return std::make_unique<ClustersDetector>(); });
 }
 
 const MirageDetectorApi kApi = {MIRAGE_DETECTOR_ABI,
                                 "clusters",
                                 create,
-                                destroy,
+                                Functions::destroy,
                                 capabilities,
                                 forward,
                                 nullptr,

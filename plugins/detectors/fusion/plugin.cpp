@@ -10,10 +10,7 @@ namespace {
 
 using mirage::guarded;
 using mirage::fusion::FusionDetector;
-
-FusionDetector& instance(void* detector) {
-  return *static_cast<FusionDetector*>(detector);
-}
+using Functions = mirage::CFunctions<FusionDetector>;
 
 mirage::fusion::Precision precision_named(const std::string& word) {
   using mirage::fusion::Precision;
@@ -27,8 +24,7 @@ mirage::fusion::Precision precision_named(const std::string& word) {
 constexpr std::string_view kKeepStart = "keep-start=";  // and a share
 
 void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
-  FusionDetector* detector = nullptr;
-  guarded(error, error_size, [&] {
+  return Functions::made(error, error_size, [&] {
     const auto json = nlohmann::json::parse(options_json ? options_json : "{}");
     mirage::fusion::Options options;
     options.parts = mirage::fusion::parts_named(json.value("modality", "fusion"));
@@ -55,13 +51,8 @@ void* create(const char* options_json, const char* weights, char* error, size_t 
         throw std::runtime_error("parts: unknown value '" + part +
                                  "'; use denoising, depth-gate, joint, heads or keep-start=SHARE");
     }
-    detector = new FusionDetector(options, weights);
+    return std::make_unique<FusionDetector>(options, weights);
   });
-  return detector;
-}
-
-void destroy(void* detector) {
-  delete static_cast<FusionDetector*>(detector);
 }
 
 void region(void*, float out[4]) {
@@ -71,72 +62,39 @@ void region(void*, float out[4]) {
   out[3] = static_cast<float>(mirage::fusion::kYMax);
 }
 
-int forward(void* detector, const MirageSensorInput* input, float score_threshold, int32_t keep_graph,
-            const MirageProposal** proposals, int64_t* count, char* error, size_t error_size) {
-  return guarded(error, error_size, [&] {
-    const auto& outputs = instance(detector).forward(*input, score_threshold, keep_graph != 0);
-    *proposals = outputs.data();
-    *count = static_cast<int64_t>(outputs.size());
-  });
-}
-
-int backward(void* detector, const float* d_logits, int64_t count, float* d_image, float* d_points,
-             char* error, size_t error_size) {
-  return guarded(error, error_size, [&] {
-    instance(detector).backward({d_logits, static_cast<std::size_t>(count)}, d_image, d_points);
-  });
-}
-
-int train_step(void* detector, const MirageSample* samples, int64_t count, float learning_rate, float loss[3],
-               char* error, size_t error_size) {
-  return guarded(error, error_size, [&] {
-    const auto terms =
-        instance(detector).train_step({samples, static_cast<std::size_t>(count)}, learning_rate);
-    std::copy(terms.begin(), terms.end(), loss);
-  });
-}
-
-int save(void* detector, const char* file, int32_t with_optimiser, char* error, size_t error_size) {
-  return guarded(error, error_size, [&] { instance(detector).save(file, with_optimiser != 0); });
-}
-
 uint32_t capabilities(void* detector) {
-  return instance(detector).capabilities();
+  return Functions::of(detector).capabilities();
 }
 
 void* share(void* detector, char* error, size_t error_size) {
-  FusionDetector* other = nullptr;
-  guarded(error, error_size, [&] { other = instance(detector).shared(); });
-  return other;
+  return Functions::made(error, error_size, [&] { return Functions::of(detector).shared(); });
 }
 
 int image_features(void* detector, const MirageSensorInput* input, MirageImageFeatures* features, char* error,
                    size_t error_size) {
-  return guarded(error, error_size, [&] { *features = instance(detector).image_features(*input); });
+  return guarded(error, error_size, [&] { *features = Functions::of(detector).image_features(*input); });
 }
 
 const char* why_whole(void* detector) {
-  return instance(detector).why_whole();
+  return Functions::of(detector).why_whole();
 }
 
 int forward_changed(void* detector, const MirageSensorInput* input, const MirageChange* change,
                     float score_threshold, int32_t keep_graph, const MirageProposal** proposals,
                     int64_t* count, char* error, size_t error_size) {
   return guarded(error, error_size, [&] {
-    const auto& outputs =
-        instance(detector).forward_changed(*input, *change, score_threshold, keep_graph != 0);
-    *proposals = outputs.data();
-    *count = static_cast<int64_t>(outputs.size());
+    mirage::give(Functions::of(detector).forward_changed(*input, *change, score_threshold, keep_graph != 0),
+                 proposals, count);
   });
 }
 
 int watch(void* detector, const float* places, int64_t count, char* error, size_t error_size) {
-  return guarded(error, error_size, [&] { instance(detector).watch(places, count); });
+  return guarded(error, error_size, [&] { Functions::of(detector).watch(places, count); });
 }
 
 int presence(void* detector, float* d_presence, int64_t count, char* error, size_t error_size) {
   return guarded(error, error_size, [&] {
-    const auto known = instance(detector).presence();
+    const auto known = Functions::of(detector).presence();
     if (static_cast<int64_t>(known.size()) != count)
       throw std::runtime_error("presence: the last backward was of a forward that watched " +
                                std::to_string(known.size()) + " places, not " + std::to_string(count));
@@ -147,12 +105,12 @@ int presence(void* detector, float* d_presence, int64_t count, char* error, size
 const MirageDetectorApi3 kApi = {MIRAGE_DETECTOR_ABI_3,
                                  "fusion",
                                  create,
-                                 destroy,
+                                 Functions::destroy,
                                  region,
-                                 forward,
-                                 backward,
-                                 train_step,
-                                 save,
+                                 Functions::forward,
+                                 Functions::backward,
+                                 Functions::train_step,
+                                 Functions::save,
                                  capabilities,
                                  share,
                                  image_features,

@@ -285,42 +285,28 @@ class OnnxDetector {
   std::vector<MirageDetection> found_;
 };
 
-OnnxDetector& instance(void* detector) {
-  return *static_cast<OnnxDetector*>(detector);
-}
+using Functions = mirage::CFunctions<OnnxDetector>;
 
 void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
-  std::unique_ptr<OnnxDetector> detector;
-  guarded(error, error_size, [&] {
+  return Functions::made(error, error_size, [&] {
     const auto json = nlohmann::json::parse(options_json ? options_json : "{}");
     if (!weights || json.value("start", false)) throw BadFile(kNoTraining);
-    detector =
-        std::make_unique<OnnxDetector>(std::make_shared<const Model>(weights, json.value("threads", 1)));
+    return std::make_unique<OnnxDetector>(std::make_shared<const Model>(weights, json.value("threads", 1)));
   });
-  return detector.release();
-}
-
-void destroy(void* detector) {
-  delete &instance(detector);
 }
 
 const MirageCapabilities* capabilities(void* detector) {
-  return &instance(detector).capabilities();
+  return &Functions::of(detector).capabilities();
 }
 
 int forward(void* detector, const MiragePass* pass, const MirageDetection** detections, int64_t* count,
             char* error, size_t error_size) {
-  return guarded(error, error_size, [&] {
-    const auto& found = instance(detector).forward(*pass);
-    *detections = found.data();
-    *count = static_cast<int64_t>(found.size());
-  });
+  return guarded(error, error_size,
+                 [&] { mirage::give(Functions::of(detector).forward(*pass), detections, count); });
 }
 
 void* share(void* detector, char* error, size_t error_size) {
-  std::unique_ptr<OnnxDetector> other;
-  guarded(error, error_size, [&] { other = instance(detector).shared(); });
-  return other.release();
+  return Functions::made(error, error_size, [&] { return Functions::of(detector).shared(); });
 }
 
 int train_step(void*, const MirageTrainingFrame*, int64_t, float, float*, char* error, size_t error_size) {
@@ -328,7 +314,7 @@ int train_step(void*, const MirageTrainingFrame*, int64_t, float, float*, char* 
 }
 
 const MirageDetectorApi kApi = {
-    MIRAGE_DETECTOR_ABI, "onnx",  create, destroy, capabilities, forward, nullptr, nullptr, share,
+    MIRAGE_DETECTOR_ABI, "onnx",  create, Functions::destroy, capabilities, forward, nullptr, nullptr, share,
     train_step,          nullptr, nullptr};
 
 }  // namespace
