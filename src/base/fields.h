@@ -98,6 +98,13 @@ auto& as_base(S& s) {
   return static_cast<std::conditional_t<std::is_const_v<S>, const Base, Base>&>(s);
 }
 
+/// Fields of which there is nothing to say but their names: name, value, name, value, …
+template <class Visitor, class T, class... Rest>
+void visit_named(Visitor& visit, const char* name, T& value, Rest&... rest) {
+  visit({.name = name}, value);
+  if constexpr (sizeof...(rest) > 0) visit_named(visit, rest...);
+}
+
 template <class T>
 concept HasWords = std::is_enum_v<T> && requires(T value) {
   words_of(value);

@@ -54,9 +54,7 @@ struct Interval {
 };
 template <class Visitor, FieldsOf<Interval> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "value"}, s.value);
-  visit({.name = "low"}, s.low);
-  visit({.name = "high"}, s.high);
+  visit_named(visit, "value", s.value, "low", s.low, "high", s.high);
 }
 /// What a difference of shares tells: all of its interval lies on one side of 0, or within ±kSameWithin.
 enum class Told { more, less, same, open };

@@ -42,11 +42,9 @@ struct Change {
 };
 template <class Visitor, FieldsOf<Change> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "mae"}, s.mae);
-  visit({.name = "relative"}, s.relative);
+  visit_named(visit, "mae", s.mae, "relative", s.relative);
   visit({.name = "psnr", .endless = true}, s.psnr);
-  visit({.name = "ssim"}, s.ssim);
-  visit({.name = "flip"}, s.flip);
+  visit_named(visit, "ssim", s.ssim, "flip", s.flip);
 }
 /// `from` is the reference, whose mean radiance `relative` divides by. `mask` may be empty: all pixels.
 Change change(const ImageF& from, const ImageF& to, const ImageF& mask);

@@ -26,11 +26,8 @@ struct OutcomeResult {
 };
 template <class Visitor, FieldsOf<OutcomeResult> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "iou"}, s.iou);
-  visit({.name = "score"}, s.score);
-  visit({.name = "logit"}, s.logit);
-  visit({.name = "hidden"}, s.hidden);
-  visit({.name = "false_positive"}, s.false_positive);
+  visit_named(visit, "iou", s.iou, "score", s.score, "logit", s.logit, "hidden", s.hidden, "false_positive",
+              s.false_positive);
 }
 
 /// Who draws the object of an arm, and how it meets the rays (vehicle_validation.h).
@@ -49,8 +46,7 @@ struct VerdictArm {
 };
 template <class Visitor, FieldsOf<VerdictArm> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "light"}, s.light);
-  visit({.name = "returns"}, s.returns);
+  visit_named(visit, "light", s.light, "returns", s.returns);
 }
 
 /// The sensor whose view of the object a control takes away, and what it puts in its place.
@@ -65,8 +61,7 @@ struct VerdictControl {
 };
 template <class Visitor, FieldsOf<VerdictControl> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "channel"}, s.channel);
-  visit({.name = "control"}, s.control);
+  visit_named(visit, "channel", s.channel, "control", s.control);
 }
 
 /// What the detector makes of an arm, and of a control.
@@ -95,8 +90,7 @@ struct ArmsResult {
 };
 template <class Visitor, FieldsOf<ArmsResult> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "arms"}, s.arms);
-  visit({.name = "controls"}, s.controls);
+  visit_named(visit, "arms", s.arms, "controls", s.controls);
 }
 
 /// Rasteriser and rays against the reference's, light for light (ladders.h).
@@ -116,18 +110,10 @@ struct MatchedResult {
 };
 template <class Visitor, FieldsOf<MatchedResult> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "mask_iou"}, s.mask_iou);
-  visit({.name = "mae"}, s.mae);
-  visit({.name = "max_error"}, s.max_error);
-  visit({.name = "depth_error_m"}, s.depth_error);
-  visit({.name = "depth_error_mean_m"}, s.depth_error_mean);
-  visit({.name = "mask_both"}, s.mask_both);
-  visit({.name = "mask_either"}, s.mask_either);
-  visit({.name = "pixels_off"}, s.pixels_off);
-  visit({.name = "range_error_m"}, s.range_error);
-  visit({.name = "rays"}, s.rays);
-  visit({.name = "returns"}, s.returns);
-  visit({.name = "hit_disagreements"}, s.hit_disagreements);
+  visit_named(visit, "mask_iou", s.mask_iou, "mae", s.mae, "max_error", s.max_error, "depth_error_m",
+              s.depth_error, "depth_error_mean_m", s.depth_error_mean, "mask_both", s.mask_both,
+              "mask_either", s.mask_either, "pixels_off", s.pixels_off, "range_error_m", s.range_error,
+              "rays", s.rays, "returns", s.returns, "hit_disagreements", s.hit_disagreements);
 }
 
 /// The rasteriser's picture against full Cycles.
@@ -138,12 +124,8 @@ struct FullResult {
 };
 template <class Visitor, FieldsOf<FullResult> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "mae"}, s.mae);
-  visit({.name = "mean"}, s.mean);
-  visit({.name = "ssim"}, s.ssim);
-  visit({.name = "flip"}, s.flip);
-  visit({.name = "noise"}, s.noise);
-  visit({.name = "seconds"}, s.seconds);
+  visit_named(visit, "mae", s.mae, "mean", s.mean, "ssim", s.ssim, "flip", s.flip, "noise", s.noise,
+              "seconds", s.seconds);
   if (s.mean > 0) visit.derived("relative", s.mae / s.mean);
   visit_fields(visit, s.error);
 }
@@ -162,12 +144,9 @@ struct LightRungResult {
 };
 template <class Visitor, FieldsOf<LightRungResult> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "effect"}, s.effect);
-  visit({.name = "group"}, s.group);
-  visit({.name = "base"}, s.base);
+  visit_named(visit, "effect", s.effect, "group", s.group, "base", s.base);
   visit_fields(visit, s.change);
-  visit({.name = "crop"}, s.crop);
-  visit({.name = "to_full"}, s.to_full);
+  visit_named(visit, "crop", s.crop, "to_full", s.to_full);
   visit_fields(visit, s.error);
   visit({.name = "seconds", .range = kNotNegative}, s.seconds);
   visit.among("score", s.outcome);
@@ -199,8 +178,7 @@ struct ReferenceResult {
 template <class Visitor, FieldsOf<ReferenceResult> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "samples", .range = kNotNegative}, s.samples);
-  visit({.name = "seconds"}, s.seconds);
-  visit({.name = "noise"}, s.noise);
+  visit_named(visit, "seconds", s.seconds, "noise", s.noise);
 }
 /// What is found out of a vehicle that is on the ladder.
 struct LadderResult {
@@ -211,10 +189,8 @@ struct LadderResult {
 };
 template <class Visitor, FieldsOf<LadderResult> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "ladder"}, s.light);
-  visit({.name = "lidar_ladder"}, s.lidar);
-  visit({.name = "reference"}, s.reference);
-  visit({.name = "features"}, s.features);
+  visit_named(visit, "ladder", s.light, "lidar_ladder", s.lidar, "reference", s.reference, "features",
+              s.features);
 }
 
 /// One of several cameras that see the object, against the reference: `matched` without rays of the LiDAR.
@@ -225,9 +201,7 @@ struct CameraResult {
 };
 template <class Visitor, FieldsOf<CameraResult> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "camera"}, s.camera);
-  visit({.name = "matched"}, s.matched);
-  visit({.name = "full"}, s.full);
+  visit_named(visit, "camera", s.camera, "matched", s.matched, "full", s.full);
 }
 /// Of a frame with several cameras, those that see the object: the one that its host's label is in first,
 /// else the one that shows most of it. Figures of one picture (FullResult, ladders) are that one's.
@@ -269,11 +243,8 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "samples", .range = kNotNegative}, s.samples);
   visit({.name = "full"}, s.full);
   visit({.name = "range", .range = kNotNegative}, s.range);
-  visit({.name = "detected"}, s.detected);
-  visit({.name = "clean"}, s.clean);
-  visit({.name = "raster"}, s.raster);
-  visit({.name = "hard"}, s.hard);
-  visit({.name = "cycles"}, s.cycles);
+  visit_named(visit, "detected", s.detected, "clean", s.clean, "raster", s.raster, "hard", s.hard, "cycles",
+              s.cycles);
   visit.among("cameras", s.surround);
   visit.among("arms", s.arms);
   visit.among("ladder", s.ladder);

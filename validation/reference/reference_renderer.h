@@ -45,8 +45,7 @@ struct ReferenceLoss {
 };
 template <class Visitor, FieldsOf<ReferenceLoss> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "job"}, s.job);
-  visit({.name = "how"}, s.how);
+  visit_named(visit, "job", s.job, "how", s.how);
   visit({.name = "attempt", .range = kFromOne}, s.attempt);
 }
 

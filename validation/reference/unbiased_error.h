@@ -40,10 +40,7 @@ struct ErrorSquares {
 };
 template <class Visitor, FieldsOf<ErrorSquares> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "plain"}, s.plain);
-  visit({.name = "floor"}, s.floor);
-  visit({.name = "drawn"}, s.drawn);
-  visit({.name = "unbiased"}, s.unbiased);
+  visit_named(visit, "plain", s.plain, "floor", s.floor, "drawn", s.drawn, "unbiased", s.unbiased);
 }
 struct SquaredError : ErrorSquares {
   /// signed_root(unbiased) with the 95 % interval over tiles of 8×8 pixels (base/intervals.h; a single tile:
