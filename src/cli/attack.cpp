@@ -87,22 +87,18 @@ void add_options(CLI::App& app, AttackOptions& options) {
   add_fields(app, options.settings);
   options.quality.add(app);
   options.effects.add(app);
-  app.add_option("--renderer", options.renderer,
-                 "renderer of the object: raster (--quality, --light), or cycles (Blender; the "
-                 "gradient is that of raster, by default with --quality exact --light visible)")
-      ->check(one_of({kRasterRenderer, "cycles"}))
-      ->capture_default_str();
-  app.add_option("--cycles-samples", options.cycles.samples, "with --renderer cycles: samples a pixel")
-      ->check(within({1, 4096}))
-      ->capture_default_str();
-  app.add_option("--cycles-renew", options.settings.renewal.metres,
-                 "with --renderer cycles: render again when vertices have moved by this (root mean "
-                 "square, m). 0: every step")
-      ->capture_default_str();
-  app.add_option("--cycles-renew-texels", options.settings.renewal.texels,
-                 "with --renderer cycles: render again when texels have changed by this (root mean "
-                 "square)")
-      ->capture_default_str();
+  add_defaulted(app, "--renderer", options.renderer,
+                "renderer of the object: raster (--quality, --light), or cycles (Blender; the "
+                "gradient is that of raster, by default with --quality exact --light visible)")
+      ->check(one_of({kRasterRenderer, "cycles"}));
+  add_defaulted(app, "--cycles-samples", options.cycles.samples, "with --renderer cycles: samples a pixel")
+      ->check(within({1, 4096}));
+  add_defaulted(app, "--cycles-renew", options.settings.renewal.metres,
+                "with --renderer cycles: render again when vertices have moved by this (root mean "
+                "square, m). 0: every step");
+  add_defaulted(app, "--cycles-renew-texels", options.settings.renewal.texels,
+                "with --renderer cycles: render again when texels have changed by this (root mean "
+                "square)");
   tell_of_cache(app);
 }
 

@@ -56,8 +56,7 @@ void write_claim(const std::filesystem::path& file, const DetectorOptions& detec
 void add_options(CLI::App& app, AuditOptions& options) {
   add_fields(app, static_cast<FrameSource&>(options), {"depth", "rooftop", "placement", "sun"});
   add_fields(app, options.detector);
-  app.add_option("--frames", options.frames, "N frames, spread evenly over the data set (0: all)")
-      ->capture_default_str();
+  add_defaulted(app, "--frames", options.frames, "N frames, spread evenly over the data set (0: all)");
   app.add_flag("--gate", options.gate,
                "measure only whether the detector uses its picture: another frame's, a black one and none");
   app.add_option("--claim", options.claim,

@@ -81,13 +81,12 @@ void add_options(CLI::App& app, CertifyOptions& options) {
   app.add_option("--mesh", options.meshes, "objects that are also judged (.glb, .obj, .ply), or zoo");
   add_trust_option(app, options.trust);
   add_fields(app, options.detector);
-  app.add_option("--frames", options.frames, "only the first N frames; 0: all")->capture_default_str();
-  app.add_option("--min-view", options.min_view, "a car needs this share of the reference adversary in view")
-      ->check(within(kShare))
-      ->capture_default_str();
-  app.add_option("--sizes", settings.sizes, "half lengths L of the box, m (height 5/4 L), with commas")
-      ->delimiter(',')
-      ->capture_default_str();
+  add_defaulted(app, "--frames", options.frames, "only the first N frames; 0: all");
+  add_defaulted(app, "--min-view", options.min_view,
+                "a car needs this share of the reference adversary in view")
+      ->check(within(kShare));
+  add_defaulted(app, "--sizes", settings.sizes, "half lengths L of the box, m (height 5/4 L), with commas")
+      ->delimiter(',');
   add_fields(app, settings);
   add_score_option(app, settings.evaluation.score_threshold);
   options.effects.add(app);

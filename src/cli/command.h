@@ -66,6 +66,12 @@ Command command_of(Command told) {
   return told;
 }
 
+/// An option whose help tells its default: `value` as it stands.
+template <class T>
+CLI::Option* add_defaulted(CLI::App& app, const std::string& name, T& value, const std::string& help) {
+  return app.add_option(name, value, help)->capture_default_str();
+}
+
 /// What these options say of a training.
 inline void take_common(TrainingSchedule& schedule, const Common& common) {
   schedule.out = common.out;

@@ -72,10 +72,10 @@ void add_options(CLI::App& app, CompareOptions& options) {
       "--adaptive", request.adaptive,
       "the first two --runs were learned against the first and the second detector: also compare each "
       "under its own object");
-  app.add_option("--frames", request.frames, "only the first N frames (0: all)")->capture_default_str();
-  app.add_option("--min-view", request.min_view, "a car needs this share of the reference adversary in view")
-      ->check(within(kShare))
-      ->capture_default_str();
+  add_defaulted(app, "--frames", request.frames, "only the first N frames (0: all)");
+  add_defaulted(app, "--min-view", request.min_view,
+                "a car needs this share of the reference adversary in view")
+      ->check(within(kShare));
   add_score_option(app, request.settings.score_threshold);
   app.add_option(
          "--fail-above", options.fail_above,

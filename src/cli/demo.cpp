@@ -19,12 +19,12 @@ struct DemoOptions {
 constexpr int kQuickFrames = 6, kQuickIterations = 8, kQuickValidated = 2;
 
 void add_options(CLI::App& app, DemoOptions& options) {
-  app.add_option("--frames", options.frames, "generated frames")->capture_default_str();
-  app.add_option("--iterations", options.iterations, "attack steps")->capture_default_str();
+  add_defaulted(app, "--frames", options.frames, "generated frames");
+  add_defaulted(app, "--iterations", options.iterations, "attack steps");
   add_fields(app, options.source,
              {"data", "depth", "sun", "rig", "placement", "cameras", "sensors", "classes"});
   options.quality.add(app);
-  app.add_option("--validated", options.validated, "frames rendered in Blender")->capture_default_str();
+  add_defaulted(app, "--validated", options.validated, "frames rendered in Blender");
   app.add_flag("--quick", options.quick,
                fmt::format("every step in a minute or two, with too few frames for figures: --frames {} "
                            "--iterations {} --validated {} unless given",

@@ -86,9 +86,8 @@ void add_options(CLI::App& app, DepthOptions& options) {
                  "weights of learned depth completion (default: the shipped ones)");
   app.add_option("--hide", options.hide,
                  "score on this share of the returns, held back (default: 0.2 where there is no true depth)");
-  app.add_option("--farthest", options.score.farthest, "score up to this true depth, m")
-      ->capture_default_str();
-  app.add_option("--frames", options.score.frames, "only the first N frames (0: all)")->capture_default_str();
+  add_defaulted(app, "--farthest", options.score.farthest, "score up to this true depth, m");
+  add_defaulted(app, "--frames", options.score.frames, "only the first N frames (0: all)");
 }
 
 nlohmann::json run(const DepthOptions& options, const Common& common) {

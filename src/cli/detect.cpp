@@ -118,7 +118,7 @@ void print_kitti(const nlohmann::json& kitti) {
 void add_options(CLI::App& app, DetectOptions& options) {
   add_fields(app, static_cast<FrameSource&>(options), {"depth", "rooftop", "placement", "sun"});
   add_fields(app, options.detector);
-  app.add_option("--frames", options.frames, "only the first N frames (0: all)")->capture_default_str();
+  add_defaulted(app, "--frames", options.frames, "only the first N frames (0: all)");
   app.add_option("--check", options.check,
                  "also say whether the detector's glue is right: its boxes beside the labels, and how "
                  "much of its change the gradient sees at the first N vehicles that it finds")

@@ -42,11 +42,10 @@ std::vector<Command> all_commands() {
 
 void add_common(CLI::App& app, Common& common, const std::string& default_out) {
   common.out = default_out;
-  app.add_option("--seed", common.seed, "seed of every random stream")->capture_default_str();
-  app.add_option("--threads", common.threads, "threads at most; 0: all cores")
-      ->check(within({0, kMostThreads}))
-      ->capture_default_str();
-  app.add_option("--out", common.out, "output folder")->capture_default_str();
+  add_defaulted(app, "--seed", common.seed, "seed of every random stream");
+  add_defaulted(app, "--threads", common.threads, "threads at most; 0: all cores")
+      ->check(within({0, kMostThreads}));
+  add_defaulted(app, "--out", common.out, "output folder");
   app.add_flag("--quiet", common.quiet, "print warnings only");
   app.add_option("--config",
                  "TOML file with option names as keys; the command line wins. Plugins and "

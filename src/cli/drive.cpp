@@ -98,15 +98,12 @@ void add_options(CLI::App& app, DriveOptions& options) {
   add_fields(app, options.settings);
   app.add_option("--tracker", options.tracker,
                  "a tracker of yours in place of ours, a program: \"exec:python3 my_tracker.py\"");
-  app.add_option(
-         "--cycles", options.cycles,
-         "judge the N vehicles that the object hides longest again, with Blender Cycles' pictures and "
-         "returns as recorded. 0: none")
-      ->check(within({0, 1000}))
-      ->capture_default_str();
-  app.add_option("--cycles-samples", options.blender.samples, "with --cycles: samples a pixel")
-      ->check(within({1, 4096}))
-      ->capture_default_str();
+  add_defaulted(app, "--cycles", options.cycles,
+                "judge the N vehicles that the object hides longest again, with Blender Cycles' pictures and "
+                "returns as recorded. 0: none")
+      ->check(within({0, 1000}));
+  add_defaulted(app, "--cycles-samples", options.blender.samples, "with --cycles: samples a pixel")
+      ->check(within({1, 4096}));
   add_score_option(app, options.score);
   tell_of_cache(app);
 }

@@ -126,31 +126,26 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
   add_overrides<SimulationSettings>(app, request.asked, {"light", "camera_effects"});
   add_overrides<AttackSettings>(app, request.asked, {"min_view"});
   options.effects.add(app, "the run's");
-  app.add_option(
-         "--expect", options.expect,
-         "environment to sample for each vehicle, the same for every object on it: words as of mirage "
-         "attack --expect, for example shape:0.02,colour for what a workshop makes of it")
-      ->capture_default_str();
+  add_defaulted(app, "--expect", options.expect,
+                "environment to sample for each vehicle, the same for every object on it: words as of mirage "
+                "attack --expect, for example shape:0.02,colour for what a workshop makes of it");
   add_trust_option(app, request.trust);
   tell_of_cache(app);
   app.add_option("--hosts", request.hosts,
                  "hosts of the run to judge on: test, train or all (default: test)");
-  app.add_option("--random-meshes", request.random_meshes,
-                 "random meshes of each baseline, pooled (seeds from the run's on). 0: none")
-      ->capture_default_str();
+  add_defaulted(app, "--random-meshes", request.random_meshes,
+                "random meshes of each baseline, pooled (seeds from the run's on). 0: none");
   app.add_option("--baseline", request.baseline,
                  "controls: all, none, or some of start (a random mesh of 0.75 of the box), sized "
                  "(a random mesh with the learned extents), ellipsoid and cuboid (filling the box); default: "
                  "start,sized, with --mesh none");
-  app.add_option("--pictures", options.pictures,
-                 "draw up to N hidden vehicles and N with false positives, with image features, "
-                 "into OUT/pictures")
-      ->check(within(kNotNegative))
-      ->capture_default_str();
+  add_defaulted(app, "--pictures", options.pictures,
+                "draw up to N hidden vehicles and N with false positives, with image features, "
+                "into OUT/pictures")
+      ->check(within(kNotNegative));
   add_score_option(app, request.settings.score_threshold);
-  app.add_option("--iou", request.settings.detected_iou, "IoU at which a vehicle counts as detected")
-      ->check(within(kShare))
-      ->capture_default_str();
+  add_defaulted(app, "--iou", request.settings.detected_iou, "IoU at which a vehicle counts as detected")
+      ->check(within(kShare));
 }
 
 nlohmann::json run(const EvaluateOptions& options, const Common& common) {

@@ -168,10 +168,9 @@ void add_options(CLI::App& app, ExportOptions& options) {
   app.add_option("--run", options.run, "folder of a finished mirage attack")->required();
   add_overrides<FrameSource>(app, options.asked);
   add_trust_option(app, options.trust);
-  app.add_option("--frames", options.frames,
-                 "export N frames of the run, test frames first. 0: all test frames")
-      ->check(within(kNotNegative))
-      ->capture_default_str();
+  add_defaulted(app, "--frames", options.frames,
+                "export N frames of the run, test frames first. 0: all test frames")
+      ->check(within(kNotNegative));
   app.add_flag("--fbx", options.fbx,
                "also write adversary.fbx (by Blender) for engines: metres, pivot on the roof "
                "socket, embedded texels");
@@ -179,14 +178,12 @@ void add_options(CLI::App& app, ExportOptions& options) {
   app.add_flag("--kit", options.kit,
                "also write what builds it (by Blender): parts as .stl and .3mf, its skin as .pdf at true "
                "scale, a plate to mount it on");
-  app.add_option("--bed", options.bed, "of --kit: the printer's bed X,Y,Z, m; each part fits it")
+  add_defaulted(app, "--bed", options.bed, "of --kit: the printer's bed X,Y,Z, m; each part fits it")
       ->delimiter(',')
       ->expected(3)
-      ->check(CLI::Range(0.05, 10.0))
-      ->capture_default_str();
-  app.add_option("--sheet", options.sheet, "of --kit: paper of the skin")
-      ->check(one_of({"A0", "A1", "A2", "A3", "A4"}))
-      ->capture_default_str();
+      ->check(CLI::Range(0.05, 10.0));
+  add_defaulted(app, "--sheet", options.sheet, "of --kit: paper of the skin")
+      ->check(one_of({"A0", "A1", "A2", "A3", "A4"}));
 }
 
 }  // namespace

@@ -227,27 +227,21 @@ void add_options(CLI::App& app, FitOptions& options) {
       app.add_option("--build-model", options.build_model, "learn a shape model and write it here (*.shape)");
   data->excludes(build);
   app.add_option("--model", options.model, "shape model (default: the shipped one)");
-  app.add_option("--frames", options.frames, "only the first N frames (0: all)")
-      ->check(within(kNotNegative))
-      ->capture_default_str();
-  app.add_option("--types", options.frame.types, "labels to fit: Car, Van")->capture_default_str();
-  app.add_option("--label-noise", options.frame.label_noise,
-                 "disturb labels first, by this times 7 cm (x, y), 5 cm (z), 0.02 rad and 3 % of "
-                 "the size")
-      ->check(within({0, kMostLabelNoise}))
-      ->capture_default_str();
-  app.add_option("--min-points", options.min_points, "vehicles with fewer returns use their labelled box")
-      ->check(within(kFromOne))
-      ->capture_default_str();
-  app.add_option("--mesh-format", options.format, "meshes written: ply, glb or none")
-      ->check(one_of({"ply", "glb", "none"}))
-      ->capture_default_str();
-  app.add_option("--each", options.each, "with --build-model: cars of each of the seven body styles")
-      ->check(within({0, 10000}))
-      ->capture_default_str();
-  app.add_option("--dimension", options.dimension, "with --build-model: components")
-      ->check(within({1, 200}))
-      ->capture_default_str();
+  add_defaulted(app, "--frames", options.frames, "only the first N frames (0: all)")
+      ->check(within(kNotNegative));
+  add_defaulted(app, "--types", options.frame.types, "labels to fit: Car, Van");
+  add_defaulted(app, "--label-noise", options.frame.label_noise,
+                "disturb labels first, by this times 7 cm (x, y), 5 cm (z), 0.02 rad and 3 % of "
+                "the size")
+      ->check(within({0, kMostLabelNoise}));
+  add_defaulted(app, "--min-points", options.min_points, "vehicles with fewer returns use their labelled box")
+      ->check(within(kFromOne));
+  add_defaulted(app, "--mesh-format", options.format, "meshes written: ply, glb or none")
+      ->check(one_of({"ply", "glb", "none"}));
+  add_defaulted(app, "--each", options.each, "with --build-model: cars of each of the seven body styles")
+      ->check(within({0, 10000}));
+  add_defaulted(app, "--dimension", options.dimension, "with --build-model: components")
+      ->check(within({1, 200}));
   app.add_option("--meshes", options.meshes,
                  "with --build-model: folder of your own vehicles (glb, gltf, obj, ply)")
       ->needs(build);

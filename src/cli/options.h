@@ -39,7 +39,7 @@ inline void add_trust_option(CLI::App& app, TrustRun& trust) {
 
 /// --score of the commands that judge detections.
 inline void add_score_option(CLI::App& app, double& threshold) {
-  app.add_option("--score", threshold, "score of a detection")->check(within(kShare))->capture_default_str();
+  add_defaulted(app, "--score", threshold, "score of a detection")->check(within(kShare));
 }
 
 /// Shows how far a work has come that says it itself; gone with what it is given to.

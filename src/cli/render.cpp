@@ -159,17 +159,12 @@ nlohmann::json run(const RenderOptions& options, const Common& common) {
 
 void add_options(CLI::App& app, RenderOptions& options) {
   app.add_option("--scene", options.scene, "scene as mirage export writes it (.glb)")->required();
-  app.add_option("--renderer", options.renderer, "soft: soft rasteriser; traced: ray-traced camera")
-      ->check(one_of({"soft", "traced"}))
-      ->capture_default_str();
-  app.add_option("--sigma", options.sigma, kSigmaHelp)
-      ->check(within({kHardSigma, kLargestSigma}))
-      ->capture_default_str();
+  add_defaulted(app, "--renderer", options.renderer, "soft: soft rasteriser; traced: ray-traced camera")
+      ->check(one_of({"soft", "traced"}));
+  add_defaulted(app, "--sigma", options.sigma, kSigmaHelp)->check(within({kHardSigma, kLargestSigma}));
   app.add_option("--gamma", options.gamma, std::string(kGammaHelp) + " (default: 3 cm of it)")
       ->check(within({kSmallestSigma, kLargestGamma}));
-  app.add_option("--samples", options.samples, "samples a pixel along each side")
-      ->check(within({1, 32}))
-      ->capture_default_str();
+  add_defaulted(app, "--samples", options.samples, "samples a pixel along each side")->check(within({1, 32}));
   app.add_option(
       "--from", options.camera,
       "draw the camera of that name only (default: the first as image.png, others as image-NAME.png)");
@@ -178,11 +173,10 @@ void add_options(CLI::App& app, RenderOptions& options) {
   app.add_option("--background", options.background,
                  "photograph or plain (default: the photograph if there is one)")
       ->check(one_of({"photograph", "plain"}));
-  app.add_option("--color", options.color, "plain background, scene-linear R,G,B")
+  add_defaulted(app, "--color", options.color, "plain background, scene-linear R,G,B")
       ->delimiter(',')
       ->expected(3)
-      ->check(within(kShare))
-      ->capture_default_str();
+      ->check(within(kShare));
   app.add_option("--parts", options.parts,
                  "all, or adversary: without the stand-ins for host and ground (default over a photograph)")
       ->check(one_of({"all", "adversary"}));

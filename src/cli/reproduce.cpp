@@ -24,42 +24,33 @@ void print_result(const std::filesystem::path& out, const nlohmann::json& result
 }
 
 void add_options(CLI::App& app, ReproduceOptions& options) {
-  app.add_option(
-         "what", options.what,
-         "table1: attack success, KITTI rig; table2: the same, Xenith rig; fig3: recall over IoU; fig4: "
-         "success against the size of the mesh; table3: transfer; table4: defences; parts: shape, texture or "
-         "size alone; fusions: six detectors, "
-         "attacked through each sensor, every mesh judged by all (fusions-xenith: that rig); all")
-      ->capture_default_str();
+  add_defaulted(
+      app, "what", options.what,
+      "table1: attack success, KITTI rig; table2: the same, Xenith rig; fig3: recall over IoU; fig4: "
+      "success against the size of the mesh; table3: transfer; table4: defences; parts: shape, texture or "
+      "size alone; fusions: six detectors, "
+      "attacked through each sensor, every mesh judged by all (fusions-xenith: that rig); all");
   app.add_flag("--quick", options.quick, "few frames, iterations and rows: minutes, to see that it runs");
   app.add_option("--kitti64", options.kitti64, "data set of the KITTI rig (default: generated in OUT/data)");
   app.add_option("--xenith", options.xenith, "data set of the Xenith rig (default: generated in OUT/data)");
   app.add_option("--real", options.real, "data set of recorded frames: judge on their vehicles as well");
-  app.add_option("--frames", options.frames, "generated frames of a rig")
-      ->check(within(kFromOne))
-      ->capture_default_str();
-  app.add_option("--judge-frames", options.judge_frames,
-                 "judge on all vehicles of N more generated frames a rig. 0: on each attack's "
-                 "held-back vehicles")
-      ->check(within(kNotNegative))
-      ->capture_default_str();
+  add_defaulted(app, "--frames", options.frames, "generated frames of a rig")->check(within(kFromOne));
+  add_defaulted(app, "--judge-frames", options.judge_frames,
+                "judge on all vehicles of N more generated frames a rig. 0: on each attack's "
+                "held-back vehicles")
+      ->check(within(kNotNegative));
   app.add_option("--only", options.only,
                  "some rows of the tables, by the folders of their evaluations: "
                  "kitti64-fusion-both,kitti64-fusion-both-adversarial (default: all)")
       ->delimiter(',');
-  app.add_option("--iterations", options.iterations, "Adam steps of each attack")
-      ->check(within(kFromOne))
-      ->capture_default_str();
-  app.add_option("--random-meshes", options.random_meshes, "random meshes of the baseline, pooled")
-      ->check(within(kFromOne))
-      ->capture_default_str();
-  app.add_option("--seeds", options.seeds,
-                 "runs of each attack, with consecutive seeds; intervals then include their spread")
-      ->check(within({1, 100}))
-      ->capture_default_str();
-  app.add_option("--pictures", options.pictures, "pictures of each attack")
-      ->check(within(kNotNegative))
-      ->capture_default_str();
+  add_defaulted(app, "--iterations", options.iterations, "Adam steps of each attack")
+      ->check(within(kFromOne));
+  add_defaulted(app, "--random-meshes", options.random_meshes, "random meshes of the baseline, pooled")
+      ->check(within(kFromOne));
+  add_defaulted(app, "--seeds", options.seeds,
+                "runs of each attack, with consecutive seeds; intervals then include their spread")
+      ->check(within({1, 100}));
+  add_defaulted(app, "--pictures", options.pictures, "pictures of each attack")->check(within(kNotNegative));
 }
 
 nlohmann::json run(const ReproduceOptions& options, const Common& common) {

@@ -123,9 +123,8 @@ nlohmann::json run(const RigOptions& options, const Common& common) {
 void add_options(CLI::App& app, RigOptions& options) {
   app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
       ->required();
-  app.add_option("--sweeps", options.sweeps, "sweeps to read, evenly spread over the set")
-      ->check(within({1, 50}))
-      ->capture_default_str();
+  add_defaulted(app, "--sweeps", options.sweeps, "sweeps to read, evenly spread over the set")
+      ->check(within({1, 50}));
 }
 
 }  // namespace

@@ -26,24 +26,19 @@ void add_options(CLI::App& app, ScoreOptions& options) {
   add_overrides<FrameSource>(app, request.asked, {"rig", "depth", "rooftop", "placement", "sun"},
                              "that of mirage attack");
   add_fields(app, request.detector);
-  app.add_option("--frames", request.frames, "generated frames to judge on")->capture_default_str();
+  add_defaulted(app, "--frames", request.frames, "generated frames to judge on");
   app.add_option(
       "--learn-data", request.learn_data,
       "data set to learn objects on; that of --data: on seven tenths of its frames, and the others "
       "are judged; default: frames that are generated");
-  app.add_option("--learn-frames", request.learn_frames, "generated frames to learn on")
-      ->capture_default_str();
-  app.add_option("--sizes", request.sizes,
-                 "half lengths L of the objects to learn, m (height 5/4 L), with commas")
-      ->delimiter(',')
-      ->capture_default_str();
-  app.add_option("--iterations", request.iterations, "attack steps of each")
-      ->check(within(kFromOne))
-      ->capture_default_str();
-  app.add_option("--queries", request.queries,
-                 "of a detector without gradients: passes that each black-box attack may make")
-      ->check(within(kFromOne))
-      ->capture_default_str();
+  add_defaulted(app, "--learn-frames", request.learn_frames, "generated frames to learn on");
+  add_defaulted(app, "--sizes", request.sizes,
+                "half lengths L of the objects to learn, m (height 5/4 L), with commas")
+      ->delimiter(',');
+  add_defaulted(app, "--iterations", request.iterations, "attack steps of each")->check(within(kFromOne));
+  add_defaulted(app, "--queries", request.queries,
+                "of a detector without gradients: passes that each black-box attack may make")
+      ->check(within(kFromOne));
   app.add_flag("--no-adaptive", options.no_adaptive,
                "learn no object against the detector; there is no grade then");
   app.add_flag("--certify", options.certify,

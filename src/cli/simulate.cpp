@@ -162,7 +162,7 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
 
 void add_options(CLI::App& app, SimulateOptions& options) {
   app.add_option("--frame", options.frame, "frame id, e.g. 000008")->required();
-  app.add_option("--vehicle", options.vehicle, "label index of the host, from 0")->capture_default_str();
+  add_defaulted(app, "--vehicle", options.vehicle, "label index of the host, from 0");
   app.add_option("--mesh", options.mesh, "object, in metres (.glb, .gltf, .obj or .ply)")->required();
   options.insertion.add(app);
 }

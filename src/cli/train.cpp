@@ -57,9 +57,8 @@ nlohmann::json train_detector_command(const TrainingOptions& options, const Comm
 }
 
 void add_options(CLI::App& app, TrainOptions& options) {
-  app.add_option("what", options.what, "detector, or depth: learned depth completion")
-      ->check(one_of({"detector", "depth"}))
-      ->capture_default_str();
+  add_defaulted(app, "what", options.what, "detector, or depth: learned depth completion")
+      ->check(one_of({"detector", "depth"}));
   add_fields(app, options.detector);
   app.get_option("--precision")->check(one_of({kFloat, kBfloat16}));
   add_fields(app, options.depth);

@@ -122,17 +122,14 @@ void add_options(CLI::App& app, ValidateOptions& options) {
   app.add_option("--weights", settings.detector.weights, "the detector's weights (default: the run's)");
   app.add_option("--defense", settings.detector.defense, "the detector's defence (default: the run's)");
   add_trust_option(app, settings.trust);
-  app.add_option("--expect", settings.expect,
-                 "the object as a workshop makes it, drawn as by mirage evaluate --expect: some of "
-                 "shape,colour,roof,tilt")
-      ->capture_default_str();
+  add_defaulted(app, "--expect", settings.expect,
+                "the object as a workshop makes it, drawn as by mirage evaluate --expect: some of "
+                "shape,colour,roof,tilt");
   app.add_option("--frames", settings.frames,
                  fmt::format("frames to validate, test frames first. 0: as many as hold {} vehicles",
                              kVerdictVehicles))
       ->check(within(kNotNegative));
-  app.add_option("--samples", settings.samples, "Cycles samples a pixel")
-      ->check(within({1, 65536}))
-      ->capture_default_str();
+  add_defaulted(app, "--samples", settings.samples, "Cycles samples a pixel")->check(within({1, 65536}));
   app.add_option("--ladder", settings.ladder,
                  "vehicles on which each effect is rendered alone, spread over the frames (default: 4, or "
                  "all with --budget)")
@@ -146,11 +143,10 @@ void add_options(CLI::App& app, ValidateOptions& options) {
          "choose for each scene the cheapest rung whose error stays within this share (default: no choice)")
       ->check(within({1e-4, 1.0}));
   FieldOptions(app, {})({.name = "budget_of", .help = "what the budget is a share of"}, settings.budget_of);
-  app.add_option("--budget-confidence", settings.budget_confidence,
-                 "with --budget: share C of unseen scenes that keep it; needs C/(1 - C) groups of "
-                 "frames")
-      ->check(within({0.5, 0.99}))
-      ->capture_default_str();
+  add_defaulted(app, "--budget-confidence", settings.budget_confidence,
+                "with --budget: share C of unseen scenes that keep it; needs C/(1 - C) groups of "
+                "frames")
+      ->check(within({0.5, 0.99}));
   options.quality.add(app, "the run's");
   add_overrides<SimulationSettings>(app, settings.asked, {"light"});
   app.add_option("--evaluation", settings.evaluation,

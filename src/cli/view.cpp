@@ -31,11 +31,10 @@ void add_options(CLI::App& app, ViewOptions& options) {
       ->needs(drive);
   app.add_option("--detections", settings.detections,
                  "boxes to draw: detections.json of mirage detect, or a folder of KITTI result files");
-  app.add_option("--frames", settings.frames,
-                 "show the first N frames (0: all). With --run: N of its frames, test frames first "
-                 "(0: all test frames)")
-      ->check(within(kNotNegative))
-      ->capture_default_str();
+  add_defaulted(app, "--frames", settings.frames,
+                "show the first N frames (0: all). With --run: N of its frames, test frames first "
+                "(0: all test frames)")
+      ->check(within(kNotNegative));
   app.add_flag("--no-detector", options.no_detector, "with --run: do not run its detector");
   app.add_option("--detector", settings.detector.detector, "with --run: detector (default: the run's)");
   app.add_option("--weights", settings.detector.weights,
@@ -46,9 +45,8 @@ void add_options(CLI::App& app, ViewOptions& options) {
     drive->excludes(app.get_option(other));
   add_overrides<FrameSource>(app, settings.asked, {"depth", "rig", "placement", "cameras"});
   add_trust_option(app, settings.trust);
-  app.add_option("--size", settings.size, "largest page, MB; beyond it returns are thinned")
-      ->check(within({0.1, 2000.0}))
-      ->capture_default_str();
+  add_defaulted(app, "--size", settings.size, "largest page, MB; beyond it returns are thinned")
+      ->check(within({0.1, 2000.0}));
 }
 
 nlohmann::json run(const ViewOptions& options, const Common& common) {

@@ -63,20 +63,17 @@ constexpr const char* kLicence = "Apache-2.0";
 constexpr int kTexels = 3;  ///< C of what ships: a file stays under 300 kB
 
 void add_options(CLI::App& app, ZooOptions& options) {
-  app.add_option(
-         "--learn", options.learned,
-         "objects to learn: detectors by their words, each with \":free\" for a mesh that need not be "
-         "buildable, \":image\" or \":lidar\" for one sensor's gradient, \":RIG\" for frames of another "
-         "rig; none: shapes and loads alone")
-      ->capture_default_str();
-  app.add_option("--judges", options.judges,
-                 "detectors that judge every object; own: each object's own alone")
-      ->capture_default_str();
-  app.add_option("--frames", options.frames, "generated frames to learn on")->capture_default_str();
-  app.add_option("--judged", options.judged, "generated frames to judge on")->capture_default_str();
-  app.add_option("--iterations", options.iterations, "attack steps of each")->capture_default_str();
-  app.add_option("--quality", options.quality, "of the attacks' pictures: draft or default")
-      ->capture_default_str();
+  add_defaulted(
+      app, "--learn", options.learned,
+      "objects to learn: detectors by their words, each with \":free\" for a mesh that need not be "
+      "buildable, \":image\" or \":lidar\" for one sensor's gradient, \":RIG\" for frames of another "
+      "rig; none: shapes and loads alone");
+  add_defaulted(app, "--judges", options.judges,
+                "detectors that judge every object; own: each object's own alone");
+  add_defaulted(app, "--frames", options.frames, "generated frames to learn on");
+  add_defaulted(app, "--judged", options.judged, "generated frames to judge on");
+  add_defaulted(app, "--iterations", options.iterations, "attack steps of each");
+  add_defaulted(app, "--quality", options.quality, "of the attacks' pictures: draft or default");
 }
 
 /// FieldError for a word that is none.
