@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <optional>
 #include <set>
 
 #include "attack/attack_hosts.h"
@@ -15,7 +14,6 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/logging.h"
-#include "base/random.h"
 #include "base/ranks.h"
 #include "base/schedule.h"
 #include "detection/detector_settings.h"

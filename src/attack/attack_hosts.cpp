@@ -10,7 +10,6 @@
 #include "attack/evaluation.h"
 #include "base/error.h"
 #include "base/fields.h"
-#include "base/logging.h"
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/random.h"

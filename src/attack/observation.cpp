@@ -1,6 +1,5 @@
 #include "attack/observation.h"
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>

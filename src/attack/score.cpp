@@ -8,7 +8,6 @@
 #include <set>
 
 #include "attack/attack.h"
-#include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/logging.h"

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <memory>
 
-#include "base/error.h"
 #include "base/files.h"
 #include "base/ranks.h"
 #include "cli/command.h"

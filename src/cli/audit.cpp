@@ -8,7 +8,6 @@
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/options.h"
-#include "detection/detect.h"
 #include "detection/detector_settings.h"
 #include "frames/data_check.h"
 #include "frames/frame_store.h"

@@ -9,7 +9,6 @@
 
 #include "attack/detector_pool.h"
 #include "attack/glue_check.h"
-#include "base/error.h"
 #include "base/files.h"
 #include "base/names.h"
 #include "base/ranks.h"

@@ -10,7 +10,6 @@
 #include "base/disk_cache.h"
 #include "base/error.h"
 #include "base/files.h"
-#include "base/json_fields.h"
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/parallel.h"

@@ -1,8 +1,6 @@
 // mirage reproduce: the paper's experiments, one command a table.
 #include "validation/paper/reproduce.h"
 
-#include <filesystem>
-
 #include "base/files.h"
 #include "cli/command.h"
 #include "cli/field_options.h"

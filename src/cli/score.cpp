@@ -9,7 +9,6 @@
 #include "cli/options.h"
 #include "defense/certificate.h"
 #include "frames/made_of.h"
-#include "scene/data/read_frames.h"
 
 namespace mirage::cli {
 namespace {

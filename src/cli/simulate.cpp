@@ -3,7 +3,6 @@
 
 #include <cmath>
 
-#include "base/error.h"
 #include "base/files.h"
 #include "base/image.h"
 #include "base/names.h"

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "base/error.h"
 #include "detection/car_in_picture.h"
 #include "detection/defenses.h"
 #include "detection/detector_settings.h"

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <optional>
 
-#include "base/error.h"
 #include "detection/defenses.h"
 #include "scene/data/kitti_rows.h"
 

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <numeric>
 
-#include "base/error.h"
 #include "base/files.h"
 #include "base/image.h"
 #include "base/json_fields.h"

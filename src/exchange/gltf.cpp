@@ -7,7 +7,6 @@
 #include <numbers>
 #include <set>
 
-#include "base/error.h"
 #include "base/files.h"
 #include "base/image.h"
 #include "base/names.h"

@@ -6,7 +6,6 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/provenance.h"
 #include "base/ranks.h"
 #include "scene/shape/shape_fit.h"
 

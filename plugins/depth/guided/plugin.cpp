@@ -3,7 +3,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <stdexcept>

@@ -7,8 +7,6 @@
 
 #include "detection/car_in_picture.h"
 #include "loss.h"
-#include "region.h"
-#include "sampling.h"
 #include "second_stage.h"
 #include "sensor_tensors.h"
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "joins.h"
 #include "region.h"
 #include "sampling.h"
 

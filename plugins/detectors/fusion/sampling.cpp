@@ -3,10 +3,7 @@
 #include <ATen/Dispatch.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-
-#include "region.h"
 
 namespace mirage::fusion {
 namespace {

@@ -1,7 +1,5 @@
 #include "arrays.h"
 
-#include <cstring>
-
 #include "base/error.h"
 
 namespace mirage::python {

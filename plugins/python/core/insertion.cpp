@@ -1,8 +1,6 @@
-#include <cmath>
 #include <optional>
 
 #include "arrays.h"
-#include "base/error.h"
 #include "bind.h"
 #include "handles.h"
 #include "sensors/ray_caster.h"

@@ -1,6 +1,5 @@
 #include <cmath>
 #include <mutex>
-#include <span>
 
 #include "arrays.h"
 #include "base/error.h"
