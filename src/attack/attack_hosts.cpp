@@ -31,6 +31,35 @@ std::vector<Label> found_cars(Detector& detector, const Frame& frame, double sco
   return labels;
 }
 
+constexpr double kMostUneven = 1.25;
+
+using FrameHosts = std::vector<std::size_t>;
+
+std::size_t hosts_of(const std::vector<FrameHosts>& lane) {
+  std::size_t sum = 0;
+  for (const FrameHosts& frame : lane) sum += frame.size();
+  return sum;
+}
+
+/// Frames of most hosts first, each to the lane that has the fewest.
+std::vector<std::vector<FrameHosts>> deal(const std::vector<FrameHosts>& frames, std::size_t lanes) {
+  std::vector<std::vector<FrameHosts>> dealt(lanes);
+  for (const FrameHosts& frame : frames)
+    std::min_element(dealt.begin(), dealt.end(), [](const auto& a, const auto& b) {
+      return hosts_of(a) < hosts_of(b);
+    })->push_back(frame);
+  return dealt;
+}
+
+bool even(const std::vector<std::vector<FrameHosts>>& lanes) {
+  std::size_t least = hosts_of(lanes.front()), most = least;
+  for (const auto& lane : lanes) {
+    least = std::min(least, hosts_of(lane));
+    most = std::max(most, hosts_of(lane));
+  }
+  return static_cast<double>(most) <= kMostUneven * static_cast<double>(least);
+}
+
 }  // namespace
 
 std::filesystem::path label_by_detections(const AttackSettings& settings, const DetectorPool& detectors) {
@@ -89,39 +118,6 @@ ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t se
   for (const Host& host : train) (held.contains(host.id.frame) ? part.held_out : part.learn).push_back(host);
   return part;
 }
-
-namespace {
-
-constexpr double kMostUneven = 1.25;
-
-using FrameHosts = std::vector<std::size_t>;
-
-std::size_t hosts_of(const std::vector<FrameHosts>& lane) {
-  std::size_t sum = 0;
-  for (const FrameHosts& frame : lane) sum += frame.size();
-  return sum;
-}
-
-/// Frames of most hosts first, each to the lane that has the fewest.
-std::vector<std::vector<FrameHosts>> deal(const std::vector<FrameHosts>& frames, std::size_t lanes) {
-  std::vector<std::vector<FrameHosts>> dealt(lanes);
-  for (const FrameHosts& frame : frames)
-    std::min_element(dealt.begin(), dealt.end(), [](const auto& a, const auto& b) {
-      return hosts_of(a) < hosts_of(b);
-    })->push_back(frame);
-  return dealt;
-}
-
-bool even(const std::vector<std::vector<FrameHosts>>& lanes) {
-  std::size_t least = hosts_of(lanes.front()), most = least;
-  for (const auto& lane : lanes) {
-    least = std::min(least, hosts_of(lane));
-    most = std::max(most, hosts_of(lane));
-  }
-  return static_cast<double>(most) <= kMostUneven * static_cast<double>(least);
-}
-
-}  // namespace
 
 HostOrder::HostOrder(std::span<const Host> hosts, int batch, std::uint64_t seed)
     : batch_(batch), seed_(seed) {

@@ -181,67 +181,6 @@ std::vector<double> modes(const Vec3d& u, Axis axis) {
   return values;
 }
 
-}  // namespace
-
-MeshModes::MeshModes(const TexturedMesh& start, const AdversaryLimits& limits, AttackParts parts,
-                     bool texture)
-    : start_(start),
-      limits_(limits),
-      sizes_(parts != AttackParts::texture),
-      warps_(parts == AttackParts::both || parts == AttackParts::shape),
-      paints_(texture && (parts == AttackParts::both || parts == AttackParts::texture)) {
-  const auto count = [](Axis axis) { return modes(Vec3d::Zero(), axis).size(); };
-  size_ = (sizes_ ? 3 : 0) + (warps_ ? count(Axis::x) + count(Axis::y) + count(Axis::z) : 0) +
-          (paints_ ? 3 * count(Axis::colour) : 0);
-  const auto& vertices = start.mesh.vertices;
-  const auto place = [&](const Vec3d& v) { return v.cwiseQuotient(limits.half).eval(); };
-  for (const Vec3d& v : vertices)
-    warp_.push_back({modes(place(v), Axis::x), modes(place(v), Axis::y), modes(place(v), Axis::z)});
-  paint_.resize(start.atlas.texels.size());
-  const auto triangles = atlas_triangles(start.atlas.resolution);
-  for (std::size_t f = 0; f < start.mesh.faces.size(); ++f)
-    for (const AtlasTriangle& triangle : triangles) {
-      const Vec2d b = (triangle.corners[0] + triangle.corners[1] + triangle.corners[2]) / 3;
-      const auto corners = start.mesh.corners(start.mesh.faces[f]);
-      const Vec3d centre = b[0] * corners[0] + b[1] * corners[1] + (1 - b[0] - b[1]) * corners[2];
-      paint_[f * start.atlas.per_face() + static_cast<std::size_t>(triangle.texel)] =
-          modes(place(centre), Axis::colour);
-    }
-}
-
-TexturedMesh MeshModes::mesh(std::span<const double> numbers) const {
-  TexturedMesh made = start_;
-  auto at = numbers.begin();
-  const auto sum = [](std::span<const double>::iterator from, const std::vector<double>& values) {
-    return std::inner_product(values.begin(), values.end(), from, 0.0);
-  };
-  if (sizes_) {
-    const Vec3d scale(std::exp(kSize * at[0]), std::exp(kSize * at[1]), std::exp(kSize * at[2]));
-    for (Vec3d& v : made.mesh.vertices) v = v.cwiseProduct(scale);
-    at += 3;
-  }
-  if (warps_)
-    for (int c = 0; c < 3; ++c) {
-      const auto axis = static_cast<std::size_t>(c);
-      for (std::size_t i = 0; i < warp_.size(); ++i)
-        made.mesh.vertices[i][c] += kWarp * limits_.half[c] * sum(at, warp_[i][axis]);
-      at += std::ssize(warp_.front()[axis]);
-    }
-  if (paints_)
-    for (int c = 0; c < 3; ++c) {
-      for (std::size_t i = 0; i < paint_.size(); ++i) {
-        double& colour = made.atlas.texels[i][c];
-        const double start = std::clamp(colour, kLeastColour, 1 - kLeastColour);
-        colour = 1 / (1 + std::exp(-kColour * sum(at, paint_[i])) * (1 - start) / start);
-      }
-      at += std::ssize(paint_.front());
-    }
-  project(made, limits_);
-  return made;
-}
-
-namespace {
-
 /// Of what makes meshes in this file: a folder of another one is not gone on with.
 constexpr int kBlackBoxRecipe = 1;
 /// Worlds of the whole sample are beyond those of any generation.
@@ -397,6 +336,63 @@ class BlackBox {
 };
 
 }  // namespace
+
+MeshModes::MeshModes(const TexturedMesh& start, const AdversaryLimits& limits, AttackParts parts,
+                     bool texture)
+    : start_(start),
+      limits_(limits),
+      sizes_(parts != AttackParts::texture),
+      warps_(parts == AttackParts::both || parts == AttackParts::shape),
+      paints_(texture && (parts == AttackParts::both || parts == AttackParts::texture)) {
+  const auto count = [](Axis axis) { return modes(Vec3d::Zero(), axis).size(); };
+  size_ = (sizes_ ? 3 : 0) + (warps_ ? count(Axis::x) + count(Axis::y) + count(Axis::z) : 0) +
+          (paints_ ? 3 * count(Axis::colour) : 0);
+  const auto& vertices = start.mesh.vertices;
+  const auto place = [&](const Vec3d& v) { return v.cwiseQuotient(limits.half).eval(); };
+  for (const Vec3d& v : vertices)
+    warp_.push_back({modes(place(v), Axis::x), modes(place(v), Axis::y), modes(place(v), Axis::z)});
+  paint_.resize(start.atlas.texels.size());
+  const auto triangles = atlas_triangles(start.atlas.resolution);
+  for (std::size_t f = 0; f < start.mesh.faces.size(); ++f)
+    for (const AtlasTriangle& triangle : triangles) {
+      const Vec2d b = (triangle.corners[0] + triangle.corners[1] + triangle.corners[2]) / 3;
+      const auto corners = start.mesh.corners(start.mesh.faces[f]);
+      const Vec3d centre = b[0] * corners[0] + b[1] * corners[1] + (1 - b[0] - b[1]) * corners[2];
+      paint_[f * start.atlas.per_face() + static_cast<std::size_t>(triangle.texel)] =
+          modes(place(centre), Axis::colour);
+    }
+}
+
+TexturedMesh MeshModes::mesh(std::span<const double> numbers) const {
+  TexturedMesh made = start_;
+  auto at = numbers.begin();
+  const auto sum = [](std::span<const double>::iterator from, const std::vector<double>& values) {
+    return std::inner_product(values.begin(), values.end(), from, 0.0);
+  };
+  if (sizes_) {
+    const Vec3d scale(std::exp(kSize * at[0]), std::exp(kSize * at[1]), std::exp(kSize * at[2]));
+    for (Vec3d& v : made.mesh.vertices) v = v.cwiseProduct(scale);
+    at += 3;
+  }
+  if (warps_)
+    for (int c = 0; c < 3; ++c) {
+      const auto axis = static_cast<std::size_t>(c);
+      for (std::size_t i = 0; i < warp_.size(); ++i)
+        made.mesh.vertices[i][c] += kWarp * limits_.half[c] * sum(at, warp_[i][axis]);
+      at += std::ssize(warp_.front()[axis]);
+    }
+  if (paints_)
+    for (int c = 0; c < 3; ++c) {
+      for (std::size_t i = 0; i < paint_.size(); ++i) {
+        double& colour = made.atlas.texels[i][c];
+        const double start = std::clamp(colour, kLeastColour, 1 - kLeastColour);
+        colour = 1 / (1 + std::exp(-kColour * sum(at, paint_[i])) * (1 - start) / start);
+      }
+      at += std::ssize(paint_.front());
+    }
+  project(made, limits_);
+  return made;
+}
 
 BlackBoxPlan black_box_plan(const AttackSettings& settings, std::size_t starts, std::size_t numbers,
                             std::size_t vehicles) {

@@ -199,96 +199,6 @@ PrintGamut read_gamut_box(const std::string& text) {
   return PrintGamut::box(number(0), number(1), text);
 }
 
-}  // namespace
-
-std::optional<PrintGamut> PrintGamut::of(std::string name, const std::vector<Vec3d>& points) {
-  const auto whole = ConvexPolytope::hull(points);
-  const auto held = whole ? whole->within({Vec3d::Zero(), Vec3d::Ones()}) : std::nullopt;
-  if (!held) return std::nullopt;
-  // Anew from its corners, so that a run which tells them has the same facets.
-  const auto again = ConvexPolytope::hull(held->corners());
-  if (!again || again->corners().size() != held->corners().size()) return std::nullopt;
-  PrintGamut gamut;
-  gamut.name_ = std::move(name);
-  gamut.solid_ = std::make_shared<const ConvexPolytope>(*again);
-  return gamut;
-}
-
-PrintGamut PrintGamut::box(double black, double white, const std::string& text) {
-  constexpr double kLeast = 1e-3;
-  if (!kShare.contains(black) || !kShare.contains(white) || !(white - black >= kLeast))
-    throw FieldError(kGamutField, text.empty() ? fmt::format("{}{},{}", kBox, black, white) : text,
-                     "is no range of reflectances", "use box:BLACK,WHITE, as box:0.03,0.85");
-  std::vector<Vec3d> corners;
-  corners.reserve(8);
-  for (int i = 0; i < 8; ++i)
-    corners.emplace_back(i & 1 ? white : black, i & 2 ? white : black, i & 4 ? white : black);
-  return *of(fmt::format("{}{},{}", kBox, black, white), corners);
-}
-
-const ConvexPolytope& PrintGamut::solid() const {
-  if (solid_) return *solid_;
-  static const PrintGamut shipped = read_gamut_word(kDefaultGamut);
-  return *shipped.solid_;
-}
-
-bool PrintGamut::holds(const Vec3d& texel) const {
-  return solid().outside(texel) <= kInGamut;
-}
-
-Vec3d PrintGamut::nearest(const Vec3d& texel) const {
-  return solid().nearest(texel).cwiseMax(0.0).cwiseMin(1.0);
-}
-
-void set_from_text(const std::string& text, PrintGamut& gamut) {
-  gamut = text.starts_with(kBox) ? read_gamut_box(text) : read_gamut_word(text);
-}
-
-PrintGamut read_gamut(const fs::path& file, const std::string& name) {
-  const std::string bytes = read_file(file, kLargestPrintFile);
-  constexpr std::size_t kSignature = 36;  // of the ICC's header
-  const bool profile = bytes.size() >= 128 && bytes.compare(kSignature, 4, "acsp") == 0;
-  std::vector<Vec3d> points = profile ? patches_of_profile(bytes, file) : patches_of_chart(bytes, file);
-  const Eigen::Matrix3d rgb = rgb_from_d50();
-  for (Vec3d& patch : points) patch = rgb * patch;
-  auto gamut = PrintGamut::of(name, points);
-  if (!gamut)
-    fail(file, profile ? "A2B1" : "BEGIN_DATA", kNoVolume, "measure at least paper, inks and black");
-  return *gamut;
-}
-
-nlohmann::json to_json(const PrintGamut& gamut) {
-  auto list = nlohmann::json::array();
-  for (const Vec3d& c : gamut.colours()) list.push_back({c.x(), c.y(), c.z()});
-  return list;
-}
-
-PrintGamut read_gamut(const nlohmann::json& written, const fs::path& file, const std::string& key,
-                      const std::string& name) {
-  const auto wrong = [&](std::size_t i) {
-    fail(file, fmt::format("{}[{}]", key, i), "is no colour",
-         "restore the file: red, green and blue, 0 to 1 each");
-  };
-  if (!written.is_array() || written.size() > kMostCorners)
-    fail(file, key, "is no list of colours", "restore the file");
-  std::vector<Vec3d> points;
-  for (const nlohmann::json& colour : written) {
-    if (!colour.is_array() || colour.size() != 3) wrong(points.size());
-    Vec3d point;
-    for (std::size_t k = 0; k < 3; ++k) {
-      if (!colour[k].is_number()) wrong(points.size());
-      point[static_cast<int>(k)] = colour[k].get<double>();
-      if (!kShare.contains(point[static_cast<int>(k)])) wrong(points.size());
-    }
-    points.push_back(point);
-  }
-  auto gamut = PrintGamut::of(name, points);
-  if (!gamut) fail(file, key, kNoVolume, "restore the file");
-  return *gamut;
-}
-
-namespace {
-
 /// m, what smooths an optimiser's step: a Gaussian's standard deviation as a share of the box's half height.
 constexpr double kReach = 0.3;
 /// Share of the box's half height before its sides over which steps towards them fade out.
@@ -409,6 +319,92 @@ void take_back(Mesh& mesh, const std::vector<Vec3d>& old, double min_thickness) 
 }
 
 }  // namespace
+
+std::optional<PrintGamut> PrintGamut::of(std::string name, const std::vector<Vec3d>& points) {
+  const auto whole = ConvexPolytope::hull(points);
+  const auto held = whole ? whole->within({Vec3d::Zero(), Vec3d::Ones()}) : std::nullopt;
+  if (!held) return std::nullopt;
+  // Anew from its corners, so that a run which tells them has the same facets.
+  const auto again = ConvexPolytope::hull(held->corners());
+  if (!again || again->corners().size() != held->corners().size()) return std::nullopt;
+  PrintGamut gamut;
+  gamut.name_ = std::move(name);
+  gamut.solid_ = std::make_shared<const ConvexPolytope>(*again);
+  return gamut;
+}
+
+PrintGamut PrintGamut::box(double black, double white, const std::string& text) {
+  constexpr double kLeast = 1e-3;
+  if (!kShare.contains(black) || !kShare.contains(white) || !(white - black >= kLeast))
+    throw FieldError(kGamutField, text.empty() ? fmt::format("{}{},{}", kBox, black, white) : text,
+                     "is no range of reflectances", "use box:BLACK,WHITE, as box:0.03,0.85");
+  std::vector<Vec3d> corners;
+  corners.reserve(8);
+  for (int i = 0; i < 8; ++i)
+    corners.emplace_back(i & 1 ? white : black, i & 2 ? white : black, i & 4 ? white : black);
+  return *of(fmt::format("{}{},{}", kBox, black, white), corners);
+}
+
+const ConvexPolytope& PrintGamut::solid() const {
+  if (solid_) return *solid_;
+  static const PrintGamut shipped = read_gamut_word(kDefaultGamut);
+  return *shipped.solid_;
+}
+
+bool PrintGamut::holds(const Vec3d& texel) const {
+  return solid().outside(texel) <= kInGamut;
+}
+
+Vec3d PrintGamut::nearest(const Vec3d& texel) const {
+  return solid().nearest(texel).cwiseMax(0.0).cwiseMin(1.0);
+}
+
+void set_from_text(const std::string& text, PrintGamut& gamut) {
+  gamut = text.starts_with(kBox) ? read_gamut_box(text) : read_gamut_word(text);
+}
+
+PrintGamut read_gamut(const fs::path& file, const std::string& name) {
+  const std::string bytes = read_file(file, kLargestPrintFile);
+  constexpr std::size_t kSignature = 36;  // of the ICC's header
+  const bool profile = bytes.size() >= 128 && bytes.compare(kSignature, 4, "acsp") == 0;
+  std::vector<Vec3d> points = profile ? patches_of_profile(bytes, file) : patches_of_chart(bytes, file);
+  const Eigen::Matrix3d rgb = rgb_from_d50();
+  for (Vec3d& patch : points) patch = rgb * patch;
+  auto gamut = PrintGamut::of(name, points);
+  if (!gamut)
+    fail(file, profile ? "A2B1" : "BEGIN_DATA", kNoVolume, "measure at least paper, inks and black");
+  return *gamut;
+}
+
+nlohmann::json to_json(const PrintGamut& gamut) {
+  auto list = nlohmann::json::array();
+  for (const Vec3d& c : gamut.colours()) list.push_back({c.x(), c.y(), c.z()});
+  return list;
+}
+
+PrintGamut read_gamut(const nlohmann::json& written, const fs::path& file, const std::string& key,
+                      const std::string& name) {
+  const auto wrong = [&](std::size_t i) {
+    fail(file, fmt::format("{}[{}]", key, i), "is no colour",
+         "restore the file: red, green and blue, 0 to 1 each");
+  };
+  if (!written.is_array() || written.size() > kMostCorners)
+    fail(file, key, "is no list of colours", "restore the file");
+  std::vector<Vec3d> points;
+  for (const nlohmann::json& colour : written) {
+    if (!colour.is_array() || colour.size() != 3) wrong(points.size());
+    Vec3d point;
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (!colour[k].is_number()) wrong(points.size());
+      point[static_cast<int>(k)] = colour[k].get<double>();
+      if (!kShare.contains(point[static_cast<int>(k)])) wrong(points.size());
+    }
+    points.push_back(point);
+  }
+  auto gamut = PrintGamut::of(name, points);
+  if (!gamut) fail(file, key, kNoVolume, "restore the file");
+  return *gamut;
+}
 
 void check_buildable(const BuildableSettings& settings, const AdversaryLimits& limits) {
   // The start is 0.75 of the box: what is thinner than its walls can hold.

@@ -76,6 +76,38 @@ void read_held_out(const JsonFields& json, const AdversaryLimits& limits, Attack
   read_mesh(json, limits, held.mesh);
 }
 
+/// The field "iteration" alone; 0 where there is none.
+std::size_t claimed_iteration(const std::filesystem::path& file) {
+  using Event = nlohmann::json::parse_event_t;
+  bool wanted = false;
+  const auto head =
+      read_json_parts(file, kStartAgain, [&](int depth, Event event, const nlohmann::json& value) {
+        if (event == Event::key) return wanted = depth == 1 && value == "iteration";
+        return depth == 0 || event == Event::array_start || event == Event::object_start ||
+               (depth == 1 && event == Event::value && wanted);
+      });
+  const auto found = head.is_object() ? head.find("iteration") : head.end();
+  if (found == head.end() || !found->is_number_unsigned()) return 0;
+  return std::min<std::size_t>(found->get<std::size_t>(), kMostIterations);
+}
+
+/// The file, if it holds no more values than its mesh and its steps account for: values take up to eighty
+/// bytes each, and so thirty times the file.
+nlohmann::json read_bounded(const std::filesystem::path& file, const TexturedMesh& start) {
+  constexpr std::size_t kBeside = 200'000, kBytesBeside = 1 << 22;  // hosts and settings: as run.json
+  constexpr std::size_t kMeshes = 5;          // the mesh, two moments, the best one, the rendered one
+  constexpr std::size_t kRow = 5, kHeld = 2;  // a step's losses and counts; what is held out, at a step
+  constexpr std::size_t kBytes = 64;          // of a number, with what parts it from the next
+  const std::size_t steps = claimed_iteration(file);
+  const std::size_t numbers = 3 * (start.mesh.vertices.size() + start.atlas.texels.size());
+  const std::size_t values = kMeshes * numbers + (kRow + kHeld) * (steps + 1);
+  if (kRow * steps > OpenFile(file).size())  // or it would account for values of any number
+    throw InputError(file.string(), "iteration", "the file has no losses of so many", kStartAgain);
+  const std::string text = read_file(file, kBytesBeside + kBytes * values);
+  check_json_values(text, file.string(), kBeside + values, kBeside);
+  return parse_json(text, file.string());
+}
+
 }  // namespace
 
 void check_identity(const std::filesystem::path& file, nlohmann::json written, const RunIdentity& identity) {
@@ -175,42 +207,6 @@ AttackState read_checkpoint(const std::filesystem::path& file, const RunIdentity
                             const AttackSettings& settings) {
   return read_checkpoint(file, identity, settings, initial_adversary(settings.limits));
 }
-
-namespace {
-
-/// The field "iteration" alone; 0 where there is none.
-std::size_t claimed_iteration(const std::filesystem::path& file) {
-  using Event = nlohmann::json::parse_event_t;
-  bool wanted = false;
-  const auto head =
-      read_json_parts(file, kStartAgain, [&](int depth, Event event, const nlohmann::json& value) {
-        if (event == Event::key) return wanted = depth == 1 && value == "iteration";
-        return depth == 0 || event == Event::array_start || event == Event::object_start ||
-               (depth == 1 && event == Event::value && wanted);
-      });
-  const auto found = head.is_object() ? head.find("iteration") : head.end();
-  if (found == head.end() || !found->is_number_unsigned()) return 0;
-  return std::min<std::size_t>(found->get<std::size_t>(), kMostIterations);
-}
-
-/// The file, if it holds no more values than its mesh and its steps account for: values take up to eighty
-/// bytes each, and so thirty times the file.
-nlohmann::json read_bounded(const std::filesystem::path& file, const TexturedMesh& start) {
-  constexpr std::size_t kBeside = 200'000, kBytesBeside = 1 << 22;  // hosts and settings: as run.json
-  constexpr std::size_t kMeshes = 5;          // the mesh, two moments, the best one, the rendered one
-  constexpr std::size_t kRow = 5, kHeld = 2;  // a step's losses and counts; what is held out, at a step
-  constexpr std::size_t kBytes = 64;          // of a number, with what parts it from the next
-  const std::size_t steps = claimed_iteration(file);
-  const std::size_t numbers = 3 * (start.mesh.vertices.size() + start.atlas.texels.size());
-  const std::size_t values = kMeshes * numbers + (kRow + kHeld) * (steps + 1);
-  if (kRow * steps > OpenFile(file).size())  // or it would account for values of any number
-    throw InputError(file.string(), "iteration", "the file has no losses of so many", kStartAgain);
-  const std::string text = read_file(file, kBytesBeside + kBytes * values);
-  check_json_values(text, file.string(), kBeside + values, kBeside);
-  return parse_json(text, file.string());
-}
-
-}  // namespace
 
 AttackState read_checkpoint(const std::filesystem::path& file, const RunIdentity& identity,
                             const AttackSettings& settings, const TexturedMesh& start) {

@@ -217,14 +217,36 @@ void tell_mistakes(const std::vector<CleanFrame>& frames, Matching matching, Fou
   }
 }
 
-}  // namespace
-
-namespace {
-
 bool any_over(std::span<const Detection> proposals, const HostTruth& truth, double iou) {
   return std::any_of(proposals.begin(), proposals.end(), [&](const Detection& p) {
     return p.score() > EvaluationSettings().score_threshold && truth.host_iou(p) > iou;
   });
+}
+
+FoundClean find_plain(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
+                      const SimulationSettings& simulation, bool quiet) {
+  constexpr std::size_t kPlaces = 48;
+  const std::vector<Host> some = spread_evenly(hosts, kPlaces);
+  EvaluationSettings by;
+  by.matching = detectors.front()->capabilities().matching();
+  std::atomic<int> found = 0, boxes = 0;
+  std::atomic<std::size_t> done = 0;
+  Progress progress("look for plain objects", some.size(), quiet);
+  for_each_with_detector(detectors, some.size(), [&](Detector& detector, std::size_t i) {
+    throw_if_interrupted("nothing was lost: no vehicle had been attacked yet");
+    const auto prepared = store.get(some[i].id.frame);
+    const Placement placement = store.placement(some[i].id);
+    const auto seen = clean_of(detector, *prepared, placement, simulation, by);
+    const JudgedBoxes there = labelled_boxes(placement, {}, prepared->frame.calibration, {});
+    found += reports(seen, HostTruth::of_object(prepared->frame, *there.plain, by.matching));
+    boxes += static_cast<int>(seen.size());
+    progress.update(++done);
+  });
+  FoundClean result;
+  result.of_objects = true;
+  result.found = found, result.boxes = boxes;
+  result.vehicles = result.frames = static_cast<int>(some.size());
+  return result;
 }
 
 }  // namespace
@@ -285,36 +307,6 @@ FoundClean judge_clean(const std::vector<CleanFrame>& frames, Matching matching)
   if (result.found < kFewFound * result.vehicles) tell_mistakes(frames, matching, result);
   return result;
 }
-
-namespace {
-
-FoundClean find_plain(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
-                      const SimulationSettings& simulation, bool quiet) {
-  constexpr std::size_t kPlaces = 48;
-  const std::vector<Host> some = spread_evenly(hosts, kPlaces);
-  EvaluationSettings by;
-  by.matching = detectors.front()->capabilities().matching();
-  std::atomic<int> found = 0, boxes = 0;
-  std::atomic<std::size_t> done = 0;
-  Progress progress("look for plain objects", some.size(), quiet);
-  for_each_with_detector(detectors, some.size(), [&](Detector& detector, std::size_t i) {
-    throw_if_interrupted("nothing was lost: no vehicle had been attacked yet");
-    const auto prepared = store.get(some[i].id.frame);
-    const Placement placement = store.placement(some[i].id);
-    const auto seen = clean_of(detector, *prepared, placement, simulation, by);
-    const JudgedBoxes there = labelled_boxes(placement, {}, prepared->frame.calibration, {});
-    found += reports(seen, HostTruth::of_object(prepared->frame, *there.plain, by.matching));
-    boxes += static_cast<int>(seen.size());
-    progress.update(++done);
-  });
-  FoundClean result;
-  result.of_objects = true;
-  result.found = found, result.boxes = boxes;
-  result.vehicles = result.frames = static_cast<int>(some.size());
-  return result;
-}
-
-}  // namespace
 
 FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
                       const SimulationSettings& simulation, CleanSights& sights, bool quiet) {

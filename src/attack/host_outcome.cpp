@@ -30,6 +30,83 @@ namespace {
 
 constexpr double kCarHeight = 1.5;  // m
 
+std::vector<double> even_edges(double last, int bins) {
+  std::vector<double> edges;
+  for (int i = 0; i <= bins; ++i) edges.push_back(last * i / bins);
+  return edges;
+}
+
+/// The box and how far it is off, by the names it has from above or in the picture.
+nlohmann::json box_json(const NewBox& new_box, bool in_picture) {
+  if (in_picture) {
+    const PictureBox& box = new_box.box.picture;
+    return {{"left", box.left},
+            {"top", box.top},
+            {"right", box.right},
+            {"bottom", box.bottom},
+            {"distance_from_host_px", new_box.distance}};
+  }
+  const auto& [x, y, length, width, yaw] = new_box.box.box.bev;
+  return {{"x", x},
+          {"y", y},
+          {"length", length},
+          {"width", width},
+          {"yaw", yaw},
+          {"distance_from_host", new_box.distance},
+          {"distance_from_sensor", new_box.range}};
+}
+
+nlohmann::json to_json(const Distribution& d, bool any) {
+  return {{"edges", d.edges},
+          {"counts", d.counts},
+          {"median", any ? nlohmann::json(d.median) : nlohmann::json()},
+          {"p90", any ? nlohmann::json(d.p90) : nlohmann::json()}};
+}
+
+using Test = std::function<bool(const HostOutcome&)>;
+
+/// Of the hosts for which `counts` holds the share for which `works` does.
+ClusteredShare share_of(std::span<const HostOutcome> hosts, const Test& counts, const Test& works) {
+  ClusteredShare share;
+  int meshes = 1;
+  for (const HostOutcome& host : hosts) meshes = std::max(meshes, host.mesh + 1);
+  for (const HostOutcome& host : hosts)
+    if (counts(host)) share.add(host.cluster(), works(host), 0, 1.0 / meshes);
+  return share;
+}
+
+HidingRate rate(std::span<const HostOutcome> hosts, const HidingRule& rule) {
+  const auto found_clean = [&](const HostOutcome& host) { return rule.finds(host, true); };
+  const ClusteredShare hidden =
+      share_of(hosts, found_clean, [&](const HostOutcome& host) { return !rule.finds(host, false); });
+  HidingRate result{hidden.interval(), 0};
+  for (const HostOutcome& host : hosts)
+    result.vehicles += host.mesh == hosts.front().mesh && found_clean(host);
+  return result;
+}
+
+Interval paired(std::span<const HostOutcome> a, std::span<const HostOutcome> b, const Test& counts,
+                const Test& works) {
+  return share_difference(share_of(a, counts, works), share_of(b, counts, works));
+}
+
+bool has_metres(std::span<const HostOutcome> hosts) {
+  return hosts.empty() || !hosts.front().matching.in_picture();
+}
+
+nlohmann::json rate_json(const HidingRate& rate) {
+  nlohmann::json json = to_json(rate.share);
+  json["vehicles"] = rate.vehicles;
+  return json;
+}
+
+/// The largest binomial share of `trials` whose lower tail at `hits` is not below what `single` asks.
+double binomial_bound(double trials, double hits, bool single) {
+  const double alpha = (1 - kConfidence) / (single ? 1 : std::numbers::e), whole = std::ceil(hits - 1e-9);
+  if (whole >= trials) return 1;
+  return boost::math::binomial::find_upper_bound_on_p(trials, whole, alpha);
+}
+
 }  // namespace
 
 std::optional<PictureBox> silhouette_box(const Simulated& simulated) {
@@ -129,43 +206,6 @@ SuccessRates success_rates(std::span<const HostOutcome* const> hosts, std::optio
   return {fn.interval(), fp.interval(), either.interval()};
 }
 
-namespace {
-
-std::vector<double> even_edges(double last, int bins) {
-  std::vector<double> edges;
-  for (int i = 0; i <= bins; ++i) edges.push_back(last * i / bins);
-  return edges;
-}
-
-/// The box and how far it is off, by the names it has from above or in the picture.
-nlohmann::json box_json(const NewBox& new_box, bool in_picture) {
-  if (in_picture) {
-    const PictureBox& box = new_box.box.picture;
-    return {{"left", box.left},
-            {"top", box.top},
-            {"right", box.right},
-            {"bottom", box.bottom},
-            {"distance_from_host_px", new_box.distance}};
-  }
-  const auto& [x, y, length, width, yaw] = new_box.box.box.bev;
-  return {{"x", x},
-          {"y", y},
-          {"length", length},
-          {"width", width},
-          {"yaw", yaw},
-          {"distance_from_host", new_box.distance},
-          {"distance_from_sensor", new_box.range}};
-}
-
-nlohmann::json to_json(const Distribution& d, bool any) {
-  return {{"edges", d.edges},
-          {"counts", d.counts},
-          {"median", any ? nlohmann::json(d.median) : nlohmann::json()},
-          {"p90", any ? nlohmann::json(d.p90) : nlohmann::json()}};
-}
-
-}  // namespace
-
 Distribution distribution(const std::vector<double>& values, std::vector<double> edges) {
   Distribution result;
   result.counts.assign(edges.size() - 1, 0);
@@ -211,47 +251,6 @@ nlohmann::json false_positives_json(const std::vector<HostOutcome>& hosts) {
   }
   return result;
 }
-
-namespace {
-
-using Test = std::function<bool(const HostOutcome&)>;
-
-/// Of the hosts for which `counts` holds the share for which `works` does.
-ClusteredShare share_of(std::span<const HostOutcome> hosts, const Test& counts, const Test& works) {
-  ClusteredShare share;
-  int meshes = 1;
-  for (const HostOutcome& host : hosts) meshes = std::max(meshes, host.mesh + 1);
-  for (const HostOutcome& host : hosts)
-    if (counts(host)) share.add(host.cluster(), works(host), 0, 1.0 / meshes);
-  return share;
-}
-
-HidingRate rate(std::span<const HostOutcome> hosts, const HidingRule& rule) {
-  const auto found_clean = [&](const HostOutcome& host) { return rule.finds(host, true); };
-  const ClusteredShare hidden =
-      share_of(hosts, found_clean, [&](const HostOutcome& host) { return !rule.finds(host, false); });
-  HidingRate result{hidden.interval(), 0};
-  for (const HostOutcome& host : hosts)
-    result.vehicles += host.mesh == hosts.front().mesh && found_clean(host);
-  return result;
-}
-
-Interval paired(std::span<const HostOutcome> a, std::span<const HostOutcome> b, const Test& counts,
-                const Test& works) {
-  return share_difference(share_of(a, counts, works), share_of(b, counts, works));
-}
-
-bool has_metres(std::span<const HostOutcome> hosts) {
-  return hosts.empty() || !hosts.front().matching.in_picture();
-}
-
-nlohmann::json rate_json(const HidingRate& rate) {
-  nlohmann::json json = to_json(rate.share);
-  json["vehicles"] = rate.vehicles;
-  return json;
-}
-
-}  // namespace
 
 bool HidingRule::finds(const HostOutcome& host, bool clean) const {
   return clean ? finds(host.clean_iou, host.clean_distance)
@@ -302,17 +301,6 @@ nlohmann::json to_json(const NetSuccess& net) {
           {"distance2m", maybe(net.distance2m)},   {"fn_asr", to_json(net.fn)},
           {"fp_asr", to_json(net.false_positive)}, {"asr", to_json(net.asr)}};
 }
-
-namespace {
-
-/// The largest binomial share of `trials` whose lower tail at `hits` is not below what `single` asks.
-double binomial_bound(double trials, double hits, bool single) {
-  const double alpha = (1 - kConfidence) / (single ? 1 : std::numbers::e), whole = std::ceil(hits - 1e-9);
-  if (whole >= trials) return 1;
-  return boost::math::binomial::find_upper_bound_on_p(trials, whole, alpha);
-}
-
-}  // namespace
 
 ShareBound share_bound(std::span<const double> shares, bool single) {
   ShareBound bound{0, 0, 1, static_cast<int>(shares.size()), single};

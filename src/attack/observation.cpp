@@ -26,6 +26,34 @@ bool same_mesh(const TexturedMesh& a, const TexturedMesh& b) {
   return a.mesh.vertices == b.mesh.vertices && a.atlas.texels == b.atlas.texels;
 }
 
+/// Eight independent sums of products of 8 bytes each: as fast as memory is read. Tells contents apart; no
+/// protection against malice.
+class Hash {
+ public:
+  void add(const void* bytes, std::size_t size) {
+    const auto* from = static_cast<const std::byte*>(bytes);
+    for (; size >= kBlock; size -= kBlock, from += kBlock) {
+      std::array<std::uint64_t, kLanes> words;
+      std::memcpy(words.data(), from, kBlock);
+      for (std::size_t k = 0; k < kLanes; ++k)
+        lanes_[k] = std::rotl(lanes_[k] ^ words[k], 29) * 0x9e3779b97f4a7c15ull;
+    }
+    std::array<std::uint64_t, kLanes> rest{};
+    std::memcpy(rest.data(), from, size);
+    for (std::size_t k = 0; k < kLanes; ++k)
+      lanes_[k] = std::rotl(lanes_[k] ^ rest[k] ^ size, 31) * 0xbf58476d1ce4e5b9ull;
+  }
+  std::uint64_t value() const {
+    std::uint64_t all = 0;
+    for (const std::uint64_t lane : lanes_) all = (all ^ lane ^ (all >> 31)) * 0x94d049bb133111ebull;
+    return all ^ (all >> 29);
+  }
+
+ private:
+  static constexpr std::size_t kLanes = 8, kBlock = kLanes * sizeof(std::uint64_t);
+  std::array<std::uint64_t, kLanes> lanes_ = {1, 2, 3, 4, 5, 6, 7, 8};
+};
+
 }  // namespace
 
 bool has_moved(const TexturedMesh& from, const TexturedMesh& to, const Renewal& renewal) {
@@ -85,38 +113,6 @@ PixelRect RenderedPictures::correct(const HostInWorld& host, const TexturedMesh&
   add_to_picture(correction->difference, correction->rect, simulated);
   return correction->rect;
 }
-
-namespace {
-
-/// Eight independent sums of products of 8 bytes each: as fast as memory is read. Tells contents apart; no
-/// protection against malice.
-class Hash {
- public:
-  void add(const void* bytes, std::size_t size) {
-    const auto* from = static_cast<const std::byte*>(bytes);
-    for (; size >= kBlock; size -= kBlock, from += kBlock) {
-      std::array<std::uint64_t, kLanes> words;
-      std::memcpy(words.data(), from, kBlock);
-      for (std::size_t k = 0; k < kLanes; ++k)
-        lanes_[k] = std::rotl(lanes_[k] ^ words[k], 29) * 0x9e3779b97f4a7c15ull;
-    }
-    std::array<std::uint64_t, kLanes> rest{};
-    std::memcpy(rest.data(), from, size);
-    for (std::size_t k = 0; k < kLanes; ++k)
-      lanes_[k] = std::rotl(lanes_[k] ^ rest[k] ^ size, 31) * 0xbf58476d1ce4e5b9ull;
-  }
-  std::uint64_t value() const {
-    std::uint64_t all = 0;
-    for (const std::uint64_t lane : lanes_) all = (all ^ lane ^ (all >> 31)) * 0x94d049bb133111ebull;
-    return all ^ (all >> 29);
-  }
-
- private:
-  static constexpr std::size_t kLanes = 8, kBlock = kLanes * sizeof(std::uint64_t);
-  std::array<std::uint64_t, kLanes> lanes_ = {1, 2, 3, 4, 5, 6, 7, 8};
-};
-
-}  // namespace
 
 SensorView view_of(const PreparedFrame& prepared, const Simulated& simulated, const Capabilities& can) {
   const Frame& frame = prepared.frame;

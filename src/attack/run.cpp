@@ -79,6 +79,22 @@ void refuse_code(const JsonFields& json, Run& run) {
   if (is_plugin(depth)) std::swap(depth, run.refused.depth);
 }
 
+/// A network of a Python program, outside that program: the copy that the run has of it, which is code.
+void use_copy_of_given(const Run& run, DetectorOptions& options) {
+  const auto copy = run.folder / kGivenDetectorCopy;
+  if (!std::filesystem::exists(copy))
+    throw InputError(
+        run.folder.string(), "detector",
+        "the run attacked a network inside a Python program, of which it has no copy",
+        "use mirage.evaluate(RUN, detector=…) there, or judge another detector: --detector fusion, "
+        "lidar, or torchscript with --weights FILE.pt");
+  if (run.trust != TrustRun::yes && !is_code_made_here(copy))
+    refuse(run, "detector", "a TorchScript model", copy, "--detector torchscript --weights");
+  options.detector = "torchscript";
+  options.weights = copy;
+  if (options.defense.empty()) options.defense = run.settings.detector.defense;
+}
+
 }  // namespace
 
 nlohmann::json to_json(const std::vector<HostId>& hosts) {
@@ -113,26 +129,6 @@ void require_own_data(const Run& run, const std::filesystem::path& data) {
     throw FieldError("data", data.string(), "is not the data set of the run",
                      "leave --data out, or attack that data set");
 }
-
-namespace {
-
-/// A network of a Python program, outside that program: the copy that the run has of it, which is code.
-void use_copy_of_given(const Run& run, DetectorOptions& options) {
-  const auto copy = run.folder / kGivenDetectorCopy;
-  if (!std::filesystem::exists(copy))
-    throw InputError(
-        run.folder.string(), "detector",
-        "the run attacked a network inside a Python program, of which it has no copy",
-        "use mirage.evaluate(RUN, detector=…) there, or judge another detector: --detector fusion, "
-        "lidar, or torchscript with --weights FILE.pt");
-  if (run.trust != TrustRun::yes && !is_code_made_here(copy))
-    refuse(run, "detector", "a TorchScript model", copy, "--detector torchscript --weights");
-  options.detector = "torchscript";
-  options.weights = copy;
-  if (options.defense.empty()) options.defense = run.settings.detector.defense;
-}
-
-}  // namespace
 
 void remember_code_made_here(const fs::path& file) {
   DiskCache::from_environment()->write(kMadeHere, read_file(file), "");

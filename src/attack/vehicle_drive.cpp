@@ -64,6 +64,156 @@ void spread_in_boxes(const std::vector<RideFrame>& frames, const std::vector<Car
   fit.in_box_deg = std::sqrt(turns / count) / kDegree;
 }
 
+constexpr double kAway = 2.5;  // usual steps between frames after which the vehicle was away
+
+/// s that each frame stands for, and whether the vehicle is away after it.
+struct Stands {
+  double seconds = 0;
+  bool away = false;
+};
+
+std::vector<Stands> stands_of(const std::vector<DriveFrame>& frames) {
+  std::vector<double> steps;
+  for (std::size_t i = 0; i + 1 < frames.size(); ++i) steps.push_back(frames[i + 1].time - frames[i].time);
+  const double usual = steps.empty() ? 0 : median_interval(steps).value;
+  std::vector<Stands> stands(frames.size(), {usual, false});
+  for (std::size_t i = 0; i < steps.size(); ++i)
+    stands[i] = steps[i] <= kAway * usual ? Stands{steps[i], false} : Stands{usual, true};
+  return stands;
+}
+
+template <class Lacks>
+double longest_run(const std::vector<Stands>& stands, const Lacks& lacks) {
+  double longest = 0, run = 0;
+  for (std::size_t i = 0; i < stands.size(); ++i) {
+    if (i > 0 && stands[i - 1].away) run = 0;
+    run = lacks(i) ? run + stands[i].seconds : 0;
+    longest = std::max(longest, run);
+  }
+  return longest;
+}
+
+constexpr std::pair<const char*, double DriveFrame::*> kColumns[] = {{"time_s", &DriveFrame::time},
+                                                                     {"range_m", &DriveFrame::range},
+                                                                     {"nearest_m", &DriveFrame::nearest},
+                                                                     {"closing_mps", &DriveFrame::closing}};
+constexpr int kMostOfDrive = 1000000;  // frames, tracks
+
+constexpr double kLateWithin = 10;  // m within which a confirmation comes late
+
+using Vehicles = std::vector<VehicleDrive>;
+/// What is told of one version of a vehicle.
+using DriveFigure = double (*)(const DriveOutcome&);
+
+std::string cluster_name(const VehicleDrive& vehicle) {
+  return fmt::format("{} {}", vehicle.sequence, vehicle.track);
+}
+
+template <class Is>
+Vehicles vehicles_that(const Vehicles& vehicles, const Is& is) {
+  Vehicles chosen;
+  std::copy_if(vehicles.begin(), vehicles.end(), std::back_inserter(chosen), is);
+  return chosen;
+}
+
+/// How many are so in each version: is(what follows for it).
+template <class Is>
+nlohmann::json counts_of(const Vehicles& vehicles, const Is& is) {
+  return by_version([&](DriveVersion version) {
+    return std::count_if(vehicles.begin(), vehicles.end(),
+                         [&](const VehicleDrive& vehicle) { return is(outcome_of(vehicle, version)); });
+  });
+}
+
+template <class NumberOf>
+nlohmann::json median_of(const Vehicles& vehicles, const NumberOf& number_of) {
+  std::vector<double> values;
+  for (const VehicleDrive& vehicle : vehicles) values.push_back(number_of(vehicle));
+  return to_json(median_interval(values));
+}
+
+/// The median over vehicles of a figure of one version less that of another.
+nlohmann::json median_difference(const Vehicles& vehicles, DriveVersion of, DriveVersion less,
+                                 DriveFigure figure) {
+  return median_of(vehicles, [&](const VehicleDrive& vehicle) {
+    return figure(outcome_of(vehicle, of)) - figure(outcome_of(vehicle, less));
+  });
+}
+
+/// A figure of each vehicle, and differences, as medians.
+nlohmann::json medians_of(const Vehicles& vehicles, DriveFigure figure) {
+  nlohmann::json json = by_version([&](DriveVersion version) {
+    return median_of(vehicles,
+                     [&](const VehicleDrive& vehicle) { return figure(outcome_of(vehicle, version)); });
+  });
+  for (const DriveVersion other : {DriveVersion::clean, DriveVersion::random})
+    json[fmt::format("attacked_less_{}", to_word(other))] =
+        median_difference(vehicles, DriveVersion::attacked, other, figure);
+  return json;
+}
+
+constexpr DriveFigure kGap = [](const DriveOutcome& of) { return of.gap_s; };
+constexpr DriveFigure kTrackGap = [](const DriveOutcome& of) { return of.track_gap_s; };
+constexpr DriveFigure kConfirmedAt = [](const DriveOutcome& of) {
+  return of.confirmed ? of.confirmed->metres : 0;
+};
+
+/// s that the object adds to the longest gap of detection.
+double added_gap(const VehicleDrive& vehicle) {
+  return outcome_of(vehicle, DriveVersion::attacked).gap_s - outcome_of(vehicle, DriveVersion::clean).gap_s;
+}
+
+/// Over those that come nearer.
+nlohmann::json later_of(const Vehicles& vehicles) {
+  const Vehicles nearing = vehicles_that(vehicles, [](const VehicleDrive& vehicle) {
+    return vehicle.frames.back().range < vehicle.frames.front().range;
+  });
+  nlohmann::json json = {{"vehicles", nearing.size()}};
+  if (nearing.empty()) return json;
+  for (const DriveVersion than : {DriveVersion::clean, DriveVersion::random})
+    json[fmt::format("than_{}", to_word(than))] =
+        median_difference(nearing, than, DriveVersion::attacked, kConfirmedAt);
+  return json;
+}
+
+/// Of those that are first seen beyond kLateWithin: how many are confirmed no earlier than there.
+nlohmann::json near_of(const Vehicles& vehicles) {
+  const Vehicles from_afar = vehicles_that(
+      vehicles, [](const VehicleDrive& vehicle) { return vehicle.frames.front().range > kLateWithin; });
+  nlohmann::json json =
+      counts_of(from_afar, [](const DriveOutcome& of) { return kConfirmedAt(of) <= kLateWithin; });
+  json["metres"] = kLateWithin;
+  json["vehicles"] = from_afar.size();
+  return json;
+}
+
+nlohmann::json survival_of(const Vehicles& vehicles, double seconds) {
+  nlohmann::json row = by_version([&](DriveVersion version) {
+    ClusteredShare share;
+    for (const VehicleDrive& vehicle : vehicles)
+      share.add(cluster_name(vehicle), outcome_of(vehicle, version).gap_s >= seconds);
+    return to_json(share.interval());
+  });
+  row["seconds"] = seconds;
+  return row;
+}
+
+/// What one of kDeaths gives and costs.
+nlohmann::json death_of(const Vehicles& vehicles, std::size_t death) {
+  const auto gap = [&](DriveVersion version) {
+    return median_of(vehicles, [&](const VehicleDrive& of) { return of.deaths[death].track_gap_s[version]; });
+  };
+  const auto phantoms = [&](DriveVersion version) {
+    ClusteredShare share;
+    for (const VehicleDrive& vehicle : vehicles)
+      for (int i = 0; i < static_cast<int>(vehicle.frames.size()); ++i)
+        share.add(cluster_name(vehicle), i < vehicle.deaths[death].phantom_frames[version]);
+    return to_json(share.interval());
+  };
+  return {
+      {"death", kDeaths[death]}, {"track_gap_s", by_version(gap)}, {"phantom_share", by_version(phantoms)}};
+}
+
 }  // namespace
 
 Ride ride(const std::vector<RideFrame>& frames) {
@@ -133,45 +283,6 @@ Ride ride(FrameStore& store, std::span<const std::pair<Moment, HostId>> frames) 
   for (const auto& [moment, host] : frames) found.push_back({moment, store.placement(host).carrier.value()});
   return ride(found);
 }
-
-namespace {
-
-constexpr double kAway = 2.5;  // usual steps between frames after which the vehicle was away
-
-/// s that each frame stands for, and whether the vehicle is away after it.
-struct Stands {
-  double seconds = 0;
-  bool away = false;
-};
-
-std::vector<Stands> stands_of(const std::vector<DriveFrame>& frames) {
-  std::vector<double> steps;
-  for (std::size_t i = 0; i + 1 < frames.size(); ++i) steps.push_back(frames[i + 1].time - frames[i].time);
-  const double usual = steps.empty() ? 0 : median_interval(steps).value;
-  std::vector<Stands> stands(frames.size(), {usual, false});
-  for (std::size_t i = 0; i < steps.size(); ++i)
-    stands[i] = steps[i] <= kAway * usual ? Stands{steps[i], false} : Stands{usual, true};
-  return stands;
-}
-
-template <class Lacks>
-double longest_run(const std::vector<Stands>& stands, const Lacks& lacks) {
-  double longest = 0, run = 0;
-  for (std::size_t i = 0; i < stands.size(); ++i) {
-    if (i > 0 && stands[i - 1].away) run = 0;
-    run = lacks(i) ? run + stands[i].seconds : 0;
-    longest = std::max(longest, run);
-  }
-  return longest;
-}
-
-constexpr std::pair<const char*, double DriveFrame::*> kColumns[] = {{"time_s", &DriveFrame::time},
-                                                                     {"range_m", &DriveFrame::range},
-                                                                     {"nearest_m", &DriveFrame::nearest},
-                                                                     {"closing_mps", &DriveFrame::closing}};
-constexpr int kMostOfDrive = 1000000;  // frames, tracks
-
-}  // namespace
 
 std::string vehicle_name(const std::string& sequence, int track) {
   return fmt::format("{}_{}", escape_name(sequence), track);
@@ -298,125 +409,6 @@ VehicleDrive read_vehicle_drive(const JsonFields& json) {
   }
   return vehicle;
 }
-
-namespace {
-
-constexpr double kLateWithin = 10;  // m within which a confirmation comes late
-
-using Vehicles = std::vector<VehicleDrive>;
-/// What is told of one version of a vehicle.
-using DriveFigure = double (*)(const DriveOutcome&);
-
-std::string cluster_name(const VehicleDrive& vehicle) {
-  return fmt::format("{} {}", vehicle.sequence, vehicle.track);
-}
-
-template <class Is>
-Vehicles vehicles_that(const Vehicles& vehicles, const Is& is) {
-  Vehicles chosen;
-  std::copy_if(vehicles.begin(), vehicles.end(), std::back_inserter(chosen), is);
-  return chosen;
-}
-
-/// How many are so in each version: is(what follows for it).
-template <class Is>
-nlohmann::json counts_of(const Vehicles& vehicles, const Is& is) {
-  return by_version([&](DriveVersion version) {
-    return std::count_if(vehicles.begin(), vehicles.end(),
-                         [&](const VehicleDrive& vehicle) { return is(outcome_of(vehicle, version)); });
-  });
-}
-
-template <class NumberOf>
-nlohmann::json median_of(const Vehicles& vehicles, const NumberOf& number_of) {
-  std::vector<double> values;
-  for (const VehicleDrive& vehicle : vehicles) values.push_back(number_of(vehicle));
-  return to_json(median_interval(values));
-}
-
-/// The median over vehicles of a figure of one version less that of another.
-nlohmann::json median_difference(const Vehicles& vehicles, DriveVersion of, DriveVersion less,
-                                 DriveFigure figure) {
-  return median_of(vehicles, [&](const VehicleDrive& vehicle) {
-    return figure(outcome_of(vehicle, of)) - figure(outcome_of(vehicle, less));
-  });
-}
-
-/// A figure of each vehicle, and differences, as medians.
-nlohmann::json medians_of(const Vehicles& vehicles, DriveFigure figure) {
-  nlohmann::json json = by_version([&](DriveVersion version) {
-    return median_of(vehicles,
-                     [&](const VehicleDrive& vehicle) { return figure(outcome_of(vehicle, version)); });
-  });
-  for (const DriveVersion other : {DriveVersion::clean, DriveVersion::random})
-    json[fmt::format("attacked_less_{}", to_word(other))] =
-        median_difference(vehicles, DriveVersion::attacked, other, figure);
-  return json;
-}
-
-constexpr DriveFigure kGap = [](const DriveOutcome& of) { return of.gap_s; };
-constexpr DriveFigure kTrackGap = [](const DriveOutcome& of) { return of.track_gap_s; };
-constexpr DriveFigure kConfirmedAt = [](const DriveOutcome& of) {
-  return of.confirmed ? of.confirmed->metres : 0;
-};
-
-/// s that the object adds to the longest gap of detection.
-double added_gap(const VehicleDrive& vehicle) {
-  return outcome_of(vehicle, DriveVersion::attacked).gap_s - outcome_of(vehicle, DriveVersion::clean).gap_s;
-}
-
-/// Over those that come nearer.
-nlohmann::json later_of(const Vehicles& vehicles) {
-  const Vehicles nearing = vehicles_that(vehicles, [](const VehicleDrive& vehicle) {
-    return vehicle.frames.back().range < vehicle.frames.front().range;
-  });
-  nlohmann::json json = {{"vehicles", nearing.size()}};
-  if (nearing.empty()) return json;
-  for (const DriveVersion than : {DriveVersion::clean, DriveVersion::random})
-    json[fmt::format("than_{}", to_word(than))] =
-        median_difference(nearing, than, DriveVersion::attacked, kConfirmedAt);
-  return json;
-}
-
-/// Of those that are first seen beyond kLateWithin: how many are confirmed no earlier than there.
-nlohmann::json near_of(const Vehicles& vehicles) {
-  const Vehicles from_afar = vehicles_that(
-      vehicles, [](const VehicleDrive& vehicle) { return vehicle.frames.front().range > kLateWithin; });
-  nlohmann::json json =
-      counts_of(from_afar, [](const DriveOutcome& of) { return kConfirmedAt(of) <= kLateWithin; });
-  json["metres"] = kLateWithin;
-  json["vehicles"] = from_afar.size();
-  return json;
-}
-
-nlohmann::json survival_of(const Vehicles& vehicles, double seconds) {
-  nlohmann::json row = by_version([&](DriveVersion version) {
-    ClusteredShare share;
-    for (const VehicleDrive& vehicle : vehicles)
-      share.add(cluster_name(vehicle), outcome_of(vehicle, version).gap_s >= seconds);
-    return to_json(share.interval());
-  });
-  row["seconds"] = seconds;
-  return row;
-}
-
-/// What one of kDeaths gives and costs.
-nlohmann::json death_of(const Vehicles& vehicles, std::size_t death) {
-  const auto gap = [&](DriveVersion version) {
-    return median_of(vehicles, [&](const VehicleDrive& of) { return of.deaths[death].track_gap_s[version]; });
-  };
-  const auto phantoms = [&](DriveVersion version) {
-    ClusteredShare share;
-    for (const VehicleDrive& vehicle : vehicles)
-      for (int i = 0; i < static_cast<int>(vehicle.frames.size()); ++i)
-        share.add(cluster_name(vehicle), i < vehicle.deaths[death].phantom_frames[version]);
-    return to_json(share.interval());
-  };
-  return {
-      {"death", kDeaths[death]}, {"track_gap_s", by_version(gap)}, {"phantom_share", by_version(phantoms)}};
-}
-
-}  // namespace
 
 nlohmann::json to_json(const DriveResult& result) {
   const Vehicles& vehicles = result.vehicles;

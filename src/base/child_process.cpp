@@ -111,6 +111,40 @@ pid_t start_child(const Start& child) {
   return spawner->start(child);
 }
 
+/// One line of what a child said, for a message.
+std::string quoted_line(const std::string& line) {
+  std::string text = line.substr(0, 60);
+  for (char& c : text)
+    if (c < ' ' || c > '~') c = '?';
+  return "'" + text + (line.size() > 60 ? "…'" : "'");
+}
+
+/// Whether a line is the protocol's answer to job `id`.
+bool is_answer(const std::string& line, long id, nlohmann::json& answer) {
+  try {
+    check_json_depth(line, "answer");
+  } catch (const InputError&) {
+    return false;
+  }
+  answer = nlohmann::json::parse(line, nullptr, false);
+  if (!answer.is_object() || !answer.contains("id") || !answer.contains("ok")) return false;
+  return answer["id"].is_number_integer() && answer["id"].get<long>() == id && answer["ok"].is_boolean();
+}
+
+/// The last line of what is read until the end; closes the file.
+std::string read_last_line(int file) {
+  std::string line;
+  char bytes[4096];
+  for (ssize_t size; (size = ::read(file, bytes, sizeof bytes)) > 0 || (size < 0 && errno == EINTR);)
+    for (ssize_t i = 0; i < size; ++i) {
+      if (!line.empty() && line.back() == '\n') line.clear();
+      if (line.size() < 4096) line += bytes[i];
+    }
+  ::close(file);
+  while (!line.empty() && line.back() == '\n') line.pop_back();
+  return line;
+}
+
 }  // namespace
 
 std::filesystem::path find_program(const std::string& name) {
@@ -223,30 +257,6 @@ std::string ChildProcess::stop(double seconds) {
                              : fmt::format("exit code {}", WEXITSTATUS(status));
 }
 
-namespace {
-
-/// One line of what a child said, for a message.
-std::string quoted_line(const std::string& line) {
-  std::string text = line.substr(0, 60);
-  for (char& c : text)
-    if (c < ' ' || c > '~') c = '?';
-  return "'" + text + (line.size() > 60 ? "…'" : "'");
-}
-
-/// Whether a line is the protocol's answer to job `id`.
-bool is_answer(const std::string& line, long id, nlohmann::json& answer) {
-  try {
-    check_json_depth(line, "answer");
-  } catch (const InputError&) {
-    return false;
-  }
-  answer = nlohmann::json::parse(line, nullptr, false);
-  if (!answer.is_object() || !answer.contains("id") || !answer.contains("ok")) return false;
-  return answer["id"].is_number_integer() && answer["id"].get<long>() == id && answer["ok"].is_boolean();
-}
-
-}  // namespace
-
 std::string text_of(const nlohmann::json& answer, const char* key, const std::string& otherwise) {
   const auto field = answer.find(key);
   return field != answer.end() && field->is_string() ? field->get<std::string>() : otherwise;
@@ -286,24 +296,6 @@ bool JsonWorker::ask(nlohmann::json job, double timeout, nlohmann::json& answer,
     }
   }
 }
-
-namespace {
-
-/// The last line of what is read until the end; closes the file.
-std::string read_last_line(int file) {
-  std::string line;
-  char bytes[4096];
-  for (ssize_t size; (size = ::read(file, bytes, sizeof bytes)) > 0 || (size < 0 && errno == EINTR);)
-    for (ssize_t i = 0; i < size; ++i) {
-      if (!line.empty() && line.back() == '\n') line.clear();
-      if (line.size() < 4096) line += bytes[i];
-    }
-  ::close(file);
-  while (!line.empty() && line.back() == '\n') line.pop_back();
-  return line;
-}
-
-}  // namespace
 
 int run_program(const std::vector<std::string>& arguments, std::string* last_line) {
   int pipe[2] = {-1, -1};

@@ -123,18 +123,6 @@ class AsciiWriter {
   std::size_t at_ = 0;
 };
 
-}  // namespace
-
-std::string toml_in_ascii(std::string_view text, const std::string& name) {
-  return is_ascii(text) ? std::string(text) : AsciiWriter(text, name).write();
-}
-
-void refuse_toml(const std::string& name, std::size_t line, const std::string& problem) {
-  throw InputError(name, fmt::format("line {}", line), problem, "mend the TOML syntax");
-}
-
-namespace {
-
 using nlohmann::json;
 
 constexpr std::size_t kLineWidth = 110;
@@ -212,16 +200,6 @@ void write_table(const json& table, const std::string& path, std::string& out) {
   }
 }
 
-}  // namespace
-
-std::string toml_text(const json& object) {
-  std::string out;
-  write_table(object, "", out);
-  return out;
-}
-
-namespace {
-
 nlohmann::json to_json(const toml::node& node) {
   if (const auto* table = node.as_table()) {
     nlohmann::json object = nlohmann::json::object();
@@ -241,6 +219,20 @@ nlohmann::json to_json(const toml::node& node) {
 }
 
 }  // namespace
+
+std::string toml_in_ascii(std::string_view text, const std::string& name) {
+  return is_ascii(text) ? std::string(text) : AsciiWriter(text, name).write();
+}
+
+void refuse_toml(const std::string& name, std::size_t line, const std::string& problem) {
+  throw InputError(name, fmt::format("line {}", line), problem, "mend the TOML syntax");
+}
+
+std::string toml_text(const json& object) {
+  std::string out;
+  write_table(object, "", out);
+  return out;
+}
 
 nlohmann::json read_toml(const std::filesystem::path& path) {
   return parse_toml(read_text(path, kLargestToml), path.string());

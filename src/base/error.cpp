@@ -36,17 +36,6 @@ std::string line(const std::string& where, const std::string& field, const std::
          shown(fix, kLongestList);  // of all that there is
 }
 
-}  // namespace
-
-InputError::InputError(const std::string& where, const std::string& field, const std::string& problem,
-                       const std::string& fix)
-    : std::runtime_error(line(where, field, problem, fix)) {}
-
-Failure::Failure(const std::string& where, const std::string& problem, const std::string& fix)
-    : std::runtime_error(line(where, "", problem, fix)) {}
-
-namespace {
-
 volatile std::sig_atomic_t signals_seen = 0;
 
 void on_signal(int signal) {
@@ -68,6 +57,13 @@ void on_watched_signal(int signal) {
 }
 
 }  // namespace
+
+InputError::InputError(const std::string& where, const std::string& field, const std::string& problem,
+                       const std::string& fix)
+    : std::runtime_error(line(where, field, problem, fix)) {}
+
+Failure::Failure(const std::string& where, const std::string& problem, const std::string& fix)
+    : std::runtime_error(line(where, "", problem, fix)) {}
 
 InterruptWatch::InterruptWatch() {
   struct sigaction own {};

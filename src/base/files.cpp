@@ -206,6 +206,76 @@ void put_in_place(const fs::path& temporary, const fs::path& path) {
   sync(path.has_parent_path() ? path.parent_path() : ".");
 }
 
+fs::path named_program;
+
+constexpr const char* kName = ".mirage-lock";
+
+std::mutex held_mutex;
+std::set<fs::path> held;  ///< by this process
+
+std::string own_words() {
+  std::array<char, 256> host{};
+  gethostname(host.data(), host.size() - 1);
+  const std::time_t now = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  std::array<char, 32> text{};
+  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
+  return fmt::format("process {} on {} since {}", getpid(), host.data(), text.data());
+}
+
+/// What the lock's file says, of which somebody else may have written anything.
+std::string holder(int descriptor) {
+  std::array<char, 512> text{};
+  const ssize_t size = ::pread(descriptor, text.data(), text.size(), 0);
+  std::string words(text.data(), size > 0 ? static_cast<std::size_t>(size) : 0);
+  while (!words.empty() && words.back() == '\n') words.pop_back();
+  return words.empty() ? "another process" : printable(words);
+}
+
+/// Whether the file is still the one by that name: its holder removes it.
+bool is_at(const fs::path& file, int descriptor) {
+  struct stat opened {
+  }, named{};
+  return ::fstat(descriptor, &opened) == 0 && ::lstat(file.c_str(), &named) == 0 &&
+         opened.st_ino == named.st_ino && opened.st_dev == named.st_dev;
+}
+
+/// Whether no process of that number lives, or with `own` only this one.
+bool is_gone(std::string_view digits, bool own) {
+  pid_t process = 0;
+  const auto [end, problem] = std::from_chars(digits.data(), digits.data() + digits.size(), process);
+  if (problem != std::errc() || end != digits.data() + digits.size() || process <= 0) return false;
+  return (own && process == getpid()) || (::kill(process, 0) != 0 && errno == ESRCH);
+}
+
+bool is_stale(std::string_view name, bool own) {
+  constexpr std::string_view ending = ".tmp";
+  if (!name.ends_with(ending)) return false;
+  name.remove_suffix(ending.size());
+  const auto mark = name.rfind(kTemporaryMark);
+  return mark != std::string_view::npos && is_gone(name.substr(mark + kTemporaryMark.size()), own);
+}
+
+constexpr const char* kFix = "write the file again with the program that made it";
+
+/// visit(place, character) for those outside of texts.
+template <class Visit>
+void for_each_unquoted(std::string_view text, const Visit& visit) {
+  bool quoted = false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (quoted) {
+      if (c == '\\') ++i;
+      quoted = c != '"';
+    } else if (c == '"') {
+      quoted = true;
+    } else {
+      visit(i, c);
+    }
+  }
+}
+
 }  // namespace
 
 void replace_file(const fs::path& temporary, const fs::path& path) {
@@ -262,10 +332,6 @@ void write_json(const fs::path& path, const nlohmann::json& value) {
   write_file(path, json_text(value, 2) + "\n");
 }
 
-namespace {
-fs::path named_program;
-}  // namespace
-
 fs::path program_file() {
   return named_program.empty() ? fs::read_symlink("/proc/self/exe") : named_program;
 }
@@ -292,59 +358,6 @@ fs::path shipped_file(const std::string& relative) {
       relative, "", "not found beside the program",
       "install Mirage again, run the program from its build folder or set MIRAGE_HOME to the sources");
 }
-
-namespace {
-
-constexpr const char* kName = ".mirage-lock";
-
-std::mutex held_mutex;
-std::set<fs::path> held;  ///< by this process
-
-std::string own_words() {
-  std::array<char, 256> host{};
-  gethostname(host.data(), host.size() - 1);
-  const std::time_t now = std::time(nullptr);
-  std::tm utc{};
-  gmtime_r(&now, &utc);
-  std::array<char, 32> text{};
-  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
-  return fmt::format("process {} on {} since {}", getpid(), host.data(), text.data());
-}
-
-/// What the lock's file says, of which somebody else may have written anything.
-std::string holder(int descriptor) {
-  std::array<char, 512> text{};
-  const ssize_t size = ::pread(descriptor, text.data(), text.size(), 0);
-  std::string words(text.data(), size > 0 ? static_cast<std::size_t>(size) : 0);
-  while (!words.empty() && words.back() == '\n') words.pop_back();
-  return words.empty() ? "another process" : printable(words);
-}
-
-/// Whether the file is still the one by that name: its holder removes it.
-bool is_at(const fs::path& file, int descriptor) {
-  struct stat opened {
-  }, named{};
-  return ::fstat(descriptor, &opened) == 0 && ::lstat(file.c_str(), &named) == 0 &&
-         opened.st_ino == named.st_ino && opened.st_dev == named.st_dev;
-}
-
-/// Whether no process of that number lives, or with `own` only this one.
-bool is_gone(std::string_view digits, bool own) {
-  pid_t process = 0;
-  const auto [end, problem] = std::from_chars(digits.data(), digits.data() + digits.size(), process);
-  if (problem != std::errc() || end != digits.data() + digits.size() || process <= 0) return false;
-  return (own && process == getpid()) || (::kill(process, 0) != 0 && errno == ESRCH);
-}
-
-bool is_stale(std::string_view name, bool own) {
-  constexpr std::string_view ending = ".tmp";
-  if (!name.ends_with(ending)) return false;
-  name.remove_suffix(ending.size());
-  const auto mark = name.rfind(kTemporaryMark);
-  return mark != std::string_view::npos && is_gone(name.substr(mark + kTemporaryMark.size()), own);
-}
-
-}  // namespace
 
 FolderLock::FolderLock(const fs::path& folder, int levels) {
   std::error_code unknown;
@@ -411,29 +424,6 @@ void remove_stale_files(const fs::path& folder, bool own, int levels) {
     spdlog::info("{}: removed {} temporary {} of processes that died", folder.string(), removed,
                  removed == 1 ? "file" : "files");
 }
-
-namespace {
-
-constexpr const char* kFix = "write the file again with the program that made it";
-
-/// visit(place, character) for those outside of texts.
-template <class Visit>
-void for_each_unquoted(std::string_view text, const Visit& visit) {
-  bool quoted = false;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const char c = text[i];
-    if (quoted) {
-      if (c == '\\') ++i;
-      quoted = c != '"';
-    } else if (c == '"') {
-      quoted = true;
-    } else {
-      visit(i, c);
-    }
-  }
-}
-
-}  // namespace
 
 void check_json_depth(std::string_view text, const std::string& where, const std::string& field) {
   int depth = 0;

@@ -48,54 +48,6 @@ class LevelTable {
   std::vector<std::uint32_t> entries_;
 };
 
-}  // namespace
-
-void write_srgb_bytes(std::span<const float> linear, std::uint8_t* bytes) {
-  static const LevelTable table;
-  const std::uint32_t* entries = table.data();
-  constexpr std::uint32_t kRest = (1u << LevelTable::kShift) - 1;
-  for (std::size_t i = 0; i < linear.size(); ++i) {
-    const auto bits = std::bit_cast<std::uint32_t>(linear[i]);
-    bytes[i] = static_cast<std::uint8_t>((entries[bits >> LevelTable::kShift] + (bits & kRest)) >> 16);
-  }
-}
-
-std::vector<std::uint8_t> srgb_bytes(const ImageF& linear) {
-  std::vector<std::uint8_t> bytes(linear.data.size());
-  write_srgb_bytes(linear.data, bytes.data());
-  return bytes;
-}
-
-void through_srgb_slope(std::span<const std::uint8_t> levels, std::span<float> gradient) {
-  static const std::array<float, 256> table = [] {
-    std::array<float, 256> slopes{};
-    for (std::size_t i = 0; i < slopes.size(); ++i) {
-      const float linear = linear_level(static_cast<std::uint8_t>(i));
-      slopes[i] = 255 * (linear <= 0.0031308f ? 12.92f : 1.055f / 2.4f * std::pow(linear, 1 / 2.4f - 1));
-    }
-    return slopes;
-  }();
-  const float* slopes = table.data();
-  for (std::size_t i = 0; i < gradient.size(); ++i) gradient[i] *= slopes[levels[i]];
-}
-
-float linear_level(std::uint8_t level) {
-  static const std::array<float, 256> table = [] {
-    std::array<float, 256> values{};
-    for (std::size_t i = 0; i < values.size(); ++i) values[i] = linear_from_srgb(static_cast<float>(i) / 255);
-    return values;
-  }();
-  return table[level];
-}
-
-ImageF linear_image(std::span<const std::uint8_t> bytes, int width, int height) {
-  ImageF image(width, height, 3);
-  for (std::size_t i = 0; i < bytes.size(); ++i) image.data[i] = linear_level(bytes[i]);
-  return image;
-}
-
-namespace {
-
 using File = OIIO::Filesystem::IOProxy;
 
 /// As much of the file from `at` on as there is, at most `window`.
@@ -163,14 +115,6 @@ std::string png_claim(File& file) {
   }
   return "";
 }
-
-}  // namespace
-
-std::string claim_beyond_file(File& file, std::string_view format) {
-  return format == "openexr" ? exr_claim(file) : format == "png" ? png_claim(file) : "";
-}
-
-namespace {
 
 namespace fs = std::filesystem;
 
@@ -338,6 +282,54 @@ std::string encoded(const std::string& format, const Image<T>& shape, OIIO::Type
 }
 
 }  // namespace
+
+void write_srgb_bytes(std::span<const float> linear, std::uint8_t* bytes) {
+  static const LevelTable table;
+  const std::uint32_t* entries = table.data();
+  constexpr std::uint32_t kRest = (1u << LevelTable::kShift) - 1;
+  for (std::size_t i = 0; i < linear.size(); ++i) {
+    const auto bits = std::bit_cast<std::uint32_t>(linear[i]);
+    bytes[i] = static_cast<std::uint8_t>((entries[bits >> LevelTable::kShift] + (bits & kRest)) >> 16);
+  }
+}
+
+std::vector<std::uint8_t> srgb_bytes(const ImageF& linear) {
+  std::vector<std::uint8_t> bytes(linear.data.size());
+  write_srgb_bytes(linear.data, bytes.data());
+  return bytes;
+}
+
+void through_srgb_slope(std::span<const std::uint8_t> levels, std::span<float> gradient) {
+  static const std::array<float, 256> table = [] {
+    std::array<float, 256> slopes{};
+    for (std::size_t i = 0; i < slopes.size(); ++i) {
+      const float linear = linear_level(static_cast<std::uint8_t>(i));
+      slopes[i] = 255 * (linear <= 0.0031308f ? 12.92f : 1.055f / 2.4f * std::pow(linear, 1 / 2.4f - 1));
+    }
+    return slopes;
+  }();
+  const float* slopes = table.data();
+  for (std::size_t i = 0; i < gradient.size(); ++i) gradient[i] *= slopes[levels[i]];
+}
+
+float linear_level(std::uint8_t level) {
+  static const std::array<float, 256> table = [] {
+    std::array<float, 256> values{};
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] = linear_from_srgb(static_cast<float>(i) / 255);
+    return values;
+  }();
+  return table[level];
+}
+
+ImageF linear_image(std::span<const std::uint8_t> bytes, int width, int height) {
+  ImageF image(width, height, 3);
+  for (std::size_t i = 0; i < bytes.size(); ++i) image.data[i] = linear_level(bytes[i]);
+  return image;
+}
+
+std::string claim_beyond_file(File& file, std::string_view format) {
+  return format == "openexr" ? exr_claim(file) : format == "png" ? png_claim(file) : "";
+}
 
 ImageF read_srgb(const fs::path& path, PictureSize expected) {
   return read_linear(Picture(path, expected));

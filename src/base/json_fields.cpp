@@ -20,6 +20,60 @@ std::string range_problem(const nlohmann::json& value, double low, double high) 
   return range.contains(number) ? "" : fmt::format("{} is out of range, {}", number, range.words());
 }
 
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+/// The file's characters, and how many of them a row has.
+class Characters {
+ public:
+  Characters(const fs::path& file, const std::string& fix, std::size_t longest)
+      : name_(file.string()), fix_(fix), longest_(longest), from_(file) {}
+
+  bool at_end() const { return from_.at_end(); }
+  char current() const { return from_.current(); }
+  void next() {
+    from_.next();
+    if (from_.place() - row_start_ > longest_)
+      fail(fmt::format("byte {}", row_start_), fmt::format("a row of more than {} bytes", longest_));
+  }
+  /// A row ends here.
+  void end_row() { row_start_ = from_.place(); }
+  [[noreturn]] void fail(const std::string& field, const std::string& problem) const {
+    throw InputError(name_, field, problem, fix_);
+  }
+  std::string byte() const { return fmt::format("byte {}", from_.place()); }
+
+ private:
+  std::string name_;
+  const std::string& fix_;
+  std::size_t longest_;
+  std::uintmax_t row_start_ = 0;
+  FileCharacters from_;
+};
+
+/// What nlohmann's parser reads from; all copies of one are at the same place.
+class Reader {
+ public:
+  using difference_type = std::ptrdiff_t;
+  using value_type = char;
+  using pointer = const char*;
+  using reference = char;
+  using iterator_category = std::input_iterator_tag;
+
+  Reader() = default;
+  explicit Reader(Characters* from) : from_(from) {}
+  char operator*() const { return from_->current(); }
+  Reader& operator++() {
+    from_->next();
+    return *this;
+  }
+  bool operator!=(const Reader& /*end*/) const { return !from_->at_end(); }
+  bool operator==(const Reader& end) const { return !(*this != end); }
+
+ private:
+  Characters* from_ = nullptr;
+};
+
 }  // namespace
 
 JsonFields::JsonFields(std::filesystem::path file, const nlohmann::json& json, std::string fix)
@@ -111,64 +165,6 @@ JsonFields JsonFields::object(const std::string& key) const {
 JsonFields JsonFields::inner(const std::string& name, const nlohmann::json& json) const {
   return {file_, prefix_ + name + ".", json, fix_};
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-using nlohmann::json;
-
-/// The file's characters, and how many of them a row has.
-class Characters {
- public:
-  Characters(const fs::path& file, const std::string& fix, std::size_t longest)
-      : name_(file.string()), fix_(fix), longest_(longest), from_(file) {}
-
-  bool at_end() const { return from_.at_end(); }
-  char current() const { return from_.current(); }
-  void next() {
-    from_.next();
-    if (from_.place() - row_start_ > longest_)
-      fail(fmt::format("byte {}", row_start_), fmt::format("a row of more than {} bytes", longest_));
-  }
-  /// A row ends here.
-  void end_row() { row_start_ = from_.place(); }
-  [[noreturn]] void fail(const std::string& field, const std::string& problem) const {
-    throw InputError(name_, field, problem, fix_);
-  }
-  std::string byte() const { return fmt::format("byte {}", from_.place()); }
-
- private:
-  std::string name_;
-  const std::string& fix_;
-  std::size_t longest_;
-  std::uintmax_t row_start_ = 0;
-  FileCharacters from_;
-};
-
-/// What nlohmann's parser reads from; all copies of one are at the same place.
-class Reader {
- public:
-  using difference_type = std::ptrdiff_t;
-  using value_type = char;
-  using pointer = const char*;
-  using reference = char;
-  using iterator_category = std::input_iterator_tag;
-
-  Reader() = default;
-  explicit Reader(Characters* from) : from_(from) {}
-  char operator*() const { return from_->current(); }
-  Reader& operator++() {
-    from_->next();
-    return *this;
-  }
-  bool operator!=(const Reader& /*end*/) const { return !from_->at_end(); }
-  bool operator==(const Reader& end) const { return !(*this != end); }
-
- private:
-  Characters* from_ = nullptr;
-};
-
-}  // namespace
 
 json read_json_parts(const fs::path& file, const std::string& fix, const json::parser_callback_t& keep,
                      std::size_t longest) {

@@ -24,6 +24,14 @@ class Shown : public spdlog::custom_flag_formatter {
 
 bool always_quiet = false;
 
+std::string clock_text(double seconds) {
+  const long total = static_cast<long>(seconds + 0.5);
+  return total >= 3600 ? fmt::format("{}:{:02}:{:02}", total / 3600, total / 60 % 60, total % 60)
+                       : fmt::format("{}:{:02}", total / 60, total % 60);
+}
+
+ProgressListener listener;
+
 }  // namespace
 
 void keep_logging_quiet(bool quiet) {
@@ -39,18 +47,6 @@ void start_logging(bool quiet) {
   logger->set_level(quiet || always_quiet ? spdlog::level::warn : spdlog::level::info);
   spdlog::set_default_logger(std::move(logger));
 }
-
-namespace {
-
-std::string clock_text(double seconds) {
-  const long total = static_cast<long>(seconds + 0.5);
-  return total >= 3600 ? fmt::format("{}:{:02}:{:02}", total / 3600, total / 60 % 60, total % 60)
-                       : fmt::format("{}:{:02}", total / 60, total % 60);
-}
-
-ProgressListener listener;
-
-}  // namespace
 
 ProgressTo::ProgressTo(ProgressListener told) {
   listener = std::move(told);

@@ -23,6 +23,69 @@ std::map<std::string, std::string>& renamed() {
   return names;
 }
 
+std::string text_of(const nlohmann::json& value) {
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_number_float() && !std::isfinite(value.get<double>()))
+    return fmt::format("{}", value.get<double>());  // of which JSON has none
+  return value.dump();
+}
+
+/// The keys that a file may have.
+std::vector<std::string> option_names(const CLI::App& command) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : command.get_options())
+    for (const std::string& name : option->get_lnames())
+      if (name != "config" && name != "help") names.push_back(name);
+  return names;
+}
+
+/// What option `name` will be: by the command line, else by the file, else by itself. None where the command
+/// has no such option.
+std::optional<std::string> value_of(const std::string& name, const std::vector<std::string>& arguments,
+                                    const nlohmann::json& table, const CLI::App& command) {
+  const CLI::Option* known = command.get_option_no_throw("--" + name);
+  if (!known) return std::nullopt;
+  for (std::size_t i = 0; i < arguments.size(); ++i) {
+    if (arguments[i] == "--" + name && i + 1 < arguments.size()) return arguments[i + 1];
+    if (arguments[i].starts_with("--" + name + "=")) return arguments[i].substr(name.size() + 3);
+  }
+  if (table.contains(name)) return text_of(table.at(name));
+  return known->get_default_str();
+}
+
+/// Whether one of the words, which commas part, is a path of a plugin.
+bool names_plugin(const std::string& words) {
+  const std::vector<std::string> all = listed_words(words);
+  return std::any_of(all.begin(), all.end(), [](const std::string& word) {
+    return word.ends_with(".so") || word.find('/') != std::string::npos || is_program(word);
+  });
+}
+
+/// How an option's value is code; empty if it is data. `value` gives other options' values. A TorchScript
+/// model can have any name, so what may be one is data only where a part of ours reads it.
+template <class Value>
+std::string code_in(const std::string& key, const std::string& text, const Value& value) {
+  if ((key == "detector" || key == "depth" || key == "backends" || key == "sensors" || key == "tracker") &&
+      names_plugin(text))
+    return "a plugin would be loaded, which is code";
+  const std::optional<std::string> detector = value("detector");
+  if (key == "weights" &&
+      (detector ? weights_are_code(*detector) : names_plugin(value("backends").value_or(""))))
+    return "weights of this detector may be code";
+  if (key == "start" && detector == "camera") return "may be a TorchScript model, which is code";
+  if (key == "trust-run") return "trusts the code that a run names";
+  return "";
+}
+
+std::string option_called(std::string name) {
+  std::replace(name.begin(), name.end(), '_', '-');
+  return "--" + name;
+}
+
+bool is_setting(const std::string& option) {
+  return option != "--help" && !option.empty();
+}
+
 }  // namespace
 
 void name_option(const Field& field) {
@@ -118,64 +181,6 @@ Complaint complaint_of(const CLI::ParseError& error, const CLI::App& app) {
   return {"", text, help};
 }
 
-namespace {
-
-std::string text_of(const nlohmann::json& value) {
-  if (value.is_string()) return value.get<std::string>();
-  if (value.is_number_float() && !std::isfinite(value.get<double>()))
-    return fmt::format("{}", value.get<double>());  // of which JSON has none
-  return value.dump();
-}
-
-/// The keys that a file may have.
-std::vector<std::string> option_names(const CLI::App& command) {
-  std::vector<std::string> names;
-  for (const CLI::Option* option : command.get_options())
-    for (const std::string& name : option->get_lnames())
-      if (name != "config" && name != "help") names.push_back(name);
-  return names;
-}
-
-/// What option `name` will be: by the command line, else by the file, else by itself. None where the command
-/// has no such option.
-std::optional<std::string> value_of(const std::string& name, const std::vector<std::string>& arguments,
-                                    const nlohmann::json& table, const CLI::App& command) {
-  const CLI::Option* known = command.get_option_no_throw("--" + name);
-  if (!known) return std::nullopt;
-  for (std::size_t i = 0; i < arguments.size(); ++i) {
-    if (arguments[i] == "--" + name && i + 1 < arguments.size()) return arguments[i + 1];
-    if (arguments[i].starts_with("--" + name + "=")) return arguments[i].substr(name.size() + 3);
-  }
-  if (table.contains(name)) return text_of(table.at(name));
-  return known->get_default_str();
-}
-
-/// Whether one of the words, which commas part, is a path of a plugin.
-bool names_plugin(const std::string& words) {
-  const std::vector<std::string> all = listed_words(words);
-  return std::any_of(all.begin(), all.end(), [](const std::string& word) {
-    return word.ends_with(".so") || word.find('/') != std::string::npos || is_program(word);
-  });
-}
-
-/// How an option's value is code; empty if it is data. `value` gives other options' values. A TorchScript
-/// model can have any name, so what may be one is data only where a part of ours reads it.
-template <class Value>
-std::string code_in(const std::string& key, const std::string& text, const Value& value) {
-  if ((key == "detector" || key == "depth" || key == "backends" || key == "sensors" || key == "tracker") &&
-      names_plugin(text))
-    return "a plugin would be loaded, which is code";
-  const std::optional<std::string> detector = value("detector");
-  if (key == "weights" &&
-      (detector ? weights_are_code(*detector) : names_plugin(value("backends").value_or(""))))
-    return "weights of this detector may be code";
-  if (key == "start" && detector == "camera") return "may be a TorchScript model, which is code";
-  if (key == "trust-run") return "trusts the code that a run names";
-  return "";
-}
-
-}  // namespace
-
 std::vector<std::string> apply_config(const std::vector<std::string>& arguments, const CLI::App& command) {
   std::string file;
   std::vector<std::string> given;
@@ -210,19 +215,6 @@ std::vector<std::string> apply_config(const std::vector<std::string>& arguments,
   }
   return result;
 }
-
-namespace {
-
-std::string option_called(std::string name) {
-  std::replace(name.begin(), name.end(), '_', '-');
-  return "--" + name;
-}
-
-bool is_setting(const std::string& option) {
-  return option != "--help" && !option.empty();
-}
-
-}  // namespace
 
 std::vector<std::string> setting_names(const CLI::App& command) {
   std::vector<std::string> names;

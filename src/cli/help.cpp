@@ -162,56 +162,6 @@ class Formatter : public CLI::Formatter {
   }
 };
 
-}  // namespace
-
-std::string wrapped(const std::string& text, std::size_t width, std::size_t indent) {
-  std::string result;
-  std::istringstream lines(text);
-  for (std::string line; std::getline(lines, line);) {
-    if (!result.empty()) result.append("\n").append(line.empty() ? 0 : indent, ' ');
-    if (line.starts_with(' ')) {
-      result += line;
-      continue;
-    }
-    std::size_t used = 0;
-    std::istringstream words(line);
-    for (std::string word; words >> word;) {
-      while (columns(word) > width && word.find(',') < width) {  // a list without spaces parts at its commas
-        const std::size_t end = word.rfind(',', width - 1) + 1;
-        if (used > 0) result.append("\n").append(indent, ' ');
-        result.append(word, 0, end);
-        word.erase(0, end);
-        used = width;  // the rest stands in a line of its own
-      }
-      const std::size_t length = columns(word);
-      if (used > 0 && used + 1 + length > width) {
-        result.append("\n").append(indent, ' ');
-        used = 0;
-      } else if (used > 0) {
-        result += ' ';
-        ++used;
-      }
-      result += word;
-      used += length;
-    }
-  }
-  return result;
-}
-
-void format_help(CLI::App& app) {
-  const auto formatter = std::make_shared<Formatter>();
-  app.formatter(formatter);
-  for (CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; }))
-    command->formatter(formatter);
-}
-
-void add_example(CLI::App& app, const std::string& example) {
-  const std::string rest = app.get_footer();
-  app.footer("Example:\n  " + example + (rest.empty() ? "" : "\n\n" + rest));
-}
-
-namespace {
-
 std::vector<std::string> shipped(const char* kind) {
   std::vector<std::string> words;
   for (const ShippedPlugin& plugin : shipped_plugins(kind))
@@ -319,6 +269,52 @@ std::string command_list(const CLI::App& app) {
 }
 
 }  // namespace
+
+std::string wrapped(const std::string& text, std::size_t width, std::size_t indent) {
+  std::string result;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    if (!result.empty()) result.append("\n").append(line.empty() ? 0 : indent, ' ');
+    if (line.starts_with(' ')) {
+      result += line;
+      continue;
+    }
+    std::size_t used = 0;
+    std::istringstream words(line);
+    for (std::string word; words >> word;) {
+      while (columns(word) > width && word.find(',') < width) {  // a list without spaces parts at its commas
+        const std::size_t end = word.rfind(',', width - 1) + 1;
+        if (used > 0) result.append("\n").append(indent, ' ');
+        result.append(word, 0, end);
+        word.erase(0, end);
+        used = width;  // the rest stands in a line of its own
+      }
+      const std::size_t length = columns(word);
+      if (used > 0 && used + 1 + length > width) {
+        result.append("\n").append(indent, ' ');
+        used = 0;
+      } else if (used > 0) {
+        result += ' ';
+        ++used;
+      }
+      result += word;
+      used += length;
+    }
+  }
+  return result;
+}
+
+void format_help(CLI::App& app) {
+  const auto formatter = std::make_shared<Formatter>();
+  app.formatter(formatter);
+  for (CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; }))
+    command->formatter(formatter);
+}
+
+void add_example(CLI::App& app, const std::string& example) {
+  const std::string rest = app.get_footer();
+  app.footer("Example:\n  " + example + (rest.empty() ? "" : "\n\n" + rest));
+}
 
 bool print_completion(const CLI::App& app, const std::string& what) {
   const std::map<std::string, std::string> said = {

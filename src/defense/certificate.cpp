@@ -385,6 +385,27 @@ AttackedIou attacked_iou(const DetectorPool& detectors, FrameStore& store, const
   return attacked;
 }
 
+/// A bracket's `attacked` only where that was looked for.
+nlohmann::json bands_json(const CertifiedShares& shares, const CertificateSettings& settings) {
+  auto bands = nlohmann::json::array();
+  for (const CertifiedBand& band : shares.bands) {
+    bands.push_back(
+        {{"from_m", band.nearest},
+         {"to_m", std::isfinite(band.farthest) ? nlohmann::json(band.farthest) : nlohmann::json()},
+         {"hosts", band.hosts}});
+    const auto add = [&](const char* name, const Bracket& bracket, bool attacked) {
+      bands.back()[name]["certified"] = to_json(bracket.certified);
+      if (attacked) bands.back()[name]["attacked"] = to_json(bracket.attacked);
+    };
+    add("known70", band.known70, true);
+    add("known50", band.known50, true);
+    if (!settings.with_lattice) continue;
+    add("lattice70", band.lattice70, settings.whole_lattice);
+    add("lattice50", band.lattice50, settings.whole_lattice);
+  }
+  return bands;
+}
+
 }  // namespace
 
 std::vector<Box3> lattice(const Calibration& calibration, const AdversaryLimits& limits, double ground,
@@ -481,31 +502,6 @@ CertificateResult certify(const DetectorPool& detectors, FrameStore& store, cons
   }
   return result;
 }
-
-namespace {
-
-/// A bracket's `attacked` only where that was looked for.
-nlohmann::json bands_json(const CertifiedShares& shares, const CertificateSettings& settings) {
-  auto bands = nlohmann::json::array();
-  for (const CertifiedBand& band : shares.bands) {
-    bands.push_back(
-        {{"from_m", band.nearest},
-         {"to_m", std::isfinite(band.farthest) ? nlohmann::json(band.farthest) : nlohmann::json()},
-         {"hosts", band.hosts}});
-    const auto add = [&](const char* name, const Bracket& bracket, bool attacked) {
-      bands.back()[name]["certified"] = to_json(bracket.certified);
-      if (attacked) bands.back()[name]["attacked"] = to_json(bracket.attacked);
-    };
-    add("known70", band.known70, true);
-    add("known50", band.known50, true);
-    if (!settings.with_lattice) continue;
-    add("lattice70", band.lattice70, settings.whole_lattice);
-    add("lattice50", band.lattice50, settings.whole_lattice);
-  }
-  return bands;
-}
-
-}  // namespace
 
 nlohmann::json to_json(const CertificateResult& result, const CertificateSettings& settings) {
   auto sizes = nlohmann::json::array(), outcomes = nlohmann::json::array();

@@ -112,14 +112,6 @@ class CeilingDetector : public DetectorAround {
   std::optional<Calibration> calibration_;  ///< if it had a picture
 };
 
-}  // namespace
-
-std::unique_ptr<Detector> under_ceiling(std::unique_ptr<Detector> inner, double height, double unit_height) {
-  return std::make_unique<CeilingDetector>(std::move(inner), height, unit_height);
-}
-
-namespace {
-
 /// An answer's logit and its derivative by that of the detector's proposal `from`.
 struct Answer {
   std::size_t from = 0;
@@ -205,19 +197,6 @@ class ShadowDetector : public DetectorAround {
   std::vector<Answer> answers_;  ///< of its answers
 };
 
-}  // namespace
-
-std::unique_ptr<Detector> with_shadows(std::unique_ptr<Detector> detector) {
-  const Capabilities can = detector->capabilities();
-  if (!can.finds_bev || !can.reads_points)
-    throw FieldError("defense", kShadows,
-                     detector->name() + " finds no boxes from above, or reads no returns",
-                     "use it with lidar, painted, fusion, late or refined");
-  return std::make_unique<ShadowDetector>(std::move(detector));
-}
-
-namespace {
-
 struct CloseTurboJpeg {
   void operator()(void* handle) const { tjDestroy(handle); }
 };
@@ -271,38 +250,6 @@ class JpegDetector : public DetectorAround {
 
   int quality_;
 };
-
-}  // namespace
-
-std::string encode_jpeg(const ImageF& linear, int quality) {
-  const TurboJpeg compressor(tjInitCompress());
-  if (!compressor) throw Failure("libjpeg-turbo", "could not start", "check the free memory");
-  const std::vector<std::uint8_t> bytes = srgb_bytes(linear);
-  unsigned char* encoded = nullptr;
-  unsigned long size = 0;
-  const int status = tjCompress2(compressor.get(), bytes.data(), linear.width, 0, linear.height, TJPF_RGB,
-                                 &encoded, &size, TJSAMP_420, quality, TJFLAG_ACCURATEDCT);
-  const std::unique_ptr<unsigned char, void (*)(unsigned char*)> owner(encoded, tjFree);
-  check(status, compressor);
-  return {reinterpret_cast<const char*>(owner.get()), size};
-}
-
-ImageF jpeg_round_trip(const ImageF& linear, int quality) {
-  const std::string file = encode_jpeg(linear, quality);
-  const TurboJpeg decompressor(tjInitDecompress());
-  if (!decompressor) throw Failure("libjpeg-turbo", "could not start", "check the free memory");
-  std::vector<std::uint8_t> bytes(linear.data.size());
-  check(tjDecompress2(decompressor.get(), reinterpret_cast<const unsigned char*>(file.data()), file.size(),
-                      bytes.data(), linear.width, 0, linear.height, TJPF_RGB, TJFLAG_ACCURATEDCT),
-        decompressor);
-  return linear_image(bytes, linear.width, linear.height);
-}
-
-std::unique_ptr<Detector> behind_jpeg(std::unique_ptr<Detector> inner, int quality) {
-  return std::make_unique<JpegDetector>(std::move(inner), quality);
-}
-
-namespace {
 
 constexpr int kRows = 70, kColumns = 80;  // m: x from 0, y from −40
 constexpr float kNone = 1e9f;
@@ -366,6 +313,47 @@ class Cells {
 };
 
 }  // namespace
+
+std::unique_ptr<Detector> under_ceiling(std::unique_ptr<Detector> inner, double height, double unit_height) {
+  return std::make_unique<CeilingDetector>(std::move(inner), height, unit_height);
+}
+
+std::unique_ptr<Detector> with_shadows(std::unique_ptr<Detector> detector) {
+  const Capabilities can = detector->capabilities();
+  if (!can.finds_bev || !can.reads_points)
+    throw FieldError("defense", kShadows,
+                     detector->name() + " finds no boxes from above, or reads no returns",
+                     "use it with lidar, painted, fusion, late or refined");
+  return std::make_unique<ShadowDetector>(std::move(detector));
+}
+
+std::string encode_jpeg(const ImageF& linear, int quality) {
+  const TurboJpeg compressor(tjInitCompress());
+  if (!compressor) throw Failure("libjpeg-turbo", "could not start", "check the free memory");
+  const std::vector<std::uint8_t> bytes = srgb_bytes(linear);
+  unsigned char* encoded = nullptr;
+  unsigned long size = 0;
+  const int status = tjCompress2(compressor.get(), bytes.data(), linear.width, 0, linear.height, TJPF_RGB,
+                                 &encoded, &size, TJSAMP_420, quality, TJFLAG_ACCURATEDCT);
+  const std::unique_ptr<unsigned char, void (*)(unsigned char*)> owner(encoded, tjFree);
+  check(status, compressor);
+  return {reinterpret_cast<const char*>(owner.get()), size};
+}
+
+ImageF jpeg_round_trip(const ImageF& linear, int quality) {
+  const std::string file = encode_jpeg(linear, quality);
+  const TurboJpeg decompressor(tjInitDecompress());
+  if (!decompressor) throw Failure("libjpeg-turbo", "could not start", "check the free memory");
+  std::vector<std::uint8_t> bytes(linear.data.size());
+  check(tjDecompress2(decompressor.get(), reinterpret_cast<const unsigned char*>(file.data()), file.size(),
+                      bytes.data(), linear.width, 0, linear.height, TJPF_RGB, TJFLAG_ACCURATEDCT),
+        decompressor);
+  return linear_image(bytes, linear.width, linear.height);
+}
+
+std::unique_ptr<Detector> behind_jpeg(std::unique_ptr<Detector> inner, int quality) {
+  return std::make_unique<JpegDetector>(std::move(inner), quality);
+}
 
 RoadSurface::RoadSurface(std::span<const LidarPoint> points)
     : lowest_(static_cast<std::size_t>(kRows) * kColumns, kNone) {

@@ -28,49 +28,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-}  // namespace
-
-DetectorOptions for_data(DetectorOptions options, const FrameSource& source) {
-  options.rig = data_rig(source.data, source.rig);
-  options.classes = source.placement.victim == Victim::object ? kEveryClass : source.classes;
-  return options;
-}
-
-std::vector<std::string> answering_types(const std::vector<std::string>& types,
-                                         const std::vector<std::string>& sought) {
-  constexpr const char *kCar = "Car", *kThing = "Misc";
-  const auto has = [&](const std::vector<std::string>& list, const std::string& type) {
-    return std::find(list.begin(), list.end(), type) != list.end();
-  };
-  std::vector<std::string> answering;
-  for (const std::string& type : sought) {
-    const bool as_car = is_vehicle_type(type) || !has(types, kThing);
-    const std::string word = has(types, type) ? type : as_car ? kCar : kThing;
-    if (has(types, word) && !has(answering, word)) answering.push_back(word);
-  }
-  return answering;
-}
-
-fs::path plugin_file(const DetectorOptions& options) {
-  if (fs::path(options.detector).extension() == ".so") {
-    if (!fs::exists(options.detector))
-      throw InputError(options.detector, "", "no such detector plugin", "check --detector");
-    return fs::absolute(options.detector);
-  }
-  const ShippedPlugin* plugin = shipped_plugin(kDetectorPlugins, options.detector);
-  if (plugin && fs::exists(plugin->file)) return plugin->file;
-  std::vector<std::string> known;
-  for (const ShippedPlugin& shipped : shipped_plugins(kDetectorPlugins))
-    known.insert(known.end(), shipped.words.begin(), shipped.words.end());
-  if (plugin || known.empty())
-    throw InputError(
-        plugin ? plugin->file.string() : built_file("plugins").string(), "", "the detector plugin is missing",
-        "build it with MIRAGE_DETECTORS=ON (make build); onnx takes Debian 13's libonnxruntime-dev");
-  throw unknown_word("detector", options.detector, known, "a plugin (*.so)");
-}
-
-namespace {
-
 /// Weights that a branch starts from, for create's options. InputError if there is no such file.
 std::string branch_weights(const fs::path& file, const char* option) {
   if (!file.empty() && !fs::is_regular_file(file))
@@ -213,6 +170,45 @@ std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const Det
 
 }  // namespace
 
+DetectorOptions for_data(DetectorOptions options, const FrameSource& source) {
+  options.rig = data_rig(source.data, source.rig);
+  options.classes = source.placement.victim == Victim::object ? kEveryClass : source.classes;
+  return options;
+}
+
+std::vector<std::string> answering_types(const std::vector<std::string>& types,
+                                         const std::vector<std::string>& sought) {
+  constexpr const char *kCar = "Car", *kThing = "Misc";
+  const auto has = [&](const std::vector<std::string>& list, const std::string& type) {
+    return std::find(list.begin(), list.end(), type) != list.end();
+  };
+  std::vector<std::string> answering;
+  for (const std::string& type : sought) {
+    const bool as_car = is_vehicle_type(type) || !has(types, kThing);
+    const std::string word = has(types, type) ? type : as_car ? kCar : kThing;
+    if (has(types, word) && !has(answering, word)) answering.push_back(word);
+  }
+  return answering;
+}
+
+fs::path plugin_file(const DetectorOptions& options) {
+  if (fs::path(options.detector).extension() == ".so") {
+    if (!fs::exists(options.detector))
+      throw InputError(options.detector, "", "no such detector plugin", "check --detector");
+    return fs::absolute(options.detector);
+  }
+  const ShippedPlugin* plugin = shipped_plugin(kDetectorPlugins, options.detector);
+  if (plugin && fs::exists(plugin->file)) return plugin->file;
+  std::vector<std::string> known;
+  for (const ShippedPlugin& shipped : shipped_plugins(kDetectorPlugins))
+    known.insert(known.end(), shipped.words.begin(), shipped.words.end());
+  if (plugin || known.empty())
+    throw InputError(
+        plugin ? plugin->file.string() : built_file("plugins").string(), "", "the detector plugin is missing",
+        "build it with MIRAGE_DETECTORS=ON (make build); onnx takes Debian 13's libonnxruntime-dev");
+  throw unknown_word("detector", options.detector, known, "a plugin (*.so)");
+}
+
 int default_clean_memory() {
   return static_cast<int>(std::min<std::size_t>(machine_memory() / ranks_here() / 64 >> 20, 2048));
 }
@@ -331,19 +327,15 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
                    use_one_of(name, {kRealWeights}, "a file, or leave --weights out"));
 }
 
-}  // namespace
-
-fs::path weights_file(const DetectorOptions& options) {
-  return options.fresh ? fs::path() : find_weights(options, plugin_file(options));
-}
-
-namespace {
-
 bool is_consistent(const DetectorOptions& options) {
   return read_defense(options.defense).has(kConsistency);
 }
 
 }  // namespace
+
+fs::path weights_file(const DetectorOptions& options) {
+  return options.fresh ? fs::path() : find_weights(options, plugin_file(options));
+}
 
 std::vector<DetectorOptions> witnesses(const DetectorOptions& options) {
   std::vector<DetectorOptions> all;

@@ -36,46 +36,6 @@ void cut_pixels(CutOut& car, const ImageF& image, const Image<std::uint16_t>& in
     }
 }
 
-}  // namespace
-
-bool may_be_cut_out(const Label& label, const std::array<double, 4>& region) {
-  return label.occluded == 0 && counts_by_label(label, region);
-}
-
-std::vector<CutOut> cut_out_cars(const fs::path& data, const std::string& id,
-                                 const std::array<double, 4>& region, bool with_picture) {
-  const Frame frame = read_frame(data, id);
-  const fs::path label_file = point_label_file(data, id);
-  std::vector<std::uint32_t> owner;
-  if (fs::exists(label_file)) owner = read_point_labels(label_file, frame.sweep.size());
-  Image<std::uint16_t> instances;
-  if (with_picture) instances = read_instances(data, id, frame.image.width, frame.image.height);
-  std::vector<CutOut> cars;
-  for (std::size_t k = 0; k < frame.labels.size(); ++k) {
-    const Label& label = frame.labels[k];
-    if (!may_be_cut_out(label, region)) continue;
-    CutOut car;
-    car.box = label.box;
-    car.difficulty = easiest_level(label);
-    car.picture = picture_box(label);
-    car.camera = frame.calibration.camera;
-    car.camera_from_velo = frame.calibration.camera_from_velo;
-    Box3 body = label.box;
-    body.bottom += 0.2;  // with the margin: all but the lowest 0.1 m
-    body.height -= 0.2;
-    for (std::size_t i = 0; i < frame.sweep.size(); ++i)
-      if (owner.empty() ? contains(body, frame.sweep[i].position().cast<double>(), 0.1)
-                        : owner[i] >> 16 == k + 1)
-        car.points.push_back(frame.sweep[i]);
-    if (with_picture) cut_pixels(car, frame.image, instances, static_cast<int>(k) + 1);
-    if (car.points.size() >= kLeastPoints && !(with_picture && car.rect.empty()))
-      cars.push_back(std::move(car));
-  }
-  return cars;
-}
-
-namespace {
-
 constexpr std::size_t kCutOutMemory = std::size_t{256} << 20;  // bytes of cut-outs kept
 constexpr int kAttempts = 8;                                   // for each vehicle wanted
 constexpr double kMostHidden = 0.3;                            // share of the car's points
@@ -283,6 +243,42 @@ void paste_picture(CompactFrame& frame, const CutOut& car, const std::vector<cha
 }
 
 }  // namespace
+
+bool may_be_cut_out(const Label& label, const std::array<double, 4>& region) {
+  return label.occluded == 0 && counts_by_label(label, region);
+}
+
+std::vector<CutOut> cut_out_cars(const fs::path& data, const std::string& id,
+                                 const std::array<double, 4>& region, bool with_picture) {
+  const Frame frame = read_frame(data, id);
+  const fs::path label_file = point_label_file(data, id);
+  std::vector<std::uint32_t> owner;
+  if (fs::exists(label_file)) owner = read_point_labels(label_file, frame.sweep.size());
+  Image<std::uint16_t> instances;
+  if (with_picture) instances = read_instances(data, id, frame.image.width, frame.image.height);
+  std::vector<CutOut> cars;
+  for (std::size_t k = 0; k < frame.labels.size(); ++k) {
+    const Label& label = frame.labels[k];
+    if (!may_be_cut_out(label, region)) continue;
+    CutOut car;
+    car.box = label.box;
+    car.difficulty = easiest_level(label);
+    car.picture = picture_box(label);
+    car.camera = frame.calibration.camera;
+    car.camera_from_velo = frame.calibration.camera_from_velo;
+    Box3 body = label.box;
+    body.bottom += 0.2;  // with the margin: all but the lowest 0.1 m
+    body.height -= 0.2;
+    for (std::size_t i = 0; i < frame.sweep.size(); ++i)
+      if (owner.empty() ? contains(body, frame.sweep[i].position().cast<double>(), 0.1)
+                        : owner[i] >> 16 == k + 1)
+        car.points.push_back(frame.sweep[i]);
+    if (with_picture) cut_pixels(car, frame.image, instances, static_cast<int>(k) + 1);
+    if (car.points.size() >= kLeastPoints && !(with_picture && car.rect.empty()))
+      cars.push_back(std::move(car));
+  }
+  return cars;
+}
 
 SamplingUnit sampling_unit(const LidarModel& lidar) {
   SamplingUnit unit;

@@ -47,6 +47,52 @@ void lose_returns(const std::vector<LidarPoint>& points, const BevBox& box, std:
       kept[i] = 0;
 }
 
+constexpr std::size_t kFrameMemory = std::size_t{3} << 30;  // bytes for frames kept between epochs
+
+/// What must agree for a run to go on.
+RunIdentity identity(const TrainingOptions& options, std::size_t frames) {
+  nlohmann::json fields = fields_json(options), lacking = lacking_json<TrainingOptions>();
+  fields["bfloat16"] = options.precision == kBfloat16;
+  fields["frames"] = frames;
+  for (const auto& [key, file] : {std::pair("start", options.start), std::pair("camera", options.camera),
+                                  std::pair("lidar", options.lidar)}) {
+    fields[key] = file.empty() ? "" : file_hash(file);
+    lacking[key] = "";
+  }
+  return {fields, lacking};
+}
+
+void check_options(const TrainingOptions& options) {
+  check_fields(options);
+  if (options.validate_every > 0 && options.validation.empty())
+    throw FieldError("validate_every", "", "needs a data set to validate on", "name it with --validation");
+  if (options.joint && options.heads)
+    throw FieldError("heads", "", "trains less than --joint does", "give one of the two");
+  if (options.keep_start > 0 && options.start.empty())
+    throw FieldError("keep_start", "", "needs weights to start from", "name them with --start");
+}
+
+/// The detector that a new training starts with.
+DetectorOptions starting_detector(const TrainingOptions& options) {
+  DetectorOptions load{options.detector, options.start, options.start.empty(), options.seed, options.threads};
+  load.start = !options.start.empty();
+  load.precision = options.precision;
+  load.camera = options.camera;
+  load.lidar = options.lidar;
+  if (options.joint) load.parts = {"joint"};
+  if (options.heads) load.parts = {"heads"};
+  if (options.keep_start > 0) load.parts.push_back(fmt::format("keep-start={}", options.keep_start));
+  return load;
+}
+
+/// The same with the weights of a checkpoint.
+DetectorOptions resumed_detector(DetectorOptions load, const std::filesystem::path& weights) {
+  load.fresh = load.start = false;
+  load.camera = load.lidar = "";
+  load.weights = weights;
+  return load;
+}
+
 }  // namespace
 
 void thin_lidar(CompactFrame& frame, const LidarModel& lidar, double share, std::uint64_t seed,
@@ -66,12 +112,6 @@ void thin_lidar(CompactFrame& frame, const LidarModel& lidar, double share, std:
   }
   keep(frame.points, kept);
 }
-
-namespace {
-
-constexpr std::size_t kFrameMemory = std::size_t{3} << 30;  // bytes for frames kept between epochs
-
-}  // namespace
 
 CompactFrame compact(const Frame& frame, const std::array<double, 4>& region) {
   CompactFrame small;
@@ -208,54 +248,6 @@ std::vector<PreparedSample> TrainingData::prepare(std::int64_t step, int batch) 
   }
   return samples;
 }
-
-namespace {
-
-/// What must agree for a run to go on.
-RunIdentity identity(const TrainingOptions& options, std::size_t frames) {
-  nlohmann::json fields = fields_json(options), lacking = lacking_json<TrainingOptions>();
-  fields["bfloat16"] = options.precision == kBfloat16;
-  fields["frames"] = frames;
-  for (const auto& [key, file] : {std::pair("start", options.start), std::pair("camera", options.camera),
-                                  std::pair("lidar", options.lidar)}) {
-    fields[key] = file.empty() ? "" : file_hash(file);
-    lacking[key] = "";
-  }
-  return {fields, lacking};
-}
-
-void check_options(const TrainingOptions& options) {
-  check_fields(options);
-  if (options.validate_every > 0 && options.validation.empty())
-    throw FieldError("validate_every", "", "needs a data set to validate on", "name it with --validation");
-  if (options.joint && options.heads)
-    throw FieldError("heads", "", "trains less than --joint does", "give one of the two");
-  if (options.keep_start > 0 && options.start.empty())
-    throw FieldError("keep_start", "", "needs weights to start from", "name them with --start");
-}
-
-/// The detector that a new training starts with.
-DetectorOptions starting_detector(const TrainingOptions& options) {
-  DetectorOptions load{options.detector, options.start, options.start.empty(), options.seed, options.threads};
-  load.start = !options.start.empty();
-  load.precision = options.precision;
-  load.camera = options.camera;
-  load.lidar = options.lidar;
-  if (options.joint) load.parts = {"joint"};
-  if (options.heads) load.parts = {"heads"};
-  if (options.keep_start > 0) load.parts.push_back(fmt::format("keep-start={}", options.keep_start));
-  return load;
-}
-
-/// The same with the weights of a checkpoint.
-DetectorOptions resumed_detector(DetectorOptions load, const std::filesystem::path& weights) {
-  load.fresh = load.start = false;
-  load.camera = load.lidar = "";
-  load.weights = weights;
-  return load;
-}
-
-}  // namespace
 
 TrainingResult train_detector(const TrainingOptions& options) {
   check_options(options);

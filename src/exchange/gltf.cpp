@@ -228,18 +228,6 @@ class SceneReader {
   const tinygltf::Model& model_;
 };
 
-}  // namespace
-
-TexturedMesh read_adversary(const std::filesystem::path& file) {
-  return GltfModel(file).object();
-}
-
-RenderScene read_scene(const std::filesystem::path& file, int width, int height) {
-  return SceneReader(file).read(width, height);
-}
-
-namespace {
-
 using nlohmann::json;
 
 constexpr int kNearest = 9728, kRepeatless = 33071;        // GL filter and CLAMP_TO_EDGE
@@ -409,6 +397,14 @@ void add_sun(GltfBuilder& gltf, const Lighting& lighting) {
 }
 
 }  // namespace
+
+TexturedMesh read_adversary(const std::filesystem::path& file) {
+  return GltfModel(file).object();
+}
+
+RenderScene read_scene(const std::filesystem::path& file, int width, int height) {
+  return SceneReader(file).read(width, height);
+}
 
 void write_object(const std::filesystem::path& file, const TexturedMesh& object, const json& about) {
   check_mesh(object, file.string());

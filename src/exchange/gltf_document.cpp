@@ -50,6 +50,45 @@ std::string read_regular_file(const fs::path& file, std::size_t most) {
   return bytes;
 }
 
+constexpr std::size_t kHeader = 20, kChunkHeader = 8;  // bytes; the former with the first chunk's
+/// Bytes of the JSON of a .glb, whose data lie behind it.
+constexpr std::size_t kLargestGlbJson = std::size_t{1} << 24;
+
+void check_magic(std::string_view bytes, const std::string& file) {
+  if (!bytes.starts_with("glTF"))
+    throw InputError(file, "magic", "is not \"glTF\"", "give a binary glTF 2.0 file (.glb)");
+}
+
+/// Bytes of the JSON, a .glb's first chunk, by the file's `head` and size.
+std::size_t json_size(std::string_view head, std::uintmax_t size, const std::string& file) {
+  const auto fail = [&](const char* field, const std::string& problem, const char* fix) {
+    throw InputError(file, field, problem, fix);
+  };
+  const auto u32 = [&](std::size_t at) {
+    std::uint32_t value = 0;
+    std::memcpy(&value, head.data() + at, sizeof value);
+    return value;
+  };
+  if (head.size() < kHeader)
+    fail("header", fmt::format("{} bytes are too few for a .glb file", head.size()), "export the file again");
+  check_magic(head, file);
+  if (u32(4) != 2) fail("version", fmt::format("{}", u32(4)), "give a glTF 2.0 file");
+  if (u32(8) > size)
+    fail("length", fmt::format("truncated: {} of {} bytes", size, u32(8)),
+         "restore the file or export it again");
+  if (u32(16) != 0x4E4F534A || u32(12) > size - kHeader)
+    fail("JSON", "the first chunk is not whole", "restore the file or export it again");
+  if (u32(12) > kLargestGlbJson)
+    fail("JSON", fmt::format("is larger than {} bytes", kLargestGlbJson),
+         "export the file again, with its data in the binary chunk");
+  return u32(12);
+}
+
+/// Of a document: ours have some thousands, and numbers of vertices lie in buffers.
+constexpr std::size_t kMostValues = 200000;
+/// Of a file, and of all buffers together: a photograph and thirty objects of a million faces.
+constexpr std::size_t kMostInMemory = std::size_t{1} << 28;
+
 }  // namespace
 
 FolderFiles::FolderFiles(const fs::path& file) : given_(file) {
@@ -115,49 +154,6 @@ std::optional<std::string> percent_decoded(const std::string& uri) {
   }
   return text;
 }
-
-namespace {
-
-constexpr std::size_t kHeader = 20, kChunkHeader = 8;  // bytes; the former with the first chunk's
-/// Bytes of the JSON of a .glb, whose data lie behind it.
-constexpr std::size_t kLargestGlbJson = std::size_t{1} << 24;
-
-void check_magic(std::string_view bytes, const std::string& file) {
-  if (!bytes.starts_with("glTF"))
-    throw InputError(file, "magic", "is not \"glTF\"", "give a binary glTF 2.0 file (.glb)");
-}
-
-/// Bytes of the JSON, a .glb's first chunk, by the file's `head` and size.
-std::size_t json_size(std::string_view head, std::uintmax_t size, const std::string& file) {
-  const auto fail = [&](const char* field, const std::string& problem, const char* fix) {
-    throw InputError(file, field, problem, fix);
-  };
-  const auto u32 = [&](std::size_t at) {
-    std::uint32_t value = 0;
-    std::memcpy(&value, head.data() + at, sizeof value);
-    return value;
-  };
-  if (head.size() < kHeader)
-    fail("header", fmt::format("{} bytes are too few for a .glb file", head.size()), "export the file again");
-  check_magic(head, file);
-  if (u32(4) != 2) fail("version", fmt::format("{}", u32(4)), "give a glTF 2.0 file");
-  if (u32(8) > size)
-    fail("length", fmt::format("truncated: {} of {} bytes", size, u32(8)),
-         "restore the file or export it again");
-  if (u32(16) != 0x4E4F534A || u32(12) > size - kHeader)
-    fail("JSON", "the first chunk is not whole", "restore the file or export it again");
-  if (u32(12) > kLargestGlbJson)
-    fail("JSON", fmt::format("is larger than {} bytes", kLargestGlbJson),
-         "export the file again, with its data in the binary chunk");
-  return u32(12);
-}
-
-/// Of a document: ours have some thousands, and numbers of vertices lie in buffers.
-constexpr std::size_t kMostValues = 200000;
-/// Of a file, and of all buffers together: a photograph and thirty objects of a million faces.
-constexpr std::size_t kMostInMemory = std::size_t{1} << 28;
-
-}  // namespace
 
 bool looks_like_json(std::string_view head) {
   if (head.starts_with("\xEF\xBB\xBF")) head.remove_prefix(3);  // a byte order mark

@@ -36,6 +36,47 @@ std::string padded(std::string bytes, std::size_t to, char with) {
   return bytes;
 }
 
+using Files = std::map<std::string, std::string>;
+
+/// What tinygltf makes of a URI: percent signs decoded, and + as a blank.
+std::string tinygltf_name(const std::string& uri) {
+  std::string name;
+  for (std::size_t i = 0; i < uri.size(); ++i) {
+    if (uri[i] == '%' && i + 2 < uri.size())
+      name.push_back(static_cast<char>(std::stoi(uri.substr(i + 1, 2), nullptr, 16))), i += 2;
+    else
+      name.push_back(uri[i] == '+' ? ' ' : uri[i]);
+  }
+  return name;
+}
+
+/// tinygltf opens no file itself: it is given the buffers that open_gltf has read, and nothing else exists.
+/// A template: what its version lacks is only asked for where the type is not yet known.
+template <typename Callbacks = tinygltf::FsCallbacks>
+Callbacks only(Files& files) {
+  Callbacks callbacks{};
+  callbacks.FileExists = [](const std::string& name, void* known) {
+    return static_cast<Files*>(known)->contains(name);
+  };
+  callbacks.ExpandFilePath = [](const std::string& name, void*) { return name; };
+  callbacks.ReadWholeFile = [](std::vector<unsigned char>* out, std::string*, const std::string& name,
+                               void* known) {
+    const std::string& bytes = static_cast<Files*>(known)->at(name);
+    out->assign(bytes.begin(), bytes.end());
+    return true;
+  };
+  callbacks.WriteWholeFile = [](std::string*, const std::string&, const std::vector<unsigned char>&, void*) {
+    return false;
+  };
+  if constexpr (requires { callbacks.GetFileSizeInBytes; })  // tinygltf 2.9
+    callbacks.GetFileSizeInBytes = [](std::size_t* size, std::string*, const std::string& name, void* known) {
+      *size = static_cast<Files*>(known)->at(name).size();
+      return true;
+    };
+  callbacks.user_data = &files;
+  return callbacks;
+}
+
 }  // namespace
 
 GltfBuilder::GltfBuilder() {
@@ -102,51 +143,6 @@ std::string GltfBuilder::glb() const {
   }
   return file;
 }
-
-namespace {
-
-using Files = std::map<std::string, std::string>;
-
-/// What tinygltf makes of a URI: percent signs decoded, and + as a blank.
-std::string tinygltf_name(const std::string& uri) {
-  std::string name;
-  for (std::size_t i = 0; i < uri.size(); ++i) {
-    if (uri[i] == '%' && i + 2 < uri.size())
-      name.push_back(static_cast<char>(std::stoi(uri.substr(i + 1, 2), nullptr, 16))), i += 2;
-    else
-      name.push_back(uri[i] == '+' ? ' ' : uri[i]);
-  }
-  return name;
-}
-
-/// tinygltf opens no file itself: it is given the buffers that open_gltf has read, and nothing else exists.
-/// A template: what its version lacks is only asked for where the type is not yet known.
-template <typename Callbacks = tinygltf::FsCallbacks>
-Callbacks only(Files& files) {
-  Callbacks callbacks{};
-  callbacks.FileExists = [](const std::string& name, void* known) {
-    return static_cast<Files*>(known)->contains(name);
-  };
-  callbacks.ExpandFilePath = [](const std::string& name, void*) { return name; };
-  callbacks.ReadWholeFile = [](std::vector<unsigned char>* out, std::string*, const std::string& name,
-                               void* known) {
-    const std::string& bytes = static_cast<Files*>(known)->at(name);
-    out->assign(bytes.begin(), bytes.end());
-    return true;
-  };
-  callbacks.WriteWholeFile = [](std::string*, const std::string&, const std::vector<unsigned char>&, void*) {
-    return false;
-  };
-  if constexpr (requires { callbacks.GetFileSizeInBytes; })  // tinygltf 2.9
-    callbacks.GetFileSizeInBytes = [](std::size_t* size, std::string*, const std::string& name, void* known) {
-      *size = static_cast<Files*>(known)->at(name).size();
-      return true;
-    };
-  callbacks.user_data = &files;
-  return callbacks;
-}
-
-}  // namespace
 
 GltfModel::GltfModel(std::filesystem::path file) : file_(std::move(file)) {
   const GltfDocument document = open_gltf(file_);

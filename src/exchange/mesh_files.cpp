@@ -120,6 +120,65 @@ class ObjReader {
   std::size_t line_ = 1, number_ = 1;  // that is read next; that text_ begins with
 };
 
+namespace fs = std::filesystem;
+
+enum class MeshFormat { gltf, ply, obj };
+
+/// Whether a text of which this is the beginning has a row of an OBJ. It has no magic bytes.
+bool looks_like_obj(std::string_view head) {
+  if (head.find('\0') != std::string_view::npos) return false;
+  for (std::size_t at = 0; at < head.size();) {
+    const std::size_t end = std::min(head.find('\n', at), head.size());
+    const std::string_view line = head.substr(at, end - at);
+    const std::size_t first = std::min(line.find_first_not_of(" \t\r"), line.size());
+    const std::string_view word = line.substr(first, line.find_first_of(" \t\r", first) - first);
+    for (const char* row : {"v", "vn", "vt", "vp", "f", "l", "p", "o", "g", "s", "mtllib", "usemtl"})
+      if (word == row) return true;
+    at = end + 1;
+  }
+  return false;
+}
+
+MeshFormat format_of(const fs::path& file) {
+  constexpr std::size_t kHead = 1 << 16;  // longer than what comments precede the first row
+  const std::string head = read_head(FolderFiles(file).file(), kHead);
+  if (head.starts_with("glTF") || looks_like_json(head)) return MeshFormat::gltf;
+  if (head.starts_with("ply")) return MeshFormat::ply;
+  if (looks_like_obj(head)) return MeshFormat::obj;
+  throw InputError(file.string(), "content", "is no glTF, OBJ or PLY mesh",
+                   "give a .glb, .gltf, .obj or .ply file");
+}
+
+Vec3d axis(const std::string& text, const std::string& what) {
+  if (text.size() == 2 && (text[0] == '+' || text[0] == '-') && text[1] >= 'x' && text[1] <= 'z')
+    return (text[0] == '+' ? 1.0 : -1.0) * Vec3d::Unit(text[1] - 'x');
+  throw InputError(what, text, "is no axis", "give +x, -x, +y, -y, +z or -z");
+}
+
+/// Rows are the vehicle's x, y, z in the file's axes.
+Eigen::Matrix3d vehicle_from_file(const MeshAxes& axes) {
+  const Vec3d forward = axis(axes.forward, "forward axis"), up = axis(axes.up, "up axis");
+  if (std::abs(forward.dot(up)) > 0.5)
+    throw InputError("mesh axes", axes.forward + " and " + axes.up, "are parallel",
+                     "give two different axes");
+  Eigen::Matrix3d m;
+  m.row(0) = forward;
+  m.row(1) = up.cross(forward);
+  m.row(2) = up;
+  return m;
+}
+
+/// What an OBJ or PLY holds, in its own axes.
+Polygons polygons_of(const fs::path& file, MeshFormat format) {
+  return read_polygons(FolderFiles(file).file(), file.string(),
+                       format == MeshFormat::ply ? read_ply : read_obj);
+}
+
+Mesh with_faces(Mesh mesh, const fs::path& file) {
+  if (mesh.faces.empty()) throw InputError(file.string(), "faces", "there are none", "export the mesh again");
+  return mesh;
+}
+
 }  // namespace
 
 void read_obj(FileCharacters& from, Polygons& into) {
@@ -183,69 +242,6 @@ void write_obj(const std::filesystem::path& file, const TexturedMesh& textured) 
                         name) +
                 vertices + uvs + fmt::format("usemtl {}\ns off\n", name) + faces);
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-
-enum class MeshFormat { gltf, ply, obj };
-
-/// Whether a text of which this is the beginning has a row of an OBJ. It has no magic bytes.
-bool looks_like_obj(std::string_view head) {
-  if (head.find('\0') != std::string_view::npos) return false;
-  for (std::size_t at = 0; at < head.size();) {
-    const std::size_t end = std::min(head.find('\n', at), head.size());
-    const std::string_view line = head.substr(at, end - at);
-    const std::size_t first = std::min(line.find_first_not_of(" \t\r"), line.size());
-    const std::string_view word = line.substr(first, line.find_first_of(" \t\r", first) - first);
-    for (const char* row : {"v", "vn", "vt", "vp", "f", "l", "p", "o", "g", "s", "mtllib", "usemtl"})
-      if (word == row) return true;
-    at = end + 1;
-  }
-  return false;
-}
-
-MeshFormat format_of(const fs::path& file) {
-  constexpr std::size_t kHead = 1 << 16;  // longer than what comments precede the first row
-  const std::string head = read_head(FolderFiles(file).file(), kHead);
-  if (head.starts_with("glTF") || looks_like_json(head)) return MeshFormat::gltf;
-  if (head.starts_with("ply")) return MeshFormat::ply;
-  if (looks_like_obj(head)) return MeshFormat::obj;
-  throw InputError(file.string(), "content", "is no glTF, OBJ or PLY mesh",
-                   "give a .glb, .gltf, .obj or .ply file");
-}
-
-Vec3d axis(const std::string& text, const std::string& what) {
-  if (text.size() == 2 && (text[0] == '+' || text[0] == '-') && text[1] >= 'x' && text[1] <= 'z')
-    return (text[0] == '+' ? 1.0 : -1.0) * Vec3d::Unit(text[1] - 'x');
-  throw InputError(what, text, "is no axis", "give +x, -x, +y, -y, +z or -z");
-}
-
-/// Rows are the vehicle's x, y, z in the file's axes.
-Eigen::Matrix3d vehicle_from_file(const MeshAxes& axes) {
-  const Vec3d forward = axis(axes.forward, "forward axis"), up = axis(axes.up, "up axis");
-  if (std::abs(forward.dot(up)) > 0.5)
-    throw InputError("mesh axes", axes.forward + " and " + axes.up, "are parallel",
-                     "give two different axes");
-  Eigen::Matrix3d m;
-  m.row(0) = forward;
-  m.row(1) = up.cross(forward);
-  m.row(2) = up;
-  return m;
-}
-
-/// What an OBJ or PLY holds, in its own axes.
-Polygons polygons_of(const fs::path& file, MeshFormat format) {
-  return read_polygons(FolderFiles(file).file(), file.string(),
-                       format == MeshFormat::ply ? read_ply : read_obj);
-}
-
-Mesh with_faces(Mesh mesh, const fs::path& file) {
-  if (mesh.faces.empty()) throw InputError(file.string(), "faces", "there are none", "export the mesh again");
-  return mesh;
-}
-
-}  // namespace
 
 Mesh read_mesh(const fs::path& file, const std::optional<MeshAxes>& axes) {
   const MeshFormat format = format_of(file);

@@ -50,6 +50,38 @@ BodyStyle draw_style(const std::array<StyleShare, 7>& mix, RandomStream& random)
   return style;
 }
 
+// An ellipsoid between two points.
+void add_limb(Mesh& mesh, const Vec3d& a, const Vec3d& b, double radius) {
+  const Vec3d axis = b - a;
+  Transform t = Transform::Identity();
+  t.linear() = Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), axis.normalized()).toRotationMatrix();
+  t.translation() = 0.5 * (a + b);
+  append(mesh, ellipsoid({radius, radius, 0.55 * axis.norm()}), t);
+}
+
+void add_person(Actor& actor, double h, double lean, double hip, RandomStream& random) {
+  Mesh legs, torso, skin, hair;
+  const double stride = random.uniform(-0.28, 0.28);
+  for (int side : {1, -1}) {
+    const Vec3d knee(side * stride * 0.6 + 0.06, side * 0.09, 0.28 * h),
+        foot(side * stride, side * 0.09, 0.03);
+    add_limb(legs, {0, side * 0.08, hip}, knee + Vec3d(0, 0, hip - 0.52 * h), 0.085);
+    add_limb(legs, knee + Vec3d(0, 0, hip - 0.52 * h), foot, 0.06);
+    const Vec3d shoulder(lean, side * 0.20, hip + 0.29 * h),
+        hand(lean - side * stride * 0.7 + 1.2 * lean, side * 0.25, hip + 0.02 * h);
+    add_limb(torso, shoulder, hand, 0.05);
+  }
+  add_limb(torso, {0, 0, hip - 0.02}, {lean, 0, hip + 0.33 * h}, 0.19);
+  append(skin, ellipsoid({0.10, 0.085, 0.125}), at(lean * 1.15, 0, hip + 0.41 * h));
+  append(hair, ellipsoid({0.105, 0.09, 0.09}), at(lean * 1.15 - 0.02, 0, hip + 0.44 * h));
+  const float dark = static_cast<float>(random.uniform(0.2, 1.0));
+  actor.surfaces.push_back(surface(
+      legs, plain(random.uniform() < 0.5 ? Vec3f(0.02f, 0.03f, 0.07f) : random_cloth(random), 0.3f), true));
+  actor.surfaces.push_back(surface(torso, plain(random_cloth(random), 0.35f), true));
+  actor.surfaces.push_back(surface(skin, plain(dark * Vec3f(0.45f, 0.28f, 0.2f), 0.4f), true));
+  actor.surfaces.push_back(surface(hair, plain(Vec3f(0.05f, 0.035f, 0.02f), 0.2f), true));
+}
+
 }  // namespace
 
 Actor make_car(RandomStream& random) {
@@ -203,42 +235,6 @@ Material green(RandomStream& random) {
   m.lidar = 0.35f;
   return m;
 }
-
-namespace {
-
-// An ellipsoid between two points.
-void add_limb(Mesh& mesh, const Vec3d& a, const Vec3d& b, double radius) {
-  const Vec3d axis = b - a;
-  Transform t = Transform::Identity();
-  t.linear() = Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), axis.normalized()).toRotationMatrix();
-  t.translation() = 0.5 * (a + b);
-  append(mesh, ellipsoid({radius, radius, 0.55 * axis.norm()}), t);
-}
-
-void add_person(Actor& actor, double h, double lean, double hip, RandomStream& random) {
-  Mesh legs, torso, skin, hair;
-  const double stride = random.uniform(-0.28, 0.28);
-  for (int side : {1, -1}) {
-    const Vec3d knee(side * stride * 0.6 + 0.06, side * 0.09, 0.28 * h),
-        foot(side * stride, side * 0.09, 0.03);
-    add_limb(legs, {0, side * 0.08, hip}, knee + Vec3d(0, 0, hip - 0.52 * h), 0.085);
-    add_limb(legs, knee + Vec3d(0, 0, hip - 0.52 * h), foot, 0.06);
-    const Vec3d shoulder(lean, side * 0.20, hip + 0.29 * h),
-        hand(lean - side * stride * 0.7 + 1.2 * lean, side * 0.25, hip + 0.02 * h);
-    add_limb(torso, shoulder, hand, 0.05);
-  }
-  add_limb(torso, {0, 0, hip - 0.02}, {lean, 0, hip + 0.33 * h}, 0.19);
-  append(skin, ellipsoid({0.10, 0.085, 0.125}), at(lean * 1.15, 0, hip + 0.41 * h));
-  append(hair, ellipsoid({0.105, 0.09, 0.09}), at(lean * 1.15 - 0.02, 0, hip + 0.44 * h));
-  const float dark = static_cast<float>(random.uniform(0.2, 1.0));
-  actor.surfaces.push_back(surface(
-      legs, plain(random.uniform() < 0.5 ? Vec3f(0.02f, 0.03f, 0.07f) : random_cloth(random), 0.3f), true));
-  actor.surfaces.push_back(surface(torso, plain(random_cloth(random), 0.35f), true));
-  actor.surfaces.push_back(surface(skin, plain(dark * Vec3f(0.45f, 0.28f, 0.2f), 0.4f), true));
-  actor.surfaces.push_back(surface(hair, plain(Vec3f(0.05f, 0.035f, 0.02f), 0.2f), true));
-}
-
-}  // namespace
 
 Actor make_pedestrian(RandomStream& random) {
   Actor actor;

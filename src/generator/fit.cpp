@@ -120,92 +120,9 @@ Box3 disturbed(const Box3& box, double strength, RandomStream& random) {
   return out;
 }
 
-}  // namespace
-
-std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame& frame,
-                                     const LidarModel& lidar, const FitFrameSettings& settings,
-                                     const std::vector<generator::TrueVehicle>* truth) {
-  const SweepIndex index(frame.sweep, lidar);
-  const BoxRoofFinder by_box;
-  std::vector<FittedVehicle> vehicles;
-  for (std::size_t i = 0; i < frame.labels.size(); ++i) {
-    Label label = frame.labels[i];
-    if (!has_box(label) ||
-        std::find(settings.types.begin(), settings.types.end(), label.type) == settings.types.end())
-      continue;
-    const Box3 given = label.box;
-    RandomStream random(settings.seed, "label noise " + frame.id, i);
-    if (settings.label_noise > 0) label.box = disturbed(given, settings.label_noise, random);
-    FittedVehicle vehicle;
-    vehicle.frame = frame.id;
-    vehicle.label = static_cast<int>(i);
-    vehicle.range = std::hypot(label.box.bev.x, label.box.bev.y);
-    vehicle.occluded = label.occluded;
-    vehicle.carrier = by_box.find(frame, label);
-    const auto start = std::chrono::steady_clock::now();
-    vehicle.fit = finder.fit(index, label);
-    vehicle.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    if (vehicle.fit.fitted) {
-      const Vec3d roof = vehicle.fit.velo_from_roof.translation();
-      vehicle.roof_over_box = roof.z() - label.box.bottom - label.box.height;
-      const MeshDistance surface(vehicle.fit.mesh);
-      std::vector<double> off, heights;
-      for (const Vec3d& p : vehicle.fit.returns_velo) {
-        off.push_back(surface.distance(p));
-        heights.push_back(p.z());
-      }
-      vehicle.residual = lower_quantile(std::move(off), 0.5);
-      vehicle.roof_over_returns = roof.z() - lower_quantile(std::move(heights), 0.99);
-      if (truth)
-        if (const auto* true_vehicle = generator::find_vehicle(*truth, label.type, given))
-          vehicle.error = measure(vehicle.fit, vehicle.carrier, *true_vehicle);
-      vehicle.carrier = {label, vehicle.fit.velo_from_roof, false};
-    }
-    vehicles.push_back(std::move(vehicle));
-  }
-  return vehicles;
-}
-
-namespace {
-
 nlohmann::json list(const Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
-
-}  // namespace
-
-nlohmann::json to_json(const FittedVehicle& v) {
-  const Transform& roof = v.carrier.velo_from_roof;
-  nlohmann::json out = {{"frame", v.frame},
-                        {"label", v.label},
-                        {"range_m", v.range},
-                        {"returns", v.fit.points},
-                        {"from_box", v.carrier.from_box},
-                        {"roof_velo", list(roof.translation())},
-                        {"heading_rad", std::atan2(roof(1, 0), roof(0, 0))},
-                        {"seconds", v.seconds}};
-  if (!v.fit.fitted) {
-    out["reason"] = v.fit.reason;
-    return out;
-  }
-  out["size_m"] = list(v.fit.size);
-  out["centre_velo"] = list(v.fit.velo_from_vehicle.translation());
-  out["code"] =
-      std::vector<double>(v.fit.shape.code.data(), v.fit.shape.code.data() + v.fit.shape.code.size());
-  out["residual_m"] = v.residual;
-  out["roof_over_box_m"] = v.roof_over_box;
-  out["roof_over_returns_m"] = v.roof_over_returns;
-  out["iterations"] = v.fit.iterations;
-  if (v.error)
-    out["error"] = {{"roof_m", list(v.error->roof)},
-                    {"box_m", list(v.error->box)},
-                    {"yaw_rad", v.error->yaw},
-                    {"fitted_to_true_m", v.error->to_truth},
-                    {"true_to_fitted_m", v.error->from_truth}};
-  return out;
-}
-
-namespace {
 
 constexpr double kFarthestFit = 1e9;
 constexpr int kMostOfFit = 1'000'000'000;
@@ -214,44 +131,6 @@ constexpr std::size_t kLongestCode = 1000;
 Vec3d read_list(const JsonFields& json, const char* key) {
   return Eigen::Map<const Vec3d>(json.numbers(key, 3, -kFarthestFit, kFarthestFit).data());
 }
-
-}  // namespace
-
-FittedVehicle read_fitted_vehicle(const JsonFields& json) {
-  const auto number = [](const JsonFields& of, const char* key) {
-    return of.number(key, -kFarthestFit, kFarthestFit);
-  };
-  FittedVehicle v;
-  v.frame = json.text("frame");
-  v.label = json.count("label");
-  v.range = number(json, "range_m");
-  v.seconds = number(json, "seconds");
-  v.fit.points = json.count("returns");
-  v.carrier.from_box = json.truth("from_box");
-  v.carrier.velo_from_roof.translation() = read_list(json, "roof_velo");
-  v.carrier.velo_from_roof.linear() =
-      Eigen::AngleAxisd(number(json, "heading_rad"), Vec3d::UnitZ()).toRotationMatrix();
-  v.fit.fitted = !json.has("reason");
-  if (!v.fit.fitted) {
-    v.fit.reason = json.text("reason");
-    return v;
-  }
-  v.fit.size = read_list(json, "size_m");
-  v.fit.velo_from_vehicle.translation() = read_list(json, "centre_velo");
-  const auto code = json.numbers("code", kLongestCode, -kFarthestFit, kFarthestFit, 0);
-  v.fit.shape.code = Eigen::Map<const Eigen::VectorXd>(code.data(), std::ssize(code));
-  v.residual = number(json, "residual_m");
-  v.roof_over_box = number(json, "roof_over_box_m");
-  v.roof_over_returns = number(json, "roof_over_returns_m");
-  v.fit.iterations = json.count("iterations", kMostOfFit);
-  if (!json.has("error")) return v;
-  const JsonFields error = json.object("error");
-  v.error = {read_list(error, "roof_m"), read_list(error, "box_m"), number(error, "yaw_rad"),
-             number(error, "fitted_to_true_m"), number(error, "true_to_fitted_m")};
-  return v;
-}
-
-namespace {
 
 using Vehicles = std::vector<const FittedVehicle*>;
 
@@ -353,6 +232,115 @@ nlohmann::json classes_json(const std::vector<FitClass>& list, const char* key) 
 }
 
 }  // namespace
+
+std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame& frame,
+                                     const LidarModel& lidar, const FitFrameSettings& settings,
+                                     const std::vector<generator::TrueVehicle>* truth) {
+  const SweepIndex index(frame.sweep, lidar);
+  const BoxRoofFinder by_box;
+  std::vector<FittedVehicle> vehicles;
+  for (std::size_t i = 0; i < frame.labels.size(); ++i) {
+    Label label = frame.labels[i];
+    if (!has_box(label) ||
+        std::find(settings.types.begin(), settings.types.end(), label.type) == settings.types.end())
+      continue;
+    const Box3 given = label.box;
+    RandomStream random(settings.seed, "label noise " + frame.id, i);
+    if (settings.label_noise > 0) label.box = disturbed(given, settings.label_noise, random);
+    FittedVehicle vehicle;
+    vehicle.frame = frame.id;
+    vehicle.label = static_cast<int>(i);
+    vehicle.range = std::hypot(label.box.bev.x, label.box.bev.y);
+    vehicle.occluded = label.occluded;
+    vehicle.carrier = by_box.find(frame, label);
+    const auto start = std::chrono::steady_clock::now();
+    vehicle.fit = finder.fit(index, label);
+    vehicle.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    if (vehicle.fit.fitted) {
+      const Vec3d roof = vehicle.fit.velo_from_roof.translation();
+      vehicle.roof_over_box = roof.z() - label.box.bottom - label.box.height;
+      const MeshDistance surface(vehicle.fit.mesh);
+      std::vector<double> off, heights;
+      for (const Vec3d& p : vehicle.fit.returns_velo) {
+        off.push_back(surface.distance(p));
+        heights.push_back(p.z());
+      }
+      vehicle.residual = lower_quantile(std::move(off), 0.5);
+      vehicle.roof_over_returns = roof.z() - lower_quantile(std::move(heights), 0.99);
+      if (truth)
+        if (const auto* true_vehicle = generator::find_vehicle(*truth, label.type, given))
+          vehicle.error = measure(vehicle.fit, vehicle.carrier, *true_vehicle);
+      vehicle.carrier = {label, vehicle.fit.velo_from_roof, false};
+    }
+    vehicles.push_back(std::move(vehicle));
+  }
+  return vehicles;
+}
+
+nlohmann::json to_json(const FittedVehicle& v) {
+  const Transform& roof = v.carrier.velo_from_roof;
+  nlohmann::json out = {{"frame", v.frame},
+                        {"label", v.label},
+                        {"range_m", v.range},
+                        {"returns", v.fit.points},
+                        {"from_box", v.carrier.from_box},
+                        {"roof_velo", list(roof.translation())},
+                        {"heading_rad", std::atan2(roof(1, 0), roof(0, 0))},
+                        {"seconds", v.seconds}};
+  if (!v.fit.fitted) {
+    out["reason"] = v.fit.reason;
+    return out;
+  }
+  out["size_m"] = list(v.fit.size);
+  out["centre_velo"] = list(v.fit.velo_from_vehicle.translation());
+  out["code"] =
+      std::vector<double>(v.fit.shape.code.data(), v.fit.shape.code.data() + v.fit.shape.code.size());
+  out["residual_m"] = v.residual;
+  out["roof_over_box_m"] = v.roof_over_box;
+  out["roof_over_returns_m"] = v.roof_over_returns;
+  out["iterations"] = v.fit.iterations;
+  if (v.error)
+    out["error"] = {{"roof_m", list(v.error->roof)},
+                    {"box_m", list(v.error->box)},
+                    {"yaw_rad", v.error->yaw},
+                    {"fitted_to_true_m", v.error->to_truth},
+                    {"true_to_fitted_m", v.error->from_truth}};
+  return out;
+}
+
+FittedVehicle read_fitted_vehicle(const JsonFields& json) {
+  const auto number = [](const JsonFields& of, const char* key) {
+    return of.number(key, -kFarthestFit, kFarthestFit);
+  };
+  FittedVehicle v;
+  v.frame = json.text("frame");
+  v.label = json.count("label");
+  v.range = number(json, "range_m");
+  v.seconds = number(json, "seconds");
+  v.fit.points = json.count("returns");
+  v.carrier.from_box = json.truth("from_box");
+  v.carrier.velo_from_roof.translation() = read_list(json, "roof_velo");
+  v.carrier.velo_from_roof.linear() =
+      Eigen::AngleAxisd(number(json, "heading_rad"), Vec3d::UnitZ()).toRotationMatrix();
+  v.fit.fitted = !json.has("reason");
+  if (!v.fit.fitted) {
+    v.fit.reason = json.text("reason");
+    return v;
+  }
+  v.fit.size = read_list(json, "size_m");
+  v.fit.velo_from_vehicle.translation() = read_list(json, "centre_velo");
+  const auto code = json.numbers("code", kLongestCode, -kFarthestFit, kFarthestFit, 0);
+  v.fit.shape.code = Eigen::Map<const Eigen::VectorXd>(code.data(), std::ssize(code));
+  v.residual = number(json, "residual_m");
+  v.roof_over_box = number(json, "roof_over_box_m");
+  v.roof_over_returns = number(json, "roof_over_returns_m");
+  v.fit.iterations = json.count("iterations", kMostOfFit);
+  if (!json.has("error")) return v;
+  const JsonFields error = json.object("error");
+  v.error = {read_list(error, "roof_m"), read_list(error, "box_m"), number(error, "yaw_rad"),
+             number(error, "fitted_to_true_m"), number(error, "true_to_fitted_m")};
+  return v;
+}
 
 FitReport summarise_fits(const std::vector<FittedVehicle>& vehicles) {
   constexpr double kAny = std::numeric_limits<double>::infinity();

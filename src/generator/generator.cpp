@@ -44,17 +44,6 @@ FrameTruth make_truth(const generator::Street& street, const std::vector<int>& l
   return truth;
 }
 
-}  // namespace
-
-std::uint16_t semantic_class(const std::string& type) {
-  static const std::map<std::string, std::uint16_t> classes = {
-      {"Car", 10}, {"Van", 10}, {"Truck", 18}, {"Misc", 20}, {"Pedestrian", 30}, {"Cyclist", 31}};
-  const auto entry = classes.find(type);
-  return entry == classes.end() ? 0 : entry->second;
-}
-
-namespace {
-
 constexpr double kBehind = 60;  // m of street behind a car that looks back
 
 /// Adds what the rig's other cameras see: pictures, and labels of what the first does not see.
@@ -88,6 +77,13 @@ void look_around(const Rig& rig, const generator::Street& street, const RayScene
 }
 
 }  // namespace
+
+std::uint16_t semantic_class(const std::string& type) {
+  static const std::map<std::string, std::uint16_t> classes = {
+      {"Car", 10}, {"Van", 10}, {"Truck", 18}, {"Misc", 20}, {"Pedestrian", 30}, {"Cyclist", 31}};
+  const auto entry = classes.find(type);
+  return entry == classes.end() ? 0 : entry->second;
+}
 
 Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, FrameTruth* truth) {
   const generator::Street street =
@@ -267,6 +263,10 @@ void add_sensor_noise(ImageF& image, std::uint64_t seed, std::uint64_t index, st
   }
 }
 
+constexpr double kNearestProjected = 0.3;  // m, corners nearer than this to the camera's plane lie on it
+constexpr int kProbes = 3000;              // rays a thing to count its own pixels
+constexpr int kRows = 25;  // pixels of height that make a thing without returns one to be found (KITTI)
+
 }  // namespace
 
 SceneLight make_light(std::uint64_t seed, std::uint64_t index) {
@@ -306,14 +306,6 @@ void expose(ImageF& image, std::uint64_t seed, std::uint64_t index, std::uint64_
   soften(image, RandomStream(seed, "lens", index).uniform(0.5, 0.85));
   add_sensor_noise(image, seed, index, moment);
 }
-
-namespace {
-
-constexpr double kNearestProjected = 0.3;  // m, corners nearer than this to the camera's plane lie on it
-constexpr int kProbes = 3000;              // rays a thing to count its own pixels
-constexpr int kRows = 25;  // pixels of height that make a thing without returns one to be found (KITTI)
-
-}  // namespace
 
 StreetLabels label_street(const Street& street, const Calibration& calibration, const Image<int>& object,
                           std::span<const int> returned) {

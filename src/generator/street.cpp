@@ -173,6 +173,9 @@ void european_sign(Actor& pole, double x, double z, RandomStream& random) {
   }
 }
 
+constexpr double kApart = 0.35;  // m that two that drive keep between their boxes, to each side
+constexpr int kTries = 60;       // courses drawn for one that drives before it is left out
+
 }  // namespace
 
 Actor make_pole(RandomStream& random) {
@@ -223,13 +226,6 @@ Actor make_traffic_light(RandomStream& random, int lit) {
   light.surfaces.push_back(surface(housing, plain(Vec3f::Constant(0.02f), 0.15f, 0.02f)));
   return light;
 }
-
-namespace {
-
-constexpr double kApart = 0.35;  // m that two that drive keep between their boxes, to each side
-constexpr int kTries = 60;       // courses drawn for one that drives before it is left out
-
-}  // namespace
 
 Transform Waypoint::pose() const {
   return at(position.x(), position.y(), position.z(), yaw);

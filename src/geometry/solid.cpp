@@ -122,61 +122,6 @@ bool cut(const Mesh& mesh, int first, int second) {
   return false;
 }
 
-}  // namespace
-
-std::vector<std::array<int, 2>> intersecting_faces(const Mesh& mesh) {
-  const int faces = static_cast<int>(mesh.faces.size());
-  std::vector<Eigen::AlignedBox3d> boxes(mesh.faces.size());
-  for (int f = 0; f < faces; ++f)
-    for (const Vec3d& v : corners(mesh, f)) boxes[static_cast<std::size_t>(f)].extend(v);
-  std::vector<std::array<int, 2>> pairs;
-  for (int i = 0; i < faces; ++i)
-    for (int k = i + 1; k < faces; ++k)
-      if (boxes[static_cast<std::size_t>(i)].intersects(boxes[static_cast<std::size_t>(k)]) &&
-          cut(mesh, i, k))
-        pairs.push_back({i, k});
-  return pairs;
-}
-
-/// The corner (0 to 2) of f that is not on the edge that both faces have; −1 where they have none.
-int apex_over_neighbour(const Face& f, const Face& k) {
-  int apex = -1, common = 0;
-  for (int i = 0; i < 3; ++i)
-    if (f[i] == k[0] || f[i] == k[1] || f[i] == k[2])
-      ++common;
-    else
-      apex = i;
-  return common == 2 ? apex : -1;
-}
-
-std::vector<Wall> walls(const Mesh& mesh) {
-  constexpr double kInfinity = std::numeric_limits<double>::infinity();
-  const int faces = static_cast<int>(mesh.faces.size());
-  std::vector<Wall> result(mesh.faces.size(), Wall{kInfinity, -1});
-  for (int f = 0; f < faces; ++f) {
-    const Triangle t = corners(mesh, f);
-    const Vec3d normal = (t[1] - t[0]).cross(t[2] - t[0]);
-    if (!(normal.norm() > 0)) continue;
-    const Vec3d inwards = -normal.normalized(), middle = (t[0] + t[1] + t[2]) / 3;
-    Wall& wall = result[static_cast<std::size_t>(f)];
-    const std::array<Vec3d, 4> samples = {middle, (middle + t[0]) / 2, (middle + t[1]) / 2,
-                                          (middle + t[2]) / 2};
-    for (int k = 0; k < faces; ++k) {
-      if (k == f) continue;
-      const int apex = apex_over_neighbour(mesh.faces[static_cast<std::size_t>(f)],
-                                           mesh.faces[static_cast<std::size_t>(k)]);
-      for (int s = 0; s < 4; ++s) {
-        if (apex >= 0 && s > 0 && s - 1 != apex) continue;  // beside the edge
-        const double distance = meets(corners(mesh, k), samples[static_cast<std::size_t>(s)], inwards);
-        if (distance >= 0 && distance < wall.thickness) wall = {distance, k};
-      }
-    }
-  }
-  return result;
-}
-
-namespace {
-
 constexpr int kLeaf = 8;
 // A cluster counts as one dipole from this many of its radii on.
 constexpr double kFar = 2.3;
@@ -190,71 +135,6 @@ double solid_angle(const std::array<Vec3d, 3>& face, const Vec3d& p) {
   if (over == 0 && under <= 0) return 0;  // p lies in the face: half inside, half outside
   return 2 * std::atan2(over, under);
 }
-
-}  // namespace
-
-WindingNumber::WindingNumber(const Mesh& mesh) {
-  faces_.reserve(mesh.faces.size());
-  for (const Face& f : mesh.faces)
-    faces_.push_back({mesh.vertices[f[0]], mesh.vertices[f[1]], mesh.vertices[f[2]]});
-  if (!faces_.empty()) build(0, static_cast<int>(faces_.size()));
-}
-
-int WindingNumber::build(int first, int count) {
-  const int index = static_cast<int>(nodes_.size());
-  nodes_.emplace_back();
-  Node node;
-  node.first = first;
-  node.count = count;
-  Eigen::AlignedBox3d centres;
-  double total = 0;
-  for (int f = first; f < first + count; ++f) {
-    const auto& [a, b, c] = faces_[f];
-    const Vec3d area = 0.5 * (b - a).cross(c - a), middle = (a + b + c) / 3;
-    node.area += area;
-    node.centre += area.norm() * middle;
-    total += area.norm();
-    centres.extend(middle);
-  }
-  node.centre = total > 0 ? Vec3d(node.centre / total) : Vec3d(centres.center());
-  for (int f = first; f < first + count; ++f)
-    for (const Vec3d& v : faces_[f]) node.radius = std::max(node.radius, (v - node.centre).norm());
-  if (count > kLeaf) {
-    int axis = 0;
-    centres.sizes().maxCoeff(&axis);
-    const int half = count / 2;
-    const auto place = [&](const std::array<Vec3d, 3>& f) { return f[0][axis] + f[1][axis] + f[2][axis]; };
-    std::nth_element(faces_.begin() + first, faces_.begin() + first + half, faces_.begin() + first + count,
-                     [&](const auto& a, const auto& b) { return place(a) < place(b); });
-    node.left = build(first, half);
-    node.right = build(first + half, count - half);
-  }
-  nodes_[index] = node;
-  return index;
-}
-
-double WindingNumber::at(const Vec3d& p, bool exact) const {
-  if (nodes_.empty()) return 0;
-  double sum = 0;
-  int stack[64], size = 0;
-  stack[size++] = 0;
-  while (size > 0) {
-    const Node& node = nodes_[stack[--size]];
-    const Vec3d r = node.centre - p;
-    const double distance = r.norm();
-    if (!exact && distance > kFar * node.radius) {
-      sum += node.area.dot(r) / (distance * distance * distance);
-    } else if (node.left < 0) {
-      for (int f = node.first; f < node.first + node.count; ++f) sum += solid_angle(faces_[f], p);
-    } else {
-      stack[size++] = node.left;
-      stack[size++] = node.right;
-    }
-  }
-  return sum / (4 * std::numbers::pi);
-}
-
-namespace {
 
 constexpr double kMargin = 1e-3;  // of an edge
 
@@ -363,6 +243,118 @@ class CaseTable {
 };
 
 }  // namespace
+
+std::vector<std::array<int, 2>> intersecting_faces(const Mesh& mesh) {
+  const int faces = static_cast<int>(mesh.faces.size());
+  std::vector<Eigen::AlignedBox3d> boxes(mesh.faces.size());
+  for (int f = 0; f < faces; ++f)
+    for (const Vec3d& v : corners(mesh, f)) boxes[static_cast<std::size_t>(f)].extend(v);
+  std::vector<std::array<int, 2>> pairs;
+  for (int i = 0; i < faces; ++i)
+    for (int k = i + 1; k < faces; ++k)
+      if (boxes[static_cast<std::size_t>(i)].intersects(boxes[static_cast<std::size_t>(k)]) &&
+          cut(mesh, i, k))
+        pairs.push_back({i, k});
+  return pairs;
+}
+
+/// The corner (0 to 2) of f that is not on the edge that both faces have; −1 where they have none.
+int apex_over_neighbour(const Face& f, const Face& k) {
+  int apex = -1, common = 0;
+  for (int i = 0; i < 3; ++i)
+    if (f[i] == k[0] || f[i] == k[1] || f[i] == k[2])
+      ++common;
+    else
+      apex = i;
+  return common == 2 ? apex : -1;
+}
+
+std::vector<Wall> walls(const Mesh& mesh) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const int faces = static_cast<int>(mesh.faces.size());
+  std::vector<Wall> result(mesh.faces.size(), Wall{kInfinity, -1});
+  for (int f = 0; f < faces; ++f) {
+    const Triangle t = corners(mesh, f);
+    const Vec3d normal = (t[1] - t[0]).cross(t[2] - t[0]);
+    if (!(normal.norm() > 0)) continue;
+    const Vec3d inwards = -normal.normalized(), middle = (t[0] + t[1] + t[2]) / 3;
+    Wall& wall = result[static_cast<std::size_t>(f)];
+    const std::array<Vec3d, 4> samples = {middle, (middle + t[0]) / 2, (middle + t[1]) / 2,
+                                          (middle + t[2]) / 2};
+    for (int k = 0; k < faces; ++k) {
+      if (k == f) continue;
+      const int apex = apex_over_neighbour(mesh.faces[static_cast<std::size_t>(f)],
+                                           mesh.faces[static_cast<std::size_t>(k)]);
+      for (int s = 0; s < 4; ++s) {
+        if (apex >= 0 && s > 0 && s - 1 != apex) continue;  // beside the edge
+        const double distance = meets(corners(mesh, k), samples[static_cast<std::size_t>(s)], inwards);
+        if (distance >= 0 && distance < wall.thickness) wall = {distance, k};
+      }
+    }
+  }
+  return result;
+}
+
+WindingNumber::WindingNumber(const Mesh& mesh) {
+  faces_.reserve(mesh.faces.size());
+  for (const Face& f : mesh.faces)
+    faces_.push_back({mesh.vertices[f[0]], mesh.vertices[f[1]], mesh.vertices[f[2]]});
+  if (!faces_.empty()) build(0, static_cast<int>(faces_.size()));
+}
+
+int WindingNumber::build(int first, int count) {
+  const int index = static_cast<int>(nodes_.size());
+  nodes_.emplace_back();
+  Node node;
+  node.first = first;
+  node.count = count;
+  Eigen::AlignedBox3d centres;
+  double total = 0;
+  for (int f = first; f < first + count; ++f) {
+    const auto& [a, b, c] = faces_[f];
+    const Vec3d area = 0.5 * (b - a).cross(c - a), middle = (a + b + c) / 3;
+    node.area += area;
+    node.centre += area.norm() * middle;
+    total += area.norm();
+    centres.extend(middle);
+  }
+  node.centre = total > 0 ? Vec3d(node.centre / total) : Vec3d(centres.center());
+  for (int f = first; f < first + count; ++f)
+    for (const Vec3d& v : faces_[f]) node.radius = std::max(node.radius, (v - node.centre).norm());
+  if (count > kLeaf) {
+    int axis = 0;
+    centres.sizes().maxCoeff(&axis);
+    const int half = count / 2;
+    const auto place = [&](const std::array<Vec3d, 3>& f) { return f[0][axis] + f[1][axis] + f[2][axis]; };
+    std::nth_element(faces_.begin() + first, faces_.begin() + first + half, faces_.begin() + first + count,
+                     [&](const auto& a, const auto& b) { return place(a) < place(b); });
+    node.left = build(first, half);
+    node.right = build(first + half, count - half);
+  }
+  nodes_[index] = node;
+  return index;
+}
+
+double WindingNumber::at(const Vec3d& p, bool exact) const {
+  if (nodes_.empty()) return 0;
+  double sum = 0;
+  int stack[64], size = 0;
+  stack[size++] = 0;
+  while (size > 0) {
+    const Node& node = nodes_[stack[--size]];
+    const Vec3d r = node.centre - p;
+    const double distance = r.norm();
+    if (!exact && distance > kFar * node.radius) {
+      sum += node.area.dot(r) / (distance * distance * distance);
+    } else if (node.left < 0) {
+      for (int f = node.first; f < node.first + node.count; ++f) sum += solid_angle(faces_[f], p);
+    } else {
+      stack[size++] = node.left;
+      stack[size++] = node.right;
+    }
+  }
+  return sum / (4 * std::numbers::pi);
+}
 
 Mesh marching_cubes(const DistanceGrid& grid) {
   static const CaseTable table;

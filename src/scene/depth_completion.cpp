@@ -116,6 +116,24 @@ cv::Mat multi_scale(const ImageF& sparse, const IpBasicOptions& options) {
   return depth;
 }
 
+/// Fills gaps of one line of `count` values, `step` apart. Inner gaps only where `inner`.
+void fill_line(float* line, int count, int step, bool inner) {
+  const auto at = [&](int i) -> float& { return line[static_cast<std::ptrdiff_t>(i) * step]; };
+  int last = -1;  // the last value seen
+  for (int i = 0; i < count; ++i) {
+    if (at(i) >= kFarDepth) continue;
+    if (last < 0) {
+      for (int k = 0; k < i; ++k) at(k) = at(i);
+    } else if (inner) {
+      const float nearer = std::min(at(last), at(i));
+      for (int k = last + 1; k < i; ++k) at(k) = nearer;
+    }
+    last = i;
+  }
+  if (last >= 0)
+    for (int k = last + 1; k < count; ++k) at(k) = at(last);
+}
+
 }  // namespace
 
 ImageF sparse_depth(const Sweep& sweep, const Calibration& calibration) {
@@ -193,28 +211,6 @@ DepthErrors MeanDepthErrors::mean() const {
   for (double* value : {&mean.rmse, &mean.mae, &mean.irmse, &mean.imae}) *value /= n;
   return mean;
 }
-
-namespace {
-
-/// Fills gaps of one line of `count` values, `step` apart. Inner gaps only where `inner`.
-void fill_line(float* line, int count, int step, bool inner) {
-  const auto at = [&](int i) -> float& { return line[static_cast<std::ptrdiff_t>(i) * step]; };
-  int last = -1;  // the last value seen
-  for (int i = 0; i < count; ++i) {
-    if (at(i) >= kFarDepth) continue;
-    if (last < 0) {
-      for (int k = 0; k < i; ++k) at(k) = at(i);
-    } else if (inner) {
-      const float nearer = std::min(at(last), at(i));
-      for (int k = last + 1; k < i; ++k) at(k) = nearer;
-    }
-    last = i;
-  }
-  if (last >= 0)
-    for (int k = last + 1; k < count; ++k) at(k) = at(last);
-}
-
-}  // namespace
 
 ImageF fill_as_benchmark(const ImageF& dense) {
   ImageF filled = dense;

@@ -60,69 +60,6 @@ int nearest_firing(const std::vector<double>& firings, double azimuth, double re
   return static_cast<int>(to_after <= to_before ? after : before);
 }
 
-}  // namespace
-
-std::vector<int> beams_of(std::span<const LidarPoint> points, const LidarModel& lidar) {
-  const std::vector<double> slopes = slopes_of(lidar);
-  const Transform lidar_from_velo = lidar.velo_from_lidar.inverse();
-  std::vector<int> beams;
-  beams.reserve(points.size());
-  for (const LidarPoint& point : points) {
-    const Vec3d p = lidar_from_velo * point.position().cast<double>();
-    beams.push_back(p.allFinite() && !lidar.beams.empty()
-                        ? nearest_beam(lidar, slopes, horizontal_distance(p), p.z())
-                        : -1);
-  }
-  return beams;
-}
-
-double SweepMotion::phase(double azimuth) const {
-  if (!whole) return wrap_angle(azimuth) / (2 * kPi);
-  const double turned = (azimuth - cut) / (2 * kPi);
-  return turned - std::floor(turned);
-}
-
-Vec3d SweepMotion::seen(const Vec3d& p, double& phase_) const {
-  if (turn.isZero(0)) return p - start;
-  constexpr int kRounds = 4;  // each leaves a sixth of |turn| / distance
-  for (int round = 0; round < kRounds; ++round) {
-    const Vec3d q = p - at(phase_);
-    const double looked = phase(std::atan2(q.y(), q.x()));
-    phase_ = looked + std::round(phase_ - looked);
-  }
-  return p - at(phase_);
-}
-
-SweepMotion no_motion(std::span<const Vec3d> points, std::vector<double>& phases) {
-  constexpr std::size_t kSectors = 36;
-  constexpr double kNothing = 0.1;   // m: what came back empty
-  constexpr double kOneTurn = 0.05;  // what a sweep may turn more or less
-  std::array<bool, kSectors> looked{};
-  bool any = false;
-  double first = 0, last = 0, turned = 0;
-  phases.clear();
-  for (const Vec3d& p : points) {
-    if (p.norm() > kNothing) {
-      const double azimuth = std::atan2(p.y(), p.x());
-      looked[static_cast<std::size_t>((azimuth + kPi) / (2 * kPi) * kSectors) % kSectors] = true;
-      if (any) turned += wrap_angle(azimuth - last) / (2 * kPi);
-      if (!any) first = azimuth;
-      any = true;
-      last = azimuth;
-    }
-    phases.push_back(turned);
-  }
-  SweepMotion motion;
-  motion.whole = std::count(looked.begin(), looked.end(), true) >= static_cast<std::ptrdiff_t>(kSectors) - 1;
-  if (motion.whole) motion.cut = first;
-  const bool by_firing = motion.whole && std::abs(std::abs(turned) - 1) < kOneTurn;
-  for (std::size_t i = 0; i < phases.size(); ++i)
-    phases[i] = by_firing ? phases[i] + (turned < 0) : motion.phase(std::atan2(points[i].y(), points[i].x()));
-  return motion;
-}
-
-namespace {
-
 double angle_off_beam(const LidarModel& lidar, const std::vector<double>& slopes, const Vec3d& p,
                       std::size_t& beam) {
   const double rho = horizontal_distance(p);
@@ -204,6 +141,65 @@ SweepMotion motion_of(const std::vector<Vec3d>& points, std::vector<double>& pha
 }
 
 }  // namespace
+
+std::vector<int> beams_of(std::span<const LidarPoint> points, const LidarModel& lidar) {
+  const std::vector<double> slopes = slopes_of(lidar);
+  const Transform lidar_from_velo = lidar.velo_from_lidar.inverse();
+  std::vector<int> beams;
+  beams.reserve(points.size());
+  for (const LidarPoint& point : points) {
+    const Vec3d p = lidar_from_velo * point.position().cast<double>();
+    beams.push_back(p.allFinite() && !lidar.beams.empty()
+                        ? nearest_beam(lidar, slopes, horizontal_distance(p), p.z())
+                        : -1);
+  }
+  return beams;
+}
+
+double SweepMotion::phase(double azimuth) const {
+  if (!whole) return wrap_angle(azimuth) / (2 * kPi);
+  const double turned = (azimuth - cut) / (2 * kPi);
+  return turned - std::floor(turned);
+}
+
+Vec3d SweepMotion::seen(const Vec3d& p, double& phase_) const {
+  if (turn.isZero(0)) return p - start;
+  constexpr int kRounds = 4;  // each leaves a sixth of |turn| / distance
+  for (int round = 0; round < kRounds; ++round) {
+    const Vec3d q = p - at(phase_);
+    const double looked = phase(std::atan2(q.y(), q.x()));
+    phase_ = looked + std::round(phase_ - looked);
+  }
+  return p - at(phase_);
+}
+
+SweepMotion no_motion(std::span<const Vec3d> points, std::vector<double>& phases) {
+  constexpr std::size_t kSectors = 36;
+  constexpr double kNothing = 0.1;   // m: what came back empty
+  constexpr double kOneTurn = 0.05;  // what a sweep may turn more or less
+  std::array<bool, kSectors> looked{};
+  bool any = false;
+  double first = 0, last = 0, turned = 0;
+  phases.clear();
+  for (const Vec3d& p : points) {
+    if (p.norm() > kNothing) {
+      const double azimuth = std::atan2(p.y(), p.x());
+      looked[static_cast<std::size_t>((azimuth + kPi) / (2 * kPi) * kSectors) % kSectors] = true;
+      if (any) turned += wrap_angle(azimuth - last) / (2 * kPi);
+      if (!any) first = azimuth;
+      any = true;
+      last = azimuth;
+    }
+    phases.push_back(turned);
+  }
+  SweepMotion motion;
+  motion.whole = std::count(looked.begin(), looked.end(), true) >= static_cast<std::ptrdiff_t>(kSectors) - 1;
+  if (motion.whole) motion.cut = first;
+  const bool by_firing = motion.whole && std::abs(std::abs(turned) - 1) < kOneTurn;
+  for (std::size_t i = 0; i < phases.size(); ++i)
+    phases[i] = by_firing ? phases[i] + (turned < 0) : motion.phase(std::atan2(points[i].y(), points[i].x()));
+  return motion;
+}
 
 SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lidar) {
   const bool free = lidar.encoder_step == 0;

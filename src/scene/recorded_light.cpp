@@ -38,54 +38,6 @@ constexpr double kGroundQuantile = 0.2;  // quantile of the heights in the corri
 // shaded ones.
 constexpr double kDarkest = 0.5, kBrightest = 3;
 
-}  // namespace
-
-std::optional<Vec3d> road_radiance(const Frame& frame) {
-  std::vector<Vec3d> corridor;
-  for (const LidarPoint& point : frame.sweep) {
-    const Vec3d p = point.position().cast<double>();
-    if (!(p.x() >= kNearestRoad && p.x() <= kFarthestRoad && std::abs(p.y()) <= kAside)) continue;
-    const bool on_object = std::any_of(frame.labels.begin(), frame.labels.end(), [&](const Label& label) {
-      return has_box(label) && contains(label.box, p, kThickness);
-    });
-    if (!on_object) corridor.push_back(p);
-  }
-  if (corridor.size() < kFewestReturns) return std::nullopt;
-  std::vector<double> heights;
-  for (const Vec3d& p : corridor) heights.push_back(p.z());
-  const double ground = quantile(heights, kGroundQuantile);
-  std::array<std::vector<double>, 3> colours;
-  for (const Vec3d& p : corridor) {
-    const Vec3d p_camera = frame.calibration.camera_from_velo * p;
-    if (std::abs(p.z() - ground) > kThickness || p_camera.z() <= 0) continue;
-    const Vec2d pixel = frame.calibration.camera.project(p_camera);
-    const long u = std::lround(pixel.x()), v = std::lround(pixel.y());
-    if (u < 0 || v < 0 || u >= frame.image.width || v >= frame.image.height) continue;
-    for (int c = 0; c < 3; ++c)
-      colours[static_cast<std::size_t>(c)].push_back(
-          frame.image.at(static_cast<int>(u), static_cast<int>(v), c));
-  }
-  if (colours[0].size() < kFewestReturns) return std::nullopt;
-  return Vec3d(quantile(colours[0], 0.5), quantile(colours[1], 0.5), quantile(colours[2], 0.5));
-}
-
-Lighting with_road_exposure(const Frame& frame) {
-  Lighting lighting = frame.lighting;
-  const std::optional<Vec3d> road = road_radiance(frame);
-  if (!road) return lighting;
-  const Vec3d level = kRoadAlbedo * shade<double>(Vec3d::UnitZ(), lighting);
-  for (int c = 0; c < 3; ++c) {
-    if (!(level[c] > 0)) continue;
-    const double gain = std::clamp((*road)[c] / level[c], kDarkest, kBrightest);
-    lighting.sun[c] *= gain;
-    lighting.ambient[c] *= gain;
-    lighting.hemisphere[c] *= gain;
-  }
-  return lighting;
-}
-
-namespace {
-
 constexpr int kAzimuths = 36;
 constexpr double kElevations[] = {15, 20, 26, 33, 41, 50, 60};  // degrees; shadows' lengths 3.7 … 0.6 heights
 constexpr double kFarthestGround = 35;  // m to a vehicle: further ones have too few ground returns
@@ -259,128 +211,8 @@ class Ground {
   double squares_ = 0;
 };
 
-}  // namespace
-
-SunEstimate sun_from_shadows(const Frame& frame) {
-  std::vector<Caster> casters;
-  std::vector<std::vector<Vec2d>> outlines;
-  for (const Label& label : frame.labels)
-    if (casts(label)) {
-      casters.emplace_back(label.box);
-      outlines.push_back(outline(frame, label.box));
-    }
-  constexpr std::size_t kHeights = std::size(kElevations), kLevels = std::size(kContrasts);
-  std::vector<std::array<double, kLevels>> score(kAzimuths * kHeights);
-  for (auto& s : score) s.fill(0);
-  SunEstimate best;
-  for (const Label& label : frame.labels) {
-    if (!is_vehicle(label) || std::hypot(label.box.bev.x, label.box.bev.y) > kFarthestGround) continue;
-    std::vector<GroundSample> ground_samples = ground_around(frame, Caster(label.box), casters, outlines);
-    if (ground_samples.size() < kFewest) continue;
-    const Ground ground(std::move(ground_samples));
-    const auto& samples = ground.samples();
-    ++best.vehicles;
-    std::vector<const Caster*> near;
-    for (const Caster& c : casters)
-      if (std::hypot(c.box.bev.x - label.box.bev.x, c.box.bev.y - label.box.bev.y) < kCaster)
-        near.push_back(&c);
-    std::vector<std::vector<Vec3d>> local(near.size());  // the samples in each caster's frame
-    for (std::size_t c = 0; c < near.size(); ++c)
-      for (const GroundSample& sample : samples) local[c].push_back(near[c]->local(sample.p_velo));
-    Eigen::VectorXd shaded(static_cast<Eigen::Index>(samples.size()));
-    for (std::size_t k = 0; k < score.size(); ++k) {
-      const Vec3d way = unit_vector(static_cast<double>(k / kHeights) * 360 / kAzimuths * kDegree,
-                                    kElevations[k % kHeights] * kDegree);
-      shaded.setZero();
-      for (std::size_t c = 0; c < near.size(); ++c) {
-        const Vec3d turned = near[c]->turned(way);
-        for (std::size_t i = 0; i < samples.size(); ++i) {
-          double& shade = shaded[static_cast<Eigen::Index>(i)];
-          if (shade == 0 && meets(*near[c], local[c][i], turned)) shade = 1;
-        }
-      }
-      const auto gains = ground.gains(shaded);
-      for (std::size_t c = 0; c < kLevels; ++c) score[k][c] += gains[c];
-    }
-  }
-  std::vector<double> highest;
-  for (const auto& s : score) highest.push_back(*std::max_element(s.begin(), s.end()));
-  const auto k = static_cast<std::size_t>(std::max_element(highest.begin(), highest.end()) - highest.begin());
-  if (!(highest[k] > 0)) return best;
-  const int azimuth = static_cast<int>(k / kHeights);
-  double other = 0;
-  for (std::size_t i = 0; i < score.size(); ++i) {
-    const int apart = std::abs(static_cast<int>(i / kHeights) - azimuth);
-    if (std::min(apart, kAzimuths - apart) * 360 / kAzimuths > kElsewhere)
-      other = std::max(other, highest[i]);
-  }
-  best.to_sun_velo = unit_vector(azimuth * 360.0 / kAzimuths * kDegree, kElevations[k % kHeights] * kDegree);
-  best.score = highest[k];
-  best.contrast = kContrasts[std::max_element(score[k].begin(), score[k].end()) - score[k].begin()];
-  best.confidence = best.score - other;
-  best.known = best.confidence > kSure && best.contrast > kContrasts[0];
-  return best;
-}
-
-namespace {
-
 constexpr double kRoofDrop = 0.15;  // m; vertices of a fitted vehicle no further below its roof belong to it
 constexpr int kPaintSamples = 32;   // pixels along each side of the window that the median is taken over
-
-}  // namespace
-
-Vec3d vehicle_paint(const Frame& frame, const Label& host) {
-  const ImageF& image = frame.image_of(static_cast<std::size_t>(host.camera));
-  const int u0 = std::max(0, static_cast<int>(host.left)),
-            u1 = std::min(image.width, static_cast<int>(host.right));
-  const int v0 = std::max(0, static_cast<int>(host.top + 0.4 * (host.bottom - host.top)));
-  const int v1 = std::min(image.height, static_cast<int>(host.top + 0.8 * (host.bottom - host.top)));
-  Vec3d albedo = Vec3d::Constant(0.3);
-  if (u1 <= u0 || v1 <= v0) return albedo;
-  const Lighting& light = frame.lighting;
-  const int step_u = 1 + (u1 - u0 - 1) / kPaintSamples, step_v = 1 + (v1 - v0 - 1) / kPaintSamples;
-  for (int c = 0; c < 3; ++c) {
-    std::vector<float> values;
-    for (int v = v0; v < v1; v += step_v)
-      for (int u = u0; u < u1; u += step_u) values.push_back(image.at(u, v, c));
-    const double received = light.ambient[c] + light.hemisphere[c] / 2 + light.sun[c] / 3;
-    albedo[c] = std::clamp(lower_quantile(std::move(values), 0.5) / std::max(received, 1e-3), 0.02, 0.85);
-  }
-  return albedo;
-}
-
-LightSurroundings light_surroundings(const Frame& frame, const Carrier& carrier) {
-  const Label& host = carrier.label;
-  LightSurroundings around;
-  around.velo_from_roof = carrier.velo_from_roof;
-  around.paint = vehicle_paint(frame, host);
-  around.road = Vec3d::Constant(kRoadAlbedo);
-  const Transform roof_from_velo = carrier.velo_from_roof.inverse();
-  const double l = host.box.bev.length, w = host.box.bev.width, h = host.box.height;
-  around.deck_below = (1 - saloon::kWaist) * h;
-  if (carrier.shape && !carrier.shape->faces.empty()) {
-    around.roof.setEmpty();
-    around.deck.setEmpty();
-    double lowest = 0;
-    for (const std::size_t i : used_vertices(*carrier.shape)) {
-      const Vec3d p = roof_from_velo * carrier.shape->vertices[i];
-      around.deck.extend(Vec2d(p.head<2>()));
-      if (p.z() > -kRoofDrop) around.roof.extend(Vec2d(p.head<2>()));
-      lowest = std::min(lowest, p.z());
-    }
-    around.road_below = -lowest;
-    if (!around.roof.isEmpty()) return around;
-  }
-  const Vec3d centre = roof_from_velo * Vec3d(host.box.bev.x, host.box.bev.y, host.box.bottom);
-  around.road_below = -centre.z();
-  const Vec2d middle = centre.head<2>();
-  around.deck = {middle - Vec2d(l, w) / 2, middle + Vec2d(l, w) / 2};
-  around.roof = {middle + Vec2d(saloon::kRoofRear * l, -saloon::kRoofWidth * w / 2),
-                 middle + Vec2d(saloon::kRoofFront * l, saloon::kRoofWidth * w / 2)};
-  return around;
-}
-
-namespace {
 
 constexpr const char* kForms = "AZIMUTH,ELEVATION or LAT,LON,YYYY-MM-DDTHH:MM:SSZ,HEADING (degrees)";
 
@@ -449,6 +281,162 @@ Vec3d from_place(const std::string& word, const std::vector<std::string>& parts)
 }
 
 }  // namespace
+
+std::optional<Vec3d> road_radiance(const Frame& frame) {
+  std::vector<Vec3d> corridor;
+  for (const LidarPoint& point : frame.sweep) {
+    const Vec3d p = point.position().cast<double>();
+    if (!(p.x() >= kNearestRoad && p.x() <= kFarthestRoad && std::abs(p.y()) <= kAside)) continue;
+    const bool on_object = std::any_of(frame.labels.begin(), frame.labels.end(), [&](const Label& label) {
+      return has_box(label) && contains(label.box, p, kThickness);
+    });
+    if (!on_object) corridor.push_back(p);
+  }
+  if (corridor.size() < kFewestReturns) return std::nullopt;
+  std::vector<double> heights;
+  for (const Vec3d& p : corridor) heights.push_back(p.z());
+  const double ground = quantile(heights, kGroundQuantile);
+  std::array<std::vector<double>, 3> colours;
+  for (const Vec3d& p : corridor) {
+    const Vec3d p_camera = frame.calibration.camera_from_velo * p;
+    if (std::abs(p.z() - ground) > kThickness || p_camera.z() <= 0) continue;
+    const Vec2d pixel = frame.calibration.camera.project(p_camera);
+    const long u = std::lround(pixel.x()), v = std::lround(pixel.y());
+    if (u < 0 || v < 0 || u >= frame.image.width || v >= frame.image.height) continue;
+    for (int c = 0; c < 3; ++c)
+      colours[static_cast<std::size_t>(c)].push_back(
+          frame.image.at(static_cast<int>(u), static_cast<int>(v), c));
+  }
+  if (colours[0].size() < kFewestReturns) return std::nullopt;
+  return Vec3d(quantile(colours[0], 0.5), quantile(colours[1], 0.5), quantile(colours[2], 0.5));
+}
+
+Lighting with_road_exposure(const Frame& frame) {
+  Lighting lighting = frame.lighting;
+  const std::optional<Vec3d> road = road_radiance(frame);
+  if (!road) return lighting;
+  const Vec3d level = kRoadAlbedo * shade<double>(Vec3d::UnitZ(), lighting);
+  for (int c = 0; c < 3; ++c) {
+    if (!(level[c] > 0)) continue;
+    const double gain = std::clamp((*road)[c] / level[c], kDarkest, kBrightest);
+    lighting.sun[c] *= gain;
+    lighting.ambient[c] *= gain;
+    lighting.hemisphere[c] *= gain;
+  }
+  return lighting;
+}
+
+SunEstimate sun_from_shadows(const Frame& frame) {
+  std::vector<Caster> casters;
+  std::vector<std::vector<Vec2d>> outlines;
+  for (const Label& label : frame.labels)
+    if (casts(label)) {
+      casters.emplace_back(label.box);
+      outlines.push_back(outline(frame, label.box));
+    }
+  constexpr std::size_t kHeights = std::size(kElevations), kLevels = std::size(kContrasts);
+  std::vector<std::array<double, kLevels>> score(kAzimuths * kHeights);
+  for (auto& s : score) s.fill(0);
+  SunEstimate best;
+  for (const Label& label : frame.labels) {
+    if (!is_vehicle(label) || std::hypot(label.box.bev.x, label.box.bev.y) > kFarthestGround) continue;
+    std::vector<GroundSample> ground_samples = ground_around(frame, Caster(label.box), casters, outlines);
+    if (ground_samples.size() < kFewest) continue;
+    const Ground ground(std::move(ground_samples));
+    const auto& samples = ground.samples();
+    ++best.vehicles;
+    std::vector<const Caster*> near;
+    for (const Caster& c : casters)
+      if (std::hypot(c.box.bev.x - label.box.bev.x, c.box.bev.y - label.box.bev.y) < kCaster)
+        near.push_back(&c);
+    std::vector<std::vector<Vec3d>> local(near.size());  // the samples in each caster's frame
+    for (std::size_t c = 0; c < near.size(); ++c)
+      for (const GroundSample& sample : samples) local[c].push_back(near[c]->local(sample.p_velo));
+    Eigen::VectorXd shaded(static_cast<Eigen::Index>(samples.size()));
+    for (std::size_t k = 0; k < score.size(); ++k) {
+      const Vec3d way = unit_vector(static_cast<double>(k / kHeights) * 360 / kAzimuths * kDegree,
+                                    kElevations[k % kHeights] * kDegree);
+      shaded.setZero();
+      for (std::size_t c = 0; c < near.size(); ++c) {
+        const Vec3d turned = near[c]->turned(way);
+        for (std::size_t i = 0; i < samples.size(); ++i) {
+          double& shade = shaded[static_cast<Eigen::Index>(i)];
+          if (shade == 0 && meets(*near[c], local[c][i], turned)) shade = 1;
+        }
+      }
+      const auto gains = ground.gains(shaded);
+      for (std::size_t c = 0; c < kLevels; ++c) score[k][c] += gains[c];
+    }
+  }
+  std::vector<double> highest;
+  for (const auto& s : score) highest.push_back(*std::max_element(s.begin(), s.end()));
+  const auto k = static_cast<std::size_t>(std::max_element(highest.begin(), highest.end()) - highest.begin());
+  if (!(highest[k] > 0)) return best;
+  const int azimuth = static_cast<int>(k / kHeights);
+  double other = 0;
+  for (std::size_t i = 0; i < score.size(); ++i) {
+    const int apart = std::abs(static_cast<int>(i / kHeights) - azimuth);
+    if (std::min(apart, kAzimuths - apart) * 360 / kAzimuths > kElsewhere)
+      other = std::max(other, highest[i]);
+  }
+  best.to_sun_velo = unit_vector(azimuth * 360.0 / kAzimuths * kDegree, kElevations[k % kHeights] * kDegree);
+  best.score = highest[k];
+  best.contrast = kContrasts[std::max_element(score[k].begin(), score[k].end()) - score[k].begin()];
+  best.confidence = best.score - other;
+  best.known = best.confidence > kSure && best.contrast > kContrasts[0];
+  return best;
+}
+
+Vec3d vehicle_paint(const Frame& frame, const Label& host) {
+  const ImageF& image = frame.image_of(static_cast<std::size_t>(host.camera));
+  const int u0 = std::max(0, static_cast<int>(host.left)),
+            u1 = std::min(image.width, static_cast<int>(host.right));
+  const int v0 = std::max(0, static_cast<int>(host.top + 0.4 * (host.bottom - host.top)));
+  const int v1 = std::min(image.height, static_cast<int>(host.top + 0.8 * (host.bottom - host.top)));
+  Vec3d albedo = Vec3d::Constant(0.3);
+  if (u1 <= u0 || v1 <= v0) return albedo;
+  const Lighting& light = frame.lighting;
+  const int step_u = 1 + (u1 - u0 - 1) / kPaintSamples, step_v = 1 + (v1 - v0 - 1) / kPaintSamples;
+  for (int c = 0; c < 3; ++c) {
+    std::vector<float> values;
+    for (int v = v0; v < v1; v += step_v)
+      for (int u = u0; u < u1; u += step_u) values.push_back(image.at(u, v, c));
+    const double received = light.ambient[c] + light.hemisphere[c] / 2 + light.sun[c] / 3;
+    albedo[c] = std::clamp(lower_quantile(std::move(values), 0.5) / std::max(received, 1e-3), 0.02, 0.85);
+  }
+  return albedo;
+}
+
+LightSurroundings light_surroundings(const Frame& frame, const Carrier& carrier) {
+  const Label& host = carrier.label;
+  LightSurroundings around;
+  around.velo_from_roof = carrier.velo_from_roof;
+  around.paint = vehicle_paint(frame, host);
+  around.road = Vec3d::Constant(kRoadAlbedo);
+  const Transform roof_from_velo = carrier.velo_from_roof.inverse();
+  const double l = host.box.bev.length, w = host.box.bev.width, h = host.box.height;
+  around.deck_below = (1 - saloon::kWaist) * h;
+  if (carrier.shape && !carrier.shape->faces.empty()) {
+    around.roof.setEmpty();
+    around.deck.setEmpty();
+    double lowest = 0;
+    for (const std::size_t i : used_vertices(*carrier.shape)) {
+      const Vec3d p = roof_from_velo * carrier.shape->vertices[i];
+      around.deck.extend(Vec2d(p.head<2>()));
+      if (p.z() > -kRoofDrop) around.roof.extend(Vec2d(p.head<2>()));
+      lowest = std::min(lowest, p.z());
+    }
+    around.road_below = -lowest;
+    if (!around.roof.isEmpty()) return around;
+  }
+  const Vec3d centre = roof_from_velo * Vec3d(host.box.bev.x, host.box.bev.y, host.box.bottom);
+  around.road_below = -centre.z();
+  const Vec2d middle = centre.head<2>();
+  around.deck = {middle - Vec2d(l, w) / 2, middle + Vec2d(l, w) / 2};
+  around.roof = {middle + Vec2d(saloon::kRoofRear * l, -saloon::kRoofWidth * w / 2),
+                 middle + Vec2d(saloon::kRoofFront * l, saloon::kRoofWidth * w / 2)};
+  return around;
+}
 
 SunPosition sun_position(double latitude, double longitude, const UtcTime& time) {
   ln_date date{time.year, time.month, time.day, time.hour, time.minute, time.second};

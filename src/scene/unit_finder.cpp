@@ -677,10 +677,6 @@ std::vector<double> phases_between(const BeamAzimuths& all, double step) {
   return phases;
 }
 
-}  // namespace
-
-namespace {
-
 /// Height of the velo origin over the ground: the fullest layer of low returns near by.
 double height_over_ground(const std::vector<UnitHit>& hits) {
   constexpr double kNearest = 4, kFarthestReturn = 20, kLayer = 0.05;

@@ -17,6 +17,24 @@ namespace {
 /// Beams × firings of the densest unit that is read; a VLS-128 at its finest (0.1°) has 460 800.
 constexpr std::int64_t kMostRays = 1 << 23;
 
+/// The file of the unit that `file` names in its `field`: a shipped one, since a rig file comes with a data
+/// set from anybody and reaches no further; and one that does not lead to another.
+std::filesystem::path own_table_of(const std::filesystem::path& named_in, const char* field,
+                                   const std::string& name) {
+  if (name.empty() || name.ends_with(".toml") || name.find_first_of(std::string("/\0", 2)) != name.npos)
+    throw InputError(named_in.string(), field, "is no unit's name",
+                     "name a unit of scenes/lidars; a file of your own is given by --lidar");
+  if (const auto units = shipped_names("scenes/lidars", ".toml");
+      std::find(units.begin(), units.end(), name) == units.end())
+    throw InputError(named_in.string(), field, name + " is no shipped unit", use_one_of(name, units));
+  const std::filesystem::path unit = lidar_file(name);
+  const nlohmann::json file = read_toml(unit);
+  const nlohmann::json table = file.value("lidar", nlohmann::json());
+  if (table.is_string() || table.contains("unit"))
+    throw InputError(unit.string(), "lidar", "names another unit", "write the unit's [lidar] table");
+  return unit;
+}
+
 }  // namespace
 
 int LidarModel::azimuth_count() const {
@@ -51,28 +69,6 @@ RayTable ray_table(const LidarModel& lidar) {
     }
   return table;
 }
-
-namespace {
-
-/// The file of the unit that `file` names in its `field`: a shipped one, since a rig file comes with a data
-/// set from anybody and reaches no further; and one that does not lead to another.
-std::filesystem::path own_table_of(const std::filesystem::path& named_in, const char* field,
-                                   const std::string& name) {
-  if (name.empty() || name.ends_with(".toml") || name.find_first_of(std::string("/\0", 2)) != name.npos)
-    throw InputError(named_in.string(), field, "is no unit's name",
-                     "name a unit of scenes/lidars; a file of your own is given by --lidar");
-  if (const auto units = shipped_names("scenes/lidars", ".toml");
-      std::find(units.begin(), units.end(), name) == units.end())
-    throw InputError(named_in.string(), field, name + " is no shipped unit", use_one_of(name, units));
-  const std::filesystem::path unit = lidar_file(name);
-  const nlohmann::json file = read_toml(unit);
-  const nlohmann::json table = file.value("lidar", nlohmann::json());
-  if (table.is_string() || table.contains("unit"))
-    throw InputError(unit.string(), "lidar", "names another unit", "write the unit's [lidar] table");
-  return unit;
-}
-
-}  // namespace
 
 nlohmann::json lidar_table(const std::filesystem::path& path) {
   const nlohmann::json file = read_toml(path);

@@ -214,16 +214,6 @@ class SunTracer {
   SunShares shares_;
 };
 
-}  // namespace
-
-SunShares share_sun(const LightNodes& nodes, RayPencil* pencil, RayPencil* beside,
-                    const std::vector<std::vector<Vec3f>>& met_points, const Vec3d& to_sun, int resolution,
-                    const VisibleLightSettings& settings) {
-  return SunTracer(nodes, pencil, beside, to_sun, resolution, settings).run(met_points);
-}
-
-namespace {
-
 /// Point k of n on the unit sphere, evenly spread (Fibonacci lattice; Swinbank & Purser, QJRMS 2006).
 Vec3d lattice_direction(int k, int n) {
   const double z = 1 - (2.0 * k + 1) / n, r = std::sqrt(1 - z * z);
@@ -580,6 +570,12 @@ class Tracer {
 };
 
 }  // namespace
+
+SunShares share_sun(const LightNodes& nodes, RayPencil* pencil, RayPencil* beside,
+                    const std::vector<std::vector<Vec3f>>& met_points, const Vec3d& to_sun, int resolution,
+                    const VisibleLightSettings& settings) {
+  return SunTracer(nodes, pencil, beside, to_sun, resolution, settings).run(met_points);
+}
 
 LightVisibility find_visibility(const TexturedMesh& placed, const Lighting& light,
                                 const LightSurroundings* surroundings, const Vec3d* eye,

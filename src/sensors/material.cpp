@@ -81,63 +81,6 @@ class CosineTable {
   std::array<double, kSteps + 1> values_{};
 };
 
-}  // namespace
-
-double fresnel(double cosine) {
-  return reflectance(One(cosine)).value();
-}
-
-double specular_response(double nl, double nv, double lv) {
-  return nl > 0 && nv > 0 ? response(One(nl), One(nv), One(lv)).value() : 0;
-}
-
-void specular_response(std::span<const float> nl, std::span<const float> nv, std::span<const float> lv,
-                       std::span<float> responses) {
-  using Eight = Eigen::Array<float, 8, 1>;
-  constexpr std::size_t kEight = 8;
-  for (std::size_t at = 0; at < responses.size(); at += kEight) {
-    const std::size_t count = std::min(kEight, responses.size() - at);
-    Eight n_l = Eight::Zero(), n_v = n_l, l_v = n_l;
-    std::copy_n(&nl[at], count, n_l.data());
-    std::copy_n(&nv[at], count, n_v.data());
-    std::copy_n(&lv[at], count, l_v.data());
-    const Eight of = (n_l > 0 && n_v > 0).select(response(n_l, n_v, l_v), 0);
-    std::copy_n(of.data(), count, &responses[at]);
-  }
-}
-
-double specular_response(const Vec3d& n, const Vec3d& l, const Vec3d& v) {
-  return specular_response(n.dot(l), n.dot(v), l.dot(v));
-}
-
-double diffuse_response(const Vec3d& n, const Vec3d& l, const Vec3d& v) {
-  const double nl = n.dot(l), nv = n.dot(v);
-  if (nl <= 0 || nv <= 0) return 1;
-  const double d90 = 0.5 + kRoughness * (1 + l.dot(v));  // 2 cos² of half the angle between them
-  return (1 + (d90 - 1) * schlick_weight(nl)) * (1 + (d90 - 1) * schlick_weight(nv));
-}
-
-double specular_albedo(double cosine) {
-  // π f_s n·l over π, times the solid angle 2π.
-  static const CosineTable table([](double at) {
-    return 2 * half_space_mean(at, [](const Vec3d& l, const Vec3d& v) {
-             return specular_response(Vec3d::UnitZ(), l, v);
-           });
-  });
-  return table(cosine);
-}
-
-double diffuse_albedo(double cosine) {
-  static const CosineTable table([](double at) {
-    return 2 * half_space_mean(at, [](const Vec3d& l, const Vec3d& v) {
-             return l.z() * diffuse_response(Vec3d::UnitZ(), l, v);
-           });
-  });
-  return table(cosine);
-}
-
-namespace {
-
 // Integer lattice hash → [0, 1). A texture, not a random stream: it must be a pure function of position.
 float lattice(int x, int y, int z, std::uint32_t seed) {
   std::uint32_t h = seed * 0x9e3779b9u + static_cast<std::uint32_t>(x) * 0x85ebca6bu;
@@ -281,6 +224,59 @@ Vec3f stack(const Material& m, const Vec3f& p, const Vec3f& n, float footprint) 
 }
 
 }  // namespace
+
+double fresnel(double cosine) {
+  return reflectance(One(cosine)).value();
+}
+
+double specular_response(double nl, double nv, double lv) {
+  return nl > 0 && nv > 0 ? response(One(nl), One(nv), One(lv)).value() : 0;
+}
+
+void specular_response(std::span<const float> nl, std::span<const float> nv, std::span<const float> lv,
+                       std::span<float> responses) {
+  using Eight = Eigen::Array<float, 8, 1>;
+  constexpr std::size_t kEight = 8;
+  for (std::size_t at = 0; at < responses.size(); at += kEight) {
+    const std::size_t count = std::min(kEight, responses.size() - at);
+    Eight n_l = Eight::Zero(), n_v = n_l, l_v = n_l;
+    std::copy_n(&nl[at], count, n_l.data());
+    std::copy_n(&nv[at], count, n_v.data());
+    std::copy_n(&lv[at], count, l_v.data());
+    const Eight of = (n_l > 0 && n_v > 0).select(response(n_l, n_v, l_v), 0);
+    std::copy_n(of.data(), count, &responses[at]);
+  }
+}
+
+double specular_response(const Vec3d& n, const Vec3d& l, const Vec3d& v) {
+  return specular_response(n.dot(l), n.dot(v), l.dot(v));
+}
+
+double diffuse_response(const Vec3d& n, const Vec3d& l, const Vec3d& v) {
+  const double nl = n.dot(l), nv = n.dot(v);
+  if (nl <= 0 || nv <= 0) return 1;
+  const double d90 = 0.5 + kRoughness * (1 + l.dot(v));  // 2 cos² of half the angle between them
+  return (1 + (d90 - 1) * schlick_weight(nl)) * (1 + (d90 - 1) * schlick_weight(nv));
+}
+
+double specular_albedo(double cosine) {
+  // π f_s n·l over π, times the solid angle 2π.
+  static const CosineTable table([](double at) {
+    return 2 * half_space_mean(at, [](const Vec3d& l, const Vec3d& v) {
+             return specular_response(Vec3d::UnitZ(), l, v);
+           });
+  });
+  return table(cosine);
+}
+
+double diffuse_albedo(double cosine) {
+  static const CosineTable table([](double at) {
+    return 2 * half_space_mean(at, [](const Vec3d& l, const Vec3d& v) {
+             return l.z() * diffuse_response(Vec3d::UnitZ(), l, v);
+           });
+  });
+  return table(cosine);
+}
 
 float surface_gloss(const Material& m, const Vec3f& p, const Vec3f& n) {
   if (m.veiled) return 0;

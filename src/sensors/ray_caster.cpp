@@ -63,6 +63,107 @@ RTCRay embree_ray(const Ray& ray) {
   return r;
 }
 
+template <int N>
+using RayHitN = std::conditional_t<N == 16, RTCRayHit16, std::conditional_t<N == 8, RTCRayHit8, RTCRayHit4>>;
+
+/// One row of a table in packets of N consecutive rays.
+template <int N>
+void trace_row(RTCScene scene, const RayTable& rays, std::size_t row, float t_min, float t_max,
+               HitTable& hits) {
+  EmbreeQuery query(true);
+  alignas(64) RayHitN<N> packet;
+  alignas(64) int valid[N];
+  for (int i = 0; i < N; ++i) {
+    packet.ray.tnear[i] = t_min;
+    packet.ray.time[i] = 0;
+    packet.ray.mask[i] = ~0u;
+    packet.ray.id[i] = 0;
+    packet.ray.flags[i] = 0;
+  }
+  for (std::size_t column = 0; column < rays.columns; column += N) {
+    const std::size_t at = rays.index(row, column);
+    constexpr std::size_t bytes = N * sizeof(float);
+    std::memcpy(packet.ray.org_x, &rays.origin[0][at], bytes);
+    std::memcpy(packet.ray.org_y, &rays.origin[1][at], bytes);
+    std::memcpy(packet.ray.org_z, &rays.origin[2][at], bytes);
+    std::memcpy(packet.ray.dir_x, &rays.direction[0][at], bytes);
+    std::memcpy(packet.ray.dir_y, &rays.direction[1][at], bytes);
+    std::memcpy(packet.ray.dir_z, &rays.direction[2][at], bytes);
+    for (int i = 0; i < N; ++i) {
+      packet.hit.geomID[i] = packet.hit.primID[i] = RTC_INVALID_GEOMETRY_ID;
+      packet.hit.u[i] = packet.hit.v[i] = 0;
+      // One ray that is not finite would spoil the common bounds of its packet: x · 0 is 0 only where x is
+      // finite.
+      const auto& r = packet.ray;
+      const float zero =
+          (r.org_x[i] + r.org_y[i] + r.org_z[i]) * 0 + (r.dir_x[i] + r.dir_y[i] + r.dir_z[i]) * 0;
+      const bool traced = zero == 0 && column + static_cast<std::size_t>(i) < rays.columns;
+      valid[i] = traced ? -1 : 0;
+      // Where the processor has no packets of N, Embree splits them and reads the interval alone, not the
+      // mask.
+      packet.ray.tfar[i] = traced ? t_max : -1;
+    }
+    query.intersect(valid, scene, packet);
+    for (int i = 0; i < N; ++i)
+      if (packet.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) packet.ray.tfar[i] = -1;
+    static_assert(RTC_INVALID_GEOMETRY_ID == ~0u);  // −1 as int
+    std::memcpy(&hits.t[at], packet.ray.tfar, bytes);
+    std::memcpy(&hits.b1[at], packet.hit.u, bytes);
+    std::memcpy(&hits.b2[at], packet.hit.v, bytes);
+    std::memcpy(&hits.mesh[at], packet.hit.geomID, bytes);
+    std::memcpy(&hits.face[at], packet.hit.primID, bytes);
+  }
+}
+
+/// Nearest point of a triangle (Ericson, Real-Time Collision Detection, section 5.1.5).
+Vec3d nearest_on(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& p) {
+  const Vec3d ab = b - a, ac = c - a, ap = p - a;
+  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
+  if (d1 <= 0 && d2 <= 0) return a;
+  const Vec3d bp = p - b;
+  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
+  if (d3 >= 0 && d4 <= d3) return b;
+  const double vc = d1 * d4 - d3 * d2;
+  if (vc <= 0 && d1 >= 0 && d3 <= 0) return a + (d1 == d3 ? 0 : d1 / (d1 - d3)) * ab;
+  const Vec3d cp = p - c;
+  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
+  if (d6 >= 0 && d5 <= d6) return c;
+  const double vb = d5 * d2 - d1 * d6;
+  if (vb <= 0 && d2 >= 0 && d6 <= 0) return a + (d2 == d6 ? 0 : d2 / (d2 - d6)) * ac;
+  const double va = d3 * d6 - d5 * d4;
+  const double e = d4 - d3, f = d5 - d6;
+  if (va <= 0 && e >= 0 && f >= 0) return b + (e + f == 0 ? 0 : e / (e + f)) * (c - b);
+  const double sum = va + vb + vc;
+  return a + vb / sum * ab + vc / sum * ac;
+}
+
+struct Query {
+  const Mesh* mesh;
+  Vec3d p;
+  double nearest;
+};
+
+bool visit(RTCPointQueryFunctionArguments* arguments) {
+  Query& query = *static_cast<Query*>(arguments->userPtr);
+  const Face& f = query.mesh->faces[arguments->primID];
+  const auto& v = query.mesh->vertices;
+  const double d = (nearest_on(v[f[0]], v[f[1]], v[f[2]], query.p) - query.p).norm();
+  if (d >= query.nearest) return false;
+  query.nearest = d;
+  // A little more than d: the box tests are in single precision.
+  arguments->query->radius = static_cast<float>(d * (1 + 1e-6) + 1e-7);
+  return true;
+}
+
+// One device for all meshes: each keeps some 30 MB of its own, and a shape model is learnt from hundreds.
+RTCDevice distance_device() {
+  static const struct Device {
+    RTCDevice device = rtcNewDevice("threads=1");
+    ~Device() { rtcReleaseDevice(device); }
+  } owner;
+  return owner.device;
+}
+
 }  // namespace
 
 struct RayCaster::State {
@@ -166,62 +267,6 @@ RayTable::RayTable(std::size_t rows_, std::size_t columns_)
   for (auto& component : direction) component.resize(rows * stride);
 }
 
-namespace {
-
-template <int N>
-using RayHitN = std::conditional_t<N == 16, RTCRayHit16, std::conditional_t<N == 8, RTCRayHit8, RTCRayHit4>>;
-
-/// One row of a table in packets of N consecutive rays.
-template <int N>
-void trace_row(RTCScene scene, const RayTable& rays, std::size_t row, float t_min, float t_max,
-               HitTable& hits) {
-  EmbreeQuery query(true);
-  alignas(64) RayHitN<N> packet;
-  alignas(64) int valid[N];
-  for (int i = 0; i < N; ++i) {
-    packet.ray.tnear[i] = t_min;
-    packet.ray.time[i] = 0;
-    packet.ray.mask[i] = ~0u;
-    packet.ray.id[i] = 0;
-    packet.ray.flags[i] = 0;
-  }
-  for (std::size_t column = 0; column < rays.columns; column += N) {
-    const std::size_t at = rays.index(row, column);
-    constexpr std::size_t bytes = N * sizeof(float);
-    std::memcpy(packet.ray.org_x, &rays.origin[0][at], bytes);
-    std::memcpy(packet.ray.org_y, &rays.origin[1][at], bytes);
-    std::memcpy(packet.ray.org_z, &rays.origin[2][at], bytes);
-    std::memcpy(packet.ray.dir_x, &rays.direction[0][at], bytes);
-    std::memcpy(packet.ray.dir_y, &rays.direction[1][at], bytes);
-    std::memcpy(packet.ray.dir_z, &rays.direction[2][at], bytes);
-    for (int i = 0; i < N; ++i) {
-      packet.hit.geomID[i] = packet.hit.primID[i] = RTC_INVALID_GEOMETRY_ID;
-      packet.hit.u[i] = packet.hit.v[i] = 0;
-      // One ray that is not finite would spoil the common bounds of its packet: x · 0 is 0 only where x is
-      // finite.
-      const auto& r = packet.ray;
-      const float zero =
-          (r.org_x[i] + r.org_y[i] + r.org_z[i]) * 0 + (r.dir_x[i] + r.dir_y[i] + r.dir_z[i]) * 0;
-      const bool traced = zero == 0 && column + static_cast<std::size_t>(i) < rays.columns;
-      valid[i] = traced ? -1 : 0;
-      // Where the processor has no packets of N, Embree splits them and reads the interval alone, not the
-      // mask.
-      packet.ray.tfar[i] = traced ? t_max : -1;
-    }
-    query.intersect(valid, scene, packet);
-    for (int i = 0; i < N; ++i)
-      if (packet.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) packet.ray.tfar[i] = -1;
-    static_assert(RTC_INVALID_GEOMETRY_ID == ~0u);  // −1 as int
-    std::memcpy(&hits.t[at], packet.ray.tfar, bytes);
-    std::memcpy(&hits.b1[at], packet.hit.u, bytes);
-    std::memcpy(&hits.b2[at], packet.hit.v, bytes);
-    std::memcpy(&hits.mesh[at], packet.hit.geomID, bytes);
-    std::memcpy(&hits.face[at], packet.hit.primID, bytes);
-  }
-}
-
-}  // namespace
-
 void RayCaster::intersect(const RayTable& rays, float t_min, float t_max, HitTable& hits, int width) const {
   const std::size_t count = rays.rows * rays.stride;
   for (auto* values : {&hits.t, &hits.b1, &hits.b2}) values->resize(count);
@@ -246,59 +291,6 @@ bool RayCaster::occluded(const Ray& ray) const {
   EmbreeQuery().occluded(state_->scene, query);
   return query.tfar < 0;  // Embree marks an occluded ray with −∞
 }
-
-namespace {
-
-/// Nearest point of a triangle (Ericson, Real-Time Collision Detection, section 5.1.5).
-Vec3d nearest_on(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& p) {
-  const Vec3d ab = b - a, ac = c - a, ap = p - a;
-  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
-  if (d1 <= 0 && d2 <= 0) return a;
-  const Vec3d bp = p - b;
-  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
-  if (d3 >= 0 && d4 <= d3) return b;
-  const double vc = d1 * d4 - d3 * d2;
-  if (vc <= 0 && d1 >= 0 && d3 <= 0) return a + (d1 == d3 ? 0 : d1 / (d1 - d3)) * ab;
-  const Vec3d cp = p - c;
-  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
-  if (d6 >= 0 && d5 <= d6) return c;
-  const double vb = d5 * d2 - d1 * d6;
-  if (vb <= 0 && d2 >= 0 && d6 <= 0) return a + (d2 == d6 ? 0 : d2 / (d2 - d6)) * ac;
-  const double va = d3 * d6 - d5 * d4;
-  const double e = d4 - d3, f = d5 - d6;
-  if (va <= 0 && e >= 0 && f >= 0) return b + (e + f == 0 ? 0 : e / (e + f)) * (c - b);
-  const double sum = va + vb + vc;
-  return a + vb / sum * ab + vc / sum * ac;
-}
-
-struct Query {
-  const Mesh* mesh;
-  Vec3d p;
-  double nearest;
-};
-
-bool visit(RTCPointQueryFunctionArguments* arguments) {
-  Query& query = *static_cast<Query*>(arguments->userPtr);
-  const Face& f = query.mesh->faces[arguments->primID];
-  const auto& v = query.mesh->vertices;
-  const double d = (nearest_on(v[f[0]], v[f[1]], v[f[2]], query.p) - query.p).norm();
-  if (d >= query.nearest) return false;
-  query.nearest = d;
-  // A little more than d: the box tests are in single precision.
-  arguments->query->radius = static_cast<float>(d * (1 + 1e-6) + 1e-7);
-  return true;
-}
-
-// One device for all meshes: each keeps some 30 MB of its own, and a shape model is learnt from hundreds.
-RTCDevice distance_device() {
-  static const struct Device {
-    RTCDevice device = rtcNewDevice("threads=1");
-    ~Device() { rtcReleaseDevice(device); }
-  } owner;
-  return owner.device;
-}
-
-}  // namespace
 
 struct MeshDistance::State {
   explicit State(const Mesh& given) : mesh(given), winding(given) {}

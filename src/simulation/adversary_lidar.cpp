@@ -273,53 +273,6 @@ class Insertion {
   LidarTape tape_;
 };
 
-}  // namespace
-
-LidarTape draw_in_lidar(const PreparedFrame& prepared, const TexturedMesh& placed,
-                        const SimulationSettings& settings, Simulated& result) {
-  check_effects(settings.lidar_effects);
-  if (placed.mesh.faces.empty()) {
-    LidarTape tape;
-    result.sweep = prepared.frame.sweep;
-    tape.first = result.sweep.size();
-    return tape;
-  }
-  return Insertion(prepared, placed, settings, result).run();
-}
-
-template <class S>
-void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed, const SimulationSettings& settings,
-                       std::span<const std::array<S, 4>> d_points, std::vector<Vec3d>& d_vertices,
-                       std::vector<Vec3d>& d_texels) {
-  for (std::size_t i = 0; i < tape.returns.size(); ++i) {
-    const auto& added = tape.returns[i];
-    const auto& d = d_points[tape.first + i];
-    const double d_range = Vec3d(d[0], d[1], d[2]).dot(added.ray.direction);
-    for (int p = 0; p < added.count; ++p) {
-      const auto& part = tape.parts[static_cast<std::size_t>(added.first + p)];
-      const auto face = face_of(placed.mesh, part.face);
-      const double d_reflectance = part.weight * d[3];
-      const Vec3d d_point = p == added.strongest ? Vec3d(d_range * part.direction) : Vec3d::Zero();
-      const auto d_face = intersect_face_vjp<double>(part.direction, face, part.hit, part.reflectivity,
-                                                     settings.grazing_cosine, d_point, d_reflectance);
-      const Face& corners = placed.mesh.faces[static_cast<std::size_t>(part.face)];
-      for (std::size_t k = 0; k < 3; ++k) d_vertices[static_cast<std::size_t>(corners[k])] += d_face[k];
-      if (part.texel < 0) continue;
-      const Vec3d n = (face[1] - face[0]).cross(face[2] - face[0]);
-      const double cosine = std::abs(n.dot(part.direction)) / n.norm();
-      d_texels[static_cast<std::size_t>(part.texel)] += Vec3d::Constant(d_reflectance * cosine / 3);
-    }
-  }
-}
-template void draw_in_lidar_vjp(const LidarTape&, const TexturedMesh&, const SimulationSettings&,
-                                std::span<const std::array<float, 4>>, std::vector<Vec3d>&,
-                                std::vector<Vec3d>&);
-template void draw_in_lidar_vjp(const LidarTape&, const TexturedMesh&, const SimulationSettings&,
-                                std::span<const std::array<double, 4>>, std::vector<Vec3d>&,
-                                std::vector<Vec3d>&);
-
-namespace {
-
 /// How far outside the silhouette it is looked at what lies behind it (rad).
 constexpr double kOutside = 5e-5;
 /// What is not further behind the silhouette than this (m) is the object's surface there.
@@ -474,6 +427,49 @@ class Tracer {
 };
 
 }  // namespace
+
+LidarTape draw_in_lidar(const PreparedFrame& prepared, const TexturedMesh& placed,
+                        const SimulationSettings& settings, Simulated& result) {
+  check_effects(settings.lidar_effects);
+  if (placed.mesh.faces.empty()) {
+    LidarTape tape;
+    result.sweep = prepared.frame.sweep;
+    tape.first = result.sweep.size();
+    return tape;
+  }
+  return Insertion(prepared, placed, settings, result).run();
+}
+
+template <class S>
+void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed, const SimulationSettings& settings,
+                       std::span<const std::array<S, 4>> d_points, std::vector<Vec3d>& d_vertices,
+                       std::vector<Vec3d>& d_texels) {
+  for (std::size_t i = 0; i < tape.returns.size(); ++i) {
+    const auto& added = tape.returns[i];
+    const auto& d = d_points[tape.first + i];
+    const double d_range = Vec3d(d[0], d[1], d[2]).dot(added.ray.direction);
+    for (int p = 0; p < added.count; ++p) {
+      const auto& part = tape.parts[static_cast<std::size_t>(added.first + p)];
+      const auto face = face_of(placed.mesh, part.face);
+      const double d_reflectance = part.weight * d[3];
+      const Vec3d d_point = p == added.strongest ? Vec3d(d_range * part.direction) : Vec3d::Zero();
+      const auto d_face = intersect_face_vjp<double>(part.direction, face, part.hit, part.reflectivity,
+                                                     settings.grazing_cosine, d_point, d_reflectance);
+      const Face& corners = placed.mesh.faces[static_cast<std::size_t>(part.face)];
+      for (std::size_t k = 0; k < 3; ++k) d_vertices[static_cast<std::size_t>(corners[k])] += d_face[k];
+      if (part.texel < 0) continue;
+      const Vec3d n = (face[1] - face[0]).cross(face[2] - face[0]);
+      const double cosine = std::abs(n.dot(part.direction)) / n.norm();
+      d_texels[static_cast<std::size_t>(part.texel)] += Vec3d::Constant(d_reflectance * cosine / 3);
+    }
+  }
+}
+template void draw_in_lidar_vjp(const LidarTape&, const TexturedMesh&, const SimulationSettings&,
+                                std::span<const std::array<float, 4>>, std::vector<Vec3d>&,
+                                std::vector<Vec3d>&);
+template void draw_in_lidar_vjp(const LidarTape&, const TexturedMesh&, const SimulationSettings&,
+                                std::span<const std::array<double, 4>>, std::vector<Vec3d>&,
+                                std::vector<Vec3d>&);
 
 LidarSilhouette lidar_silhouette(const PreparedFrame& prepared, const TexturedMesh& placed) {
   if (placed.mesh.faces.empty()) return {};

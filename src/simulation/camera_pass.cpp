@@ -88,27 +88,6 @@ class ExactPass : public CameraPass {
   ExactTape tape_;
 };
 
-}  // namespace
-
-double silhouette_area(const Image<double>& rgba) {
-  double area = 0;
-  for (std::size_t i = 3; i < rgba.data.size(); i += 4) area += rgba.data[i];
-  return area;
-}
-
-RasterTarget<float> window_of(const PinholeCamera& camera, const PixelRect& rect, ImageF background,
-                              int supersampling) {
-  return {camera.width, camera.height, rect, supersampling, std::move(background), {}};
-}
-
-std::unique_ptr<CameraPass> camera_pass(const SimulationSettings& settings) {
-  if (settings.exact_coverage) return std::make_unique<ExactPass>();
-  if (settings.reference) return std::make_unique<ReferencePass>();
-  return std::make_unique<FastPass>();
-}
-
-namespace {
-
 /// Depth range of the rasteriser: a ball around the object that grows in steps of half a metre, so that it is
 /// constant under the small moves that derivatives are about.
 void set_depth_range(const std::vector<Vec3d>& p_camera, const std::vector<std::size_t>& used,
@@ -141,7 +120,40 @@ std::unique_ptr<ObjectLight> light_on(const PreparedFrame& prepared, const Place
                                settings.light == LightModel::fine ? fine_light() : settings.visible_light);
 }
 
+/// Standard normals of the three channels of a pixel of the picture.
+Vec3d noise_at(const CameraEffects& effects, int u, int v) {
+  RandomStream random(effects.draw, "sensor noise on the object",
+                      static_cast<std::uint64_t>(v) << 32 | static_cast<std::uint64_t>(u));
+  Vec3d noise;
+  for (double& n : noise) n = random.normal();
+  return noise;
+}
+
+/// Calls with each pixel's place in the window.
+template <class Each>
+void each_pixel(const Image<double>& window, const Each& each) {
+  for (int v = 0; v < window.height; ++v)
+    for (int u = 0; u < window.width; ++u) each(u, v);
+}
+
 }  // namespace
+
+double silhouette_area(const Image<double>& rgba) {
+  double area = 0;
+  for (std::size_t i = 3; i < rgba.data.size(); i += 4) area += rgba.data[i];
+  return area;
+}
+
+RasterTarget<float> window_of(const PinholeCamera& camera, const PixelRect& rect, ImageF background,
+                              int supersampling) {
+  return {camera.width, camera.height, rect, supersampling, std::move(background), {}};
+}
+
+std::unique_ptr<CameraPass> camera_pass(const SimulationSettings& settings) {
+  if (settings.exact_coverage) return std::make_unique<ExactPass>();
+  if (settings.reference) return std::make_unique<ReferencePass>();
+  return std::make_unique<FastPass>();
+}
 
 bool may_see(const Calibration& calibration, const Mesh& placed, const SimulationSettings& settings) {
   const PinholeCamera& camera = calibration.camera;
@@ -268,26 +280,6 @@ template void draw_in_camera_vjp(const CameraTape&, const TexturedMesh&, const C
                                  const CameraSight&, const float*, std::vector<Vec3d>&, std::vector<Vec3d>&);
 template void draw_in_camera_vjp(const CameraTape&, const TexturedMesh&, const Calibration&,
                                  const CameraSight&, const double*, std::vector<Vec3d>&, std::vector<Vec3d>&);
-
-namespace {
-
-/// Standard normals of the three channels of a pixel of the picture.
-Vec3d noise_at(const CameraEffects& effects, int u, int v) {
-  RandomStream random(effects.draw, "sensor noise on the object",
-                      static_cast<std::uint64_t>(v) << 32 | static_cast<std::uint64_t>(u));
-  Vec3d noise;
-  for (double& n : noise) n = random.normal();
-  return noise;
-}
-
-/// Calls with each pixel's place in the window.
-template <class Each>
-void each_pixel(const Image<double>& window, const Each& each) {
-  for (int v = 0; v < window.height; ++v)
-    for (int u = 0; u < window.width; ++u) each(u, v);
-}
-
-}  // namespace
 
 Image<double> expose_object(const CameraEffects& effects, const ImageF& photograph, int u0, int v0,
                             Image<double>& rgba) {

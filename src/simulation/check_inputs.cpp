@@ -49,6 +49,22 @@ void check_image(const ImageF& image, const PinholeCamera& camera, const std::st
                    kNotFinite, "repair the photograph");
 }
 
+std::string in_metres(const Vec3d& size) {
+  return fmt::format("{:.4g} × {:.4g} × {:.4g} m", size.x(), size.y(), size.z());
+}
+
+/// What to do about a mesh whose longest measure is `longest`: the units in which that is an object of 0.2 to
+/// 5 m.
+std::string unit_fix(double longest) {
+  std::string units;
+  for (const auto& [unit, scale] :
+       {std::pair{"millimetres", 0.001}, std::pair{"centimetres", 0.01}, std::pair{"inches", 0.0254},
+        std::pair{"metres taken for centimetres", 100.0}, std::pair{"metres taken for millimetres", 1000.0}})
+    if (longest * scale >= 0.2 && longest * scale <= 5)
+      units += fmt::format("{}{}? scale by {:g}", units.empty() ? "are these " : ", or ", unit, scale);
+  return units.empty() ? "give one object, in metres" : units + "; a whole scene is no object";
+}
+
 }  // namespace
 
 void check_frame(const Frame& frame) {
@@ -105,26 +121,6 @@ void check_placement(const Placement& placement) {
   if (!placement.velo_from_adversary.matrix().allFinite())
     throw InputError("placement", "velo_from_adversary", kNotFinite, "give a pose");
 }
-
-namespace {
-
-std::string in_metres(const Vec3d& size) {
-  return fmt::format("{:.4g} × {:.4g} × {:.4g} m", size.x(), size.y(), size.z());
-}
-
-/// What to do about a mesh whose longest measure is `longest`: the units in which that is an object of 0.2 to
-/// 5 m.
-std::string unit_fix(double longest) {
-  std::string units;
-  for (const auto& [unit, scale] :
-       {std::pair{"millimetres", 0.001}, std::pair{"centimetres", 0.01}, std::pair{"inches", 0.0254},
-        std::pair{"metres taken for centimetres", 100.0}, std::pair{"metres taken for millimetres", 1000.0}})
-    if (longest * scale >= 0.2 && longest * scale <= 5)
-      units += fmt::format("{}{}? scale by {:g}", units.empty() ? "are these " : ", or ", unit, scale);
-  return units.empty() ? "give one object, in metres" : units + "; a whole scene is no object";
-}
-
-}  // namespace
 
 void check_textured(const TexturedMesh& object, const std::string& where) {
   check_mesh(object, where);

@@ -74,6 +74,16 @@ std::optional<int> neighbour_of(const PlaceChoice& place, const Placement& place
   return nearest;
 }
 
+/// Upright, along `box`'s heading: the smallest that holds `within` (in its axes) and the placed mesh.
+Box3 box_around(const Box3& box, Eigen::AlignedBox3d within, const Mesh& placed) {
+  const Transform velo_from_vehicle = velo_from_box(box), vehicle_from_velo = velo_from_vehicle.inverse();
+  for (const Vec3d& v : placed.vertices) within.extend(vehicle_from_velo * v);
+  const Vec3d middle = velo_from_vehicle * Vec3d(within.center().x(), within.center().y(), within.min().z());
+  return {{middle.x(), middle.y(), within.sizes().x(), within.sizes().y(), box.bev.yaw},
+          middle.z(),
+          within.sizes().z()};
+}
+
 }  // namespace
 
 Placement placement_of(const PlaceChoice& place, Carrier carrier, std::span<const Label> labels) {
@@ -129,20 +139,6 @@ void warn_of_volume(const PlaceChoice& place, const Vec3d& size, const std::stri
   spdlog::warn("{}: {} is larger than the volume of {}, {}: hosts have room for that alone", where,
                words(size), text_of(place), words(place.volume));
 }
-
-namespace {
-
-/// Upright, along `box`'s heading: the smallest that holds `within` (in its axes) and the placed mesh.
-Box3 box_around(const Box3& box, Eigen::AlignedBox3d within, const Mesh& placed) {
-  const Transform velo_from_vehicle = velo_from_box(box), vehicle_from_velo = velo_from_vehicle.inverse();
-  for (const Vec3d& v : placed.vertices) within.extend(vehicle_from_velo * v);
-  const Vec3d middle = velo_from_vehicle * Vec3d(within.center().x(), within.center().y(), within.min().z());
-  return {{middle.x(), middle.y(), within.sizes().x(), within.sizes().y(), box.bev.yaw},
-          middle.z(),
-          within.sizes().z()};
-}
-
-}  // namespace
 
 Box3 grown_box(const Box3& box, const Mesh& placed) {
   return box_around(box,

@@ -35,38 +35,6 @@ Traits::edge_descriptor add_unit_edge(Graph& graph, std::size_t from, std::size_
   return there;
 }
 
-}  // namespace
-
-std::vector<std::pair<int, int>> assign(const Eigen::MatrixXd& cost, double most) {
-  const auto rows = static_cast<std::size_t>(cost.rows()), columns = static_cast<std::size_t>(cost.cols());
-  double low = std::numeric_limits<double>::infinity(), high = -low;
-  const auto allowed = [&](double value) { return std::isfinite(value) && value <= most; };
-  for (Eigen::Index i = 0; i < cost.size(); ++i)
-    if (const double value = cost.data()[i]; allowed(value))
-      low = std::min(low, value), high = std::max(high, value);
-  if (!(low <= high)) return {};
-  // Whole numbers: what is left of a distance must not fall below zero by rounding.
-  const double unit = high > low ? (high - low) / 1e12 : 1;
-  const std::size_t source = rows + columns, sink = source + 1;
-  Graph graph(sink + 1);
-  for (std::size_t r = 0; r < rows; ++r) add_unit_edge(graph, source, r, 0);
-  for (std::size_t c = 0; c < columns; ++c) add_unit_edge(graph, rows + c, sink, 0);
-  std::vector<std::pair<std::pair<int, int>, Traits::edge_descriptor>> edges;
-  for (int r = 0; r < cost.rows(); ++r)
-    for (int c = 0; c < cost.cols(); ++c)
-      if (const double value = cost(r, c); allowed(value))
-        edges.push_back({{r, c},
-                         add_unit_edge(graph, static_cast<std::size_t>(r), rows + static_cast<std::size_t>(c),
-                                       std::llround((value - low) / unit))});
-  boost::successive_shortest_path_nonnegative_weights(graph, source, sink);
-  std::vector<std::pair<int, int>> pairs;
-  for (const auto& [pair, edge] : edges)
-    if (boost::get(boost::edge_residual_capacity, graph, edge) == 0) pairs.push_back(pair);
-  return pairs;
-}
-
-namespace {
-
 constexpr double kFrame = 0.1;  // s: what the published settings count as one step
 constexpr double kVelocityNoise = 0.01, kBoxNoise = 1, kMeasurementNoise = 1;  // diagonals of Q and R
 constexpr double kFirstBox = 10, kFirstVelocity = 1e4;                         // diagonal of P₀
@@ -85,97 +53,6 @@ template <class State>
 Box3 box_of(const State& x) {
   return {{x[0], x[1], x[4], x[5], wrap_angle(x[3])}, x[2] - x[6] / 2, x[6]};
 }
-
-}  // namespace
-
-void Tracker::predict(Track& track, double frames) const {
-  Covariance f = Covariance::Identity();
-  for (int axis = 0; axis < 3; ++axis) f(axis, kMeasured + axis) = frames;
-  track.x = f * track.x;
-  track.p = f * track.p * f.transpose();
-  for (int i = 0; i < 10; ++i) track.p(i, i) += i < kMeasured ? kBoxNoise : kVelocityNoise;
-}
-
-void Tracker::update(Track& track, const Box3& box) const {
-  Measurement innovation = measured(box) - track.x.head<kMeasured>();
-  // A box that points the other way is the same box; so is one a whole turn on.
-  double turn = wrap_angle(innovation[3]);
-  if (std::abs(turn) > std::numbers::pi / 2) {
-    track.x[3] += std::numbers::pi;
-    turn = wrap_angle(turn - std::numbers::pi);
-  }
-  innovation[3] = turn;
-  const Eigen::Matrix<double, kMeasured, kMeasured> s =
-      track.p.topLeftCorner<kMeasured, kMeasured>() +
-      kMeasurementNoise * Eigen::Matrix<double, kMeasured, kMeasured>::Identity();
-  const Eigen::Matrix<double, 10, kMeasured> gain = track.p.leftCols<kMeasured>() * s.inverse();
-  track.x += gain * innovation;
-  track.x[3] = wrap_angle(track.x[3]);
-  track.p -= gain * track.p.topRows<kMeasured>().eval();
-}
-
-std::vector<TrackState> Tracker::step(double time, std::span<const TrackedDetection> detections) {
-  if (started_ && !(time > time_))
-    throw InputError("sequence", std::to_string(time), "is no later time than the frame's before",
-                     "give the frames in order of time");
-  const double frames = started_ ? (time - time_) / kFrame : 0;
-  time_ = time;
-  started_ = true;
-  for (Track& track : tracks_) {
-    predict(track, frames);
-    track.said.detection = -1;
-  }
-  const bool by_iou = settings_.matching == TrackMatching::iou;
-  Eigen::MatrixXd cost(static_cast<Eigen::Index>(detections.size()),
-                       static_cast<Eigen::Index>(tracks_.size()));
-  for (std::size_t d = 0; d < detections.size(); ++d)
-    for (std::size_t t = 0; t < tracks_.size(); ++t) {
-      const Box3 box = box_of(tracks_[t].x);
-      const BevBox &a = detections[d].box.bev, &b = box.bev;
-      cost(static_cast<Eigen::Index>(d), static_cast<Eigen::Index>(t)) =
-          by_iou ? 1 - iou(detections[d].box, box) : std::hypot(a.x - b.x, a.y - b.y);
-    }
-  // As published: all are assigned first, and what is too far is taken apart then.
-  const double most = by_iou ? 1 - settings_.least_iou : settings_.farthest;
-  std::vector<bool> taken(detections.size(), false);
-  for (const auto& [d, t] : assign(cost)) {
-    if (cost(d, t) > most) continue;
-    Track& track = tracks_[static_cast<std::size_t>(t)];
-    const TrackedDetection& detection = detections[static_cast<std::size_t>(d)];
-    update(track, detection.box);
-    track.said.detection = d;
-    track.said.score = detection.score;
-    taken[static_cast<std::size_t>(d)] = true;
-  }
-  for (Track& track : tracks_) {
-    TrackState& said = track.said;
-    said.misses = said.detection < 0 ? said.misses + 1 : 0;
-    said.hits += said.detection >= 0;
-  }
-  std::erase_if(tracks_, [&](const Track& track) { return track.said.misses >= settings_.death; });
-  for (std::size_t d = 0; d < detections.size(); ++d) {
-    if (taken[d]) continue;
-    Track track;
-    track.x << measured(detections[d].box), 0, 0, 0;
-    track.p = Covariance::Zero();
-    for (int i = 0; i < 10; ++i) track.p(i, i) = i < kMeasured ? kFirstBox : kFirstVelocity;
-    track.said.id = ++born_;
-    track.said.hits = 1;
-    track.said.detection = static_cast<int>(d);
-    track.said.score = detections[d].score;
-    tracks_.push_back(std::move(track));
-  }
-  std::vector<TrackState> states;
-  for (Track& track : tracks_) {
-    track.said.box = box_of(track.x);
-    track.said.velocity = track.x.tail<3>() / kFrame;
-    track.said.confirmed = track.said.hits >= settings_.birth;
-    states.push_back(track.said);
-  }
-  return states;
-}
-
-namespace {
 
 struct Sample {
   double time = 0, value = 0, sigma = 1;
@@ -219,56 +96,6 @@ std::vector<Vec2d> robust_axis(std::vector<Sample> samples, double density) {
   }
   return smooth_axis(samples, density);
 }
-
-}  // namespace
-
-std::vector<SmoothPlace> smooth(std::span<const PlaceMeasurement> measurements,
-                                const SmootherSettings& settings) {
-  if (measurements.empty()) return {};
-  for (std::size_t k = 0; k < measurements.size(); ++k) {
-    if (k > 0 && !(measurements[k].time > measurements[k - 1].time))
-      throw InputError("track", std::to_string(measurements[k].time), "is no later time than the one before",
-                       "give measurements in order of time");
-    if (!(measurements[k].sigma.minCoeff() > 0 && measurements[k].yaw_sigma > 0))
-      throw InputError("track", "sigma", "is not over 0", "say how large the noise is");
-  }
-  std::vector<SmoothPlace> places(measurements.size());
-  std::vector<Sample> samples(measurements.size());
-  for (int axis = 0; axis < 4; ++axis) {
-    double yaw = measurements.front().yaw;
-    for (std::size_t k = 0; k < samples.size(); ++k) {
-      const PlaceMeasurement& m = measurements[k];
-      yaw += wrap_angle(m.yaw - yaw);
-      samples[k] =
-          axis < 3 ? Sample{m.time, m.position[axis], m.sigma[axis]} : Sample{m.time, yaw, m.yaw_sigma};
-    }
-    const auto states = robust_axis(samples, axis < 3 ? settings.acceleration[axis] : settings.turn);
-    for (std::size_t k = 0; k < states.size(); ++k) {
-      if (axis < 3) {
-        places[k].position[axis] = states[k][0];
-        places[k].velocity[axis] = states[k][1];
-      } else {
-        places[k].yaw = wrap_angle(states[k][0]);
-        places[k].yaw_rate = states[k][1];
-      }
-    }
-  }
-  return places;
-}
-
-double jitter(std::span<const Vec3d> places, std::span<const double> times) {
-  double sum = 0;
-  int count = 0;
-  for (std::size_t k = 1; k + 1 < places.size(); ++k) {
-    const double before = times[k] - times[k - 1], after = times[k + 1] - times[k];
-    if (std::abs(after - before) > 0.1 * std::min(before, after)) continue;
-    sum += (places[k - 1] - 2 * places[k] + places[k + 1]).squaredNorm();
-    ++count;
-  }
-  return count > 0 ? std::sqrt(sum / (6 * count)) : 0;
-}
-
-namespace {
 
 constexpr double kTiny = 1e-12;  // a similarity that equals a threshold matches
 constexpr int kAlphas = 19;
@@ -379,6 +206,167 @@ void add_hota(std::span<const TrackFrame> frames, TrackScores& scores) {
 }
 
 }  // namespace
+
+std::vector<std::pair<int, int>> assign(const Eigen::MatrixXd& cost, double most) {
+  const auto rows = static_cast<std::size_t>(cost.rows()), columns = static_cast<std::size_t>(cost.cols());
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  const auto allowed = [&](double value) { return std::isfinite(value) && value <= most; };
+  for (Eigen::Index i = 0; i < cost.size(); ++i)
+    if (const double value = cost.data()[i]; allowed(value))
+      low = std::min(low, value), high = std::max(high, value);
+  if (!(low <= high)) return {};
+  // Whole numbers: what is left of a distance must not fall below zero by rounding.
+  const double unit = high > low ? (high - low) / 1e12 : 1;
+  const std::size_t source = rows + columns, sink = source + 1;
+  Graph graph(sink + 1);
+  for (std::size_t r = 0; r < rows; ++r) add_unit_edge(graph, source, r, 0);
+  for (std::size_t c = 0; c < columns; ++c) add_unit_edge(graph, rows + c, sink, 0);
+  std::vector<std::pair<std::pair<int, int>, Traits::edge_descriptor>> edges;
+  for (int r = 0; r < cost.rows(); ++r)
+    for (int c = 0; c < cost.cols(); ++c)
+      if (const double value = cost(r, c); allowed(value))
+        edges.push_back({{r, c},
+                         add_unit_edge(graph, static_cast<std::size_t>(r), rows + static_cast<std::size_t>(c),
+                                       std::llround((value - low) / unit))});
+  boost::successive_shortest_path_nonnegative_weights(graph, source, sink);
+  std::vector<std::pair<int, int>> pairs;
+  for (const auto& [pair, edge] : edges)
+    if (boost::get(boost::edge_residual_capacity, graph, edge) == 0) pairs.push_back(pair);
+  return pairs;
+}
+
+void Tracker::predict(Track& track, double frames) const {
+  Covariance f = Covariance::Identity();
+  for (int axis = 0; axis < 3; ++axis) f(axis, kMeasured + axis) = frames;
+  track.x = f * track.x;
+  track.p = f * track.p * f.transpose();
+  for (int i = 0; i < 10; ++i) track.p(i, i) += i < kMeasured ? kBoxNoise : kVelocityNoise;
+}
+
+void Tracker::update(Track& track, const Box3& box) const {
+  Measurement innovation = measured(box) - track.x.head<kMeasured>();
+  // A box that points the other way is the same box; so is one a whole turn on.
+  double turn = wrap_angle(innovation[3]);
+  if (std::abs(turn) > std::numbers::pi / 2) {
+    track.x[3] += std::numbers::pi;
+    turn = wrap_angle(turn - std::numbers::pi);
+  }
+  innovation[3] = turn;
+  const Eigen::Matrix<double, kMeasured, kMeasured> s =
+      track.p.topLeftCorner<kMeasured, kMeasured>() +
+      kMeasurementNoise * Eigen::Matrix<double, kMeasured, kMeasured>::Identity();
+  const Eigen::Matrix<double, 10, kMeasured> gain = track.p.leftCols<kMeasured>() * s.inverse();
+  track.x += gain * innovation;
+  track.x[3] = wrap_angle(track.x[3]);
+  track.p -= gain * track.p.topRows<kMeasured>().eval();
+}
+
+std::vector<TrackState> Tracker::step(double time, std::span<const TrackedDetection> detections) {
+  if (started_ && !(time > time_))
+    throw InputError("sequence", std::to_string(time), "is no later time than the frame's before",
+                     "give the frames in order of time");
+  const double frames = started_ ? (time - time_) / kFrame : 0;
+  time_ = time;
+  started_ = true;
+  for (Track& track : tracks_) {
+    predict(track, frames);
+    track.said.detection = -1;
+  }
+  const bool by_iou = settings_.matching == TrackMatching::iou;
+  Eigen::MatrixXd cost(static_cast<Eigen::Index>(detections.size()),
+                       static_cast<Eigen::Index>(tracks_.size()));
+  for (std::size_t d = 0; d < detections.size(); ++d)
+    for (std::size_t t = 0; t < tracks_.size(); ++t) {
+      const Box3 box = box_of(tracks_[t].x);
+      const BevBox &a = detections[d].box.bev, &b = box.bev;
+      cost(static_cast<Eigen::Index>(d), static_cast<Eigen::Index>(t)) =
+          by_iou ? 1 - iou(detections[d].box, box) : std::hypot(a.x - b.x, a.y - b.y);
+    }
+  // As published: all are assigned first, and what is too far is taken apart then.
+  const double most = by_iou ? 1 - settings_.least_iou : settings_.farthest;
+  std::vector<bool> taken(detections.size(), false);
+  for (const auto& [d, t] : assign(cost)) {
+    if (cost(d, t) > most) continue;
+    Track& track = tracks_[static_cast<std::size_t>(t)];
+    const TrackedDetection& detection = detections[static_cast<std::size_t>(d)];
+    update(track, detection.box);
+    track.said.detection = d;
+    track.said.score = detection.score;
+    taken[static_cast<std::size_t>(d)] = true;
+  }
+  for (Track& track : tracks_) {
+    TrackState& said = track.said;
+    said.misses = said.detection < 0 ? said.misses + 1 : 0;
+    said.hits += said.detection >= 0;
+  }
+  std::erase_if(tracks_, [&](const Track& track) { return track.said.misses >= settings_.death; });
+  for (std::size_t d = 0; d < detections.size(); ++d) {
+    if (taken[d]) continue;
+    Track track;
+    track.x << measured(detections[d].box), 0, 0, 0;
+    track.p = Covariance::Zero();
+    for (int i = 0; i < 10; ++i) track.p(i, i) = i < kMeasured ? kFirstBox : kFirstVelocity;
+    track.said.id = ++born_;
+    track.said.hits = 1;
+    track.said.detection = static_cast<int>(d);
+    track.said.score = detections[d].score;
+    tracks_.push_back(std::move(track));
+  }
+  std::vector<TrackState> states;
+  for (Track& track : tracks_) {
+    track.said.box = box_of(track.x);
+    track.said.velocity = track.x.tail<3>() / kFrame;
+    track.said.confirmed = track.said.hits >= settings_.birth;
+    states.push_back(track.said);
+  }
+  return states;
+}
+
+std::vector<SmoothPlace> smooth(std::span<const PlaceMeasurement> measurements,
+                                const SmootherSettings& settings) {
+  if (measurements.empty()) return {};
+  for (std::size_t k = 0; k < measurements.size(); ++k) {
+    if (k > 0 && !(measurements[k].time > measurements[k - 1].time))
+      throw InputError("track", std::to_string(measurements[k].time), "is no later time than the one before",
+                       "give measurements in order of time");
+    if (!(measurements[k].sigma.minCoeff() > 0 && measurements[k].yaw_sigma > 0))
+      throw InputError("track", "sigma", "is not over 0", "say how large the noise is");
+  }
+  std::vector<SmoothPlace> places(measurements.size());
+  std::vector<Sample> samples(measurements.size());
+  for (int axis = 0; axis < 4; ++axis) {
+    double yaw = measurements.front().yaw;
+    for (std::size_t k = 0; k < samples.size(); ++k) {
+      const PlaceMeasurement& m = measurements[k];
+      yaw += wrap_angle(m.yaw - yaw);
+      samples[k] =
+          axis < 3 ? Sample{m.time, m.position[axis], m.sigma[axis]} : Sample{m.time, yaw, m.yaw_sigma};
+    }
+    const auto states = robust_axis(samples, axis < 3 ? settings.acceleration[axis] : settings.turn);
+    for (std::size_t k = 0; k < states.size(); ++k) {
+      if (axis < 3) {
+        places[k].position[axis] = states[k][0];
+        places[k].velocity[axis] = states[k][1];
+      } else {
+        places[k].yaw = wrap_angle(states[k][0]);
+        places[k].yaw_rate = states[k][1];
+      }
+    }
+  }
+  return places;
+}
+
+double jitter(std::span<const Vec3d> places, std::span<const double> times) {
+  double sum = 0;
+  int count = 0;
+  for (std::size_t k = 1; k + 1 < places.size(); ++k) {
+    const double before = times[k] - times[k - 1], after = times[k + 1] - times[k];
+    if (std::abs(after - before) > 0.1 * std::min(before, after)) continue;
+    sum += (places[k - 1] - 2 * places[k] + places[k + 1]).squaredNorm();
+    ++count;
+  }
+  return count > 0 ? std::sqrt(sum / (6 * count)) : 0;
+}
 
 TrackScores score_tracks(std::span<const TrackFrame> frames, double least) {
   for (const TrackFrame& frame : frames)

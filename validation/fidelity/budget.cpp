@@ -42,175 +42,6 @@ std::vector<const BudgetScene*> without(const std::vector<BudgetScene>& scenes, 
   return list;
 }
 
-}  // namespace
-
-BudgetRule::BudgetRule(const std::vector<BudgetScene>& calibration, double budget, double confidence)
-    : budget_(budget), lambda_(std::numeric_limits<double>::infinity()) {
-  Groups groups;
-  for (std::size_t i = 0; i < calibration.size(); ++i) groups[calibration[i].group].push_back(i);
-  standardise(calibration);
-  const Predictions left_out = left_out_predictions(calibration, groups);
-  fit_rungs(calibration, left_out);
-  calibrate(calibration, groups, left_out, confidence);
-  try_one_for_all(calibration, groups, left_out, confidence);
-}
-
-void BudgetRule::standardise(const std::vector<BudgetScene>& calibration) {
-  const std::size_t features = calibration.at(0).features.size();
-  const auto n = static_cast<double>(calibration.size());
-  mean_.assign(features, 0);
-  scale_.assign(features, 0);
-  for (const BudgetScene& scene : calibration)
-    for (std::size_t k = 0; k < features; ++k) mean_[k] += scene.features[k] / n;
-  for (const BudgetScene& scene : calibration)
-    for (std::size_t k = 0; k < features; ++k)
-      scale_[k] += (scene.features[k] - mean_[k]) * (scene.features[k] - mean_[k]) / n;
-  for (double& scale : scale_) scale = scale > 1e-18 ? std::sqrt(scale) : 1;  // a constant one says nothing
-}
-
-BudgetRule::Predictions BudgetRule::left_out_predictions(const std::vector<BudgetScene>& calibration,
-                                                         const Groups& groups) const {
-  const std::size_t rungs = calibration.at(0).errors.size();
-  Predictions left_out(calibration.size(), std::vector<double>(rungs));
-  for (const auto& [group, members] : groups) {
-    const auto others = without(calibration, &group);
-    for (std::size_t r = 0; r < rungs; ++r) {
-      const Rung fitted = fit(others, r);
-      for (const std::size_t i : members) left_out[i][r] = predict(fitted, calibration[i].features);
-    }
-  }
-  return left_out;
-}
-
-void BudgetRule::fit_rungs(const std::vector<BudgetScene>& calibration, const Predictions& left_out) {
-  const auto all = without(calibration, nullptr);
-  const auto n = static_cast<double>(calibration.size());
-  for (std::size_t r = 0; r < calibration.at(0).errors.size(); ++r) {
-    Rung rung = fit(all, r);
-    double sum = 0;
-    for (std::size_t i = 0; i < calibration.size(); ++i) {
-      const double residual = logarithm(calibration[i].errors[r]) - left_out[i][r];
-      sum += residual * residual / n;
-      rung.seconds += calibration[i].seconds[r] / n;
-    }
-    rung.spread = std::sqrt(sum);
-    rungs_.push_back(std::move(rung));
-  }
-  by_cost_.resize(rungs_.size());
-  std::iota(by_cost_.begin(), by_cost_.end(), std::size_t{0});
-  std::stable_sort(by_cost_.begin(), by_cost_.end(),
-                   [&](std::size_t a, std::size_t b) { return rungs_[a].seconds < rungs_[b].seconds; });
-}
-
-/// From the largest λ down, as long as the bound holds.
-void BudgetRule::calibrate(const std::vector<BudgetScene>& calibration, const Groups& groups,
-                           const Predictions& left_out, double confidence) {
-  for (int step = static_cast<int>(std::lround(kLargestLambda / kLambdaStep)); step >= 0; --step) {
-    const double lambda = step * kLambdaStep;
-    const auto is_beyond = [&](std::size_t i) {
-      const int rung = choose(left_out[i], lambda);
-      return rung >= 0 && calibration[i].errors[static_cast<std::size_t>(rung)] > budget_;
-    };
-    if (!is_backed(groups, confidence, is_beyond)) break;
-    lambda_ = lambda;
-  }
-}
-
-void BudgetRule::try_one_for_all(const std::vector<BudgetScene>& calibration, const Groups& groups,
-                                 const Predictions& left_out, double confidence) {
-  const auto n = static_cast<double>(calibration.size());
-  double least = 0;  // what the rule costs
-  for (std::size_t i = 0; i < calibration.size(); ++i) {
-    const BudgetScene& scene = calibration[i];
-    const int rung = choose(left_out[i], lambda_);
-    least += rung >= 0 ? scene.seconds[static_cast<std::size_t>(rung)]
-                       : scene.seconds_full + *std::min_element(scene.seconds.begin(), scene.seconds.end());
-  }
-  least /= n;
-  for (std::size_t r = 0; r < rungs_.size(); ++r) {
-    double seconds = 0;
-    for (const BudgetScene& scene : calibration) seconds += scene.alone[r] / n;
-    const auto is_beyond = [&](std::size_t i) { return calibration[i].errors[r] > budget_; };
-    if (!(seconds < least) || !is_backed(groups, confidence, is_beyond)) continue;
-    least = seconds;
-    always_ = static_cast<int>(r);
-  }
-}
-
-std::vector<double> BudgetRule::standardised(const std::vector<double>& features) const {
-  std::vector<double> out(features.size());
-  for (std::size_t k = 0; k < features.size(); ++k) out[k] = (features[k] - mean_[k]) / scale_[k];
-  return out;
-}
-
-BudgetRule::Rung BudgetRule::fit(const std::vector<const BudgetScene*>& scenes, std::size_t rung) const {
-  const auto size = static_cast<Eigen::Index>(mean_.size()) + 1;
-  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(size, size);
-  Eigen::VectorXd right = Eigen::VectorXd::Zero(size);
-  for (const BudgetScene* scene : scenes) {
-    const std::vector<double> z = standardised(scene->features);
-    Eigen::VectorXd x(size);
-    x(0) = 1;
-    for (Eigen::Index k = 1; k < size; ++k) x(k) = z[static_cast<std::size_t>(k) - 1];
-    normal += x * x.transpose();
-    right += logarithm(scene->errors[rung]) * x;
-  }
-  for (Eigen::Index k = 1; k < size; ++k) normal(k, k) += kRidge;
-  if (scenes.empty()) normal(0, 0) = 1;  // nothing left when the only group is left out: predicts log 1
-  const Eigen::VectorXd solved = normal.ldlt().solve(right);
-  Rung result;
-  result.coefficients.assign(solved.data(), solved.data() + size);
-  return result;
-}
-
-double BudgetRule::predict(const Rung& rung, const std::vector<double>& features) const {
-  const std::vector<double> z = standardised(features);
-  return std::inner_product(z.begin(), z.end(), rung.coefficients.begin() + 1, rung.coefficients[0]);
-}
-
-int BudgetRule::choose(const std::vector<double>& predictions, double lambda) const {
-  if (!std::isfinite(lambda)) return -1;
-  for (const std::size_t r : by_cost_)
-    if (predictions[r] + lambda * rungs_[r].spread <= logarithm(budget_)) return static_cast<int>(r);
-  return -1;
-}
-
-int BudgetRule::choose(const std::vector<double>& features) const {
-  if (always_) return *always_;
-  std::vector<double> predictions;
-  for (const Rung& rung : rungs_) predictions.push_back(predict(rung, features));
-  return choose(predictions, lambda_);
-}
-
-json to_json(const BudgetRule& rule) {
-  auto rungs = json::array();
-  for (const BudgetRule::Rung& rung : rule.rungs_)
-    rungs.push_back(
-        {{"seconds", rung.seconds}, {"spread", rung.spread}, {"coefficients", rung.coefficients}});
-  return {{"lambda", std::isfinite(rule.lambda_) ? json(rule.lambda_) : json()},
-          {"always", rule.always_ ? json(*rule.always_) : json()},
-          {"feature_mean", rule.mean_},
-          {"feature_scale", rule.scale_},
-          {"rungs", rungs}};
-}
-
-std::map<std::string, std::string> linked_frames(const std::map<std::string, std::set<int>>& tracks) {
-  std::map<std::string, std::string> group;
-  for (const auto& [frame, seen] : tracks) group[frame] = frame;
-  std::map<int, std::string> first;  // a frame that shows the vehicle
-  for (const auto& [frame, seen] : tracks)
-    for (const int track : seen) {
-      if (track < 0) continue;
-      const auto [other, added] = first.try_emplace(track, frame);
-      const std::string a = group.at(frame), b = group.at(other->second);
-      for (auto& [name, of] : group)
-        if (of == a || of == b) of = std::min(a, b);
-    }
-  return group;
-}
-
-namespace {
-
 constexpr int kFolds = 20;
 /// Rungs that are no approximation of the full render.
 const std::set<std::string> kNotOffered = {"sRGB shading", "+clear sky", "+car paint", "lens", "sensor"};
@@ -389,6 +220,171 @@ json choice_figures(const BudgetChoice& choice) {
 }
 
 }  // namespace
+
+BudgetRule::BudgetRule(const std::vector<BudgetScene>& calibration, double budget, double confidence)
+    : budget_(budget), lambda_(std::numeric_limits<double>::infinity()) {
+  Groups groups;
+  for (std::size_t i = 0; i < calibration.size(); ++i) groups[calibration[i].group].push_back(i);
+  standardise(calibration);
+  const Predictions left_out = left_out_predictions(calibration, groups);
+  fit_rungs(calibration, left_out);
+  calibrate(calibration, groups, left_out, confidence);
+  try_one_for_all(calibration, groups, left_out, confidence);
+}
+
+void BudgetRule::standardise(const std::vector<BudgetScene>& calibration) {
+  const std::size_t features = calibration.at(0).features.size();
+  const auto n = static_cast<double>(calibration.size());
+  mean_.assign(features, 0);
+  scale_.assign(features, 0);
+  for (const BudgetScene& scene : calibration)
+    for (std::size_t k = 0; k < features; ++k) mean_[k] += scene.features[k] / n;
+  for (const BudgetScene& scene : calibration)
+    for (std::size_t k = 0; k < features; ++k)
+      scale_[k] += (scene.features[k] - mean_[k]) * (scene.features[k] - mean_[k]) / n;
+  for (double& scale : scale_) scale = scale > 1e-18 ? std::sqrt(scale) : 1;  // a constant one says nothing
+}
+
+BudgetRule::Predictions BudgetRule::left_out_predictions(const std::vector<BudgetScene>& calibration,
+                                                         const Groups& groups) const {
+  const std::size_t rungs = calibration.at(0).errors.size();
+  Predictions left_out(calibration.size(), std::vector<double>(rungs));
+  for (const auto& [group, members] : groups) {
+    const auto others = without(calibration, &group);
+    for (std::size_t r = 0; r < rungs; ++r) {
+      const Rung fitted = fit(others, r);
+      for (const std::size_t i : members) left_out[i][r] = predict(fitted, calibration[i].features);
+    }
+  }
+  return left_out;
+}
+
+void BudgetRule::fit_rungs(const std::vector<BudgetScene>& calibration, const Predictions& left_out) {
+  const auto all = without(calibration, nullptr);
+  const auto n = static_cast<double>(calibration.size());
+  for (std::size_t r = 0; r < calibration.at(0).errors.size(); ++r) {
+    Rung rung = fit(all, r);
+    double sum = 0;
+    for (std::size_t i = 0; i < calibration.size(); ++i) {
+      const double residual = logarithm(calibration[i].errors[r]) - left_out[i][r];
+      sum += residual * residual / n;
+      rung.seconds += calibration[i].seconds[r] / n;
+    }
+    rung.spread = std::sqrt(sum);
+    rungs_.push_back(std::move(rung));
+  }
+  by_cost_.resize(rungs_.size());
+  std::iota(by_cost_.begin(), by_cost_.end(), std::size_t{0});
+  std::stable_sort(by_cost_.begin(), by_cost_.end(),
+                   [&](std::size_t a, std::size_t b) { return rungs_[a].seconds < rungs_[b].seconds; });
+}
+
+/// From the largest λ down, as long as the bound holds.
+void BudgetRule::calibrate(const std::vector<BudgetScene>& calibration, const Groups& groups,
+                           const Predictions& left_out, double confidence) {
+  for (int step = static_cast<int>(std::lround(kLargestLambda / kLambdaStep)); step >= 0; --step) {
+    const double lambda = step * kLambdaStep;
+    const auto is_beyond = [&](std::size_t i) {
+      const int rung = choose(left_out[i], lambda);
+      return rung >= 0 && calibration[i].errors[static_cast<std::size_t>(rung)] > budget_;
+    };
+    if (!is_backed(groups, confidence, is_beyond)) break;
+    lambda_ = lambda;
+  }
+}
+
+void BudgetRule::try_one_for_all(const std::vector<BudgetScene>& calibration, const Groups& groups,
+                                 const Predictions& left_out, double confidence) {
+  const auto n = static_cast<double>(calibration.size());
+  double least = 0;  // what the rule costs
+  for (std::size_t i = 0; i < calibration.size(); ++i) {
+    const BudgetScene& scene = calibration[i];
+    const int rung = choose(left_out[i], lambda_);
+    least += rung >= 0 ? scene.seconds[static_cast<std::size_t>(rung)]
+                       : scene.seconds_full + *std::min_element(scene.seconds.begin(), scene.seconds.end());
+  }
+  least /= n;
+  for (std::size_t r = 0; r < rungs_.size(); ++r) {
+    double seconds = 0;
+    for (const BudgetScene& scene : calibration) seconds += scene.alone[r] / n;
+    const auto is_beyond = [&](std::size_t i) { return calibration[i].errors[r] > budget_; };
+    if (!(seconds < least) || !is_backed(groups, confidence, is_beyond)) continue;
+    least = seconds;
+    always_ = static_cast<int>(r);
+  }
+}
+
+std::vector<double> BudgetRule::standardised(const std::vector<double>& features) const {
+  std::vector<double> out(features.size());
+  for (std::size_t k = 0; k < features.size(); ++k) out[k] = (features[k] - mean_[k]) / scale_[k];
+  return out;
+}
+
+BudgetRule::Rung BudgetRule::fit(const std::vector<const BudgetScene*>& scenes, std::size_t rung) const {
+  const auto size = static_cast<Eigen::Index>(mean_.size()) + 1;
+  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(size, size);
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(size);
+  for (const BudgetScene* scene : scenes) {
+    const std::vector<double> z = standardised(scene->features);
+    Eigen::VectorXd x(size);
+    x(0) = 1;
+    for (Eigen::Index k = 1; k < size; ++k) x(k) = z[static_cast<std::size_t>(k) - 1];
+    normal += x * x.transpose();
+    right += logarithm(scene->errors[rung]) * x;
+  }
+  for (Eigen::Index k = 1; k < size; ++k) normal(k, k) += kRidge;
+  if (scenes.empty()) normal(0, 0) = 1;  // nothing left when the only group is left out: predicts log 1
+  const Eigen::VectorXd solved = normal.ldlt().solve(right);
+  Rung result;
+  result.coefficients.assign(solved.data(), solved.data() + size);
+  return result;
+}
+
+double BudgetRule::predict(const Rung& rung, const std::vector<double>& features) const {
+  const std::vector<double> z = standardised(features);
+  return std::inner_product(z.begin(), z.end(), rung.coefficients.begin() + 1, rung.coefficients[0]);
+}
+
+int BudgetRule::choose(const std::vector<double>& predictions, double lambda) const {
+  if (!std::isfinite(lambda)) return -1;
+  for (const std::size_t r : by_cost_)
+    if (predictions[r] + lambda * rungs_[r].spread <= logarithm(budget_)) return static_cast<int>(r);
+  return -1;
+}
+
+int BudgetRule::choose(const std::vector<double>& features) const {
+  if (always_) return *always_;
+  std::vector<double> predictions;
+  for (const Rung& rung : rungs_) predictions.push_back(predict(rung, features));
+  return choose(predictions, lambda_);
+}
+
+json to_json(const BudgetRule& rule) {
+  auto rungs = json::array();
+  for (const BudgetRule::Rung& rung : rule.rungs_)
+    rungs.push_back(
+        {{"seconds", rung.seconds}, {"spread", rung.spread}, {"coefficients", rung.coefficients}});
+  return {{"lambda", std::isfinite(rule.lambda_) ? json(rule.lambda_) : json()},
+          {"always", rule.always_ ? json(*rule.always_) : json()},
+          {"feature_mean", rule.mean_},
+          {"feature_scale", rule.scale_},
+          {"rungs", rungs}};
+}
+
+std::map<std::string, std::string> linked_frames(const std::map<std::string, std::set<int>>& tracks) {
+  std::map<std::string, std::string> group;
+  for (const auto& [frame, seen] : tracks) group[frame] = frame;
+  std::map<int, std::string> first;  // a frame that shows the vehicle
+  for (const auto& [frame, seen] : tracks)
+    for (const int track : seen) {
+      if (track < 0) continue;
+      const auto [other, added] = first.try_emplace(track, frame);
+      const std::string a = group.at(frame), b = group.at(other->second);
+      for (auto& [name, of] : group)
+        if (of == a || of == b) of = std::min(a, b);
+    }
+  return group;
+}
 
 BudgetReport choose_rungs(const std::vector<VehicleResult>& vehicles, const BudgetSettings& settings) {
   const Table table = read_scenes(vehicles, settings.of);

@@ -56,6 +56,79 @@ void check_depth(ReferenceRenderer& renderer, const HostScene& scene, MatchedLig
   }
 }
 
+constexpr double kFilterWidth = 1.5;  // px, the default of Blender's filter
+constexpr int kReferenceFactor = 4;   // samples of the reference over the rungs'
+
+/// A Cycles rung.
+struct Recipe {
+  std::string effect, group, base;
+  RenderEffects effects;
+  int samples = 0;  ///< 0: the scene's
+  double filter_width = 0;
+  bool blurred = false;
+};
+
+std::vector<Recipe> recipes(int samples) {
+  using Surroundings = RenderEffects::Surroundings;
+  const auto none = Surroundings::none;
+  const auto unseen = Surroundings::unseen;
+  const RenderEffects all{
+      .shadows = true, .sky = true, .bounces = 4, .specular = true, .surroundings = unseen};
+  RenderEffects painted = all, clear = all;
+  painted.paint = true;
+  clear.clear_sky = true;
+  const RenderEffects shadows{.shadows = true, .surroundings = unseen};
+  RenderEffects cast = shadows;
+  cast.surroundings = Surroundings::catcher;
+  std::vector<Recipe> list = {
+      {"+pixel area", "cycles", "centres", {}},
+      {"+pixel filter", "cycles", "+pixel area", {}, 0, kFilterWidth},
+      {"+camera blur", "cycles", "+pixel area", {}, 0, 0, true},
+      {"+shadows", "cycles", "+pixel area", shadows},
+      {"+cast shadow", "cycles", "+shadows", cast},
+      {"+occlusion", "cycles", "+pixel area", {.sky = true, .surroundings = unseen}},
+      {"+shadows+occlusion", "cycles", "+pixel area", {.shadows = true, .sky = true, .surroundings = unseen}},
+      {"+bounces1",
+       "cycles",
+       "+pixel area",
+       {.shadows = true, .sky = true, .bounces = 1, .surroundings = unseen}},
+      {"+bounces4",
+       "cycles",
+       "+pixel area",
+       {.shadows = true, .sky = true, .bounces = 4, .surroundings = unseen}},
+      {"+specular", "cycles", "+pixel area", {.specular = true, .surroundings = none}},
+      {"all", "cycles", "+pixel area", all},
+      {"+car paint", "cycles", "all", painted},
+      {"+clear sky", "cycles", "all", clear},
+  };
+  for (const int fewer : {4, 16})
+    if (fewer < samples)
+      list.push_back(
+          {"full, " + std::to_string(fewer) + " samples", "samples", "reference", full_effects(), fewer});
+  return list;
+}
+
+constexpr double kMoved = 1e-3;       // m
+constexpr double kRangeSigma = 0.02;  // m, HDL-64E's data sheet
+constexpr double kDropOut = 0.1;      // share
+
+/// What tells a ray: its beam and firing, and where it points for a return that shares both with another.
+using RayKey = std::tuple<int, int, long, long>;
+
+std::map<RayKey, Vec3d> by_ray(const LidarTape& tape, const Sweep& sweep) {
+  std::map<RayKey, Vec3d> points;
+  for (std::size_t i = 0; i < tape.returns.size(); ++i) {
+    const LidarTape::Return& back = tape.returns[i];
+    RayKey key{back.beam, back.firing, 0, 0};
+    if (back.firing < 0)
+      key = {back.beam, back.firing,
+             std::lround(1e6 * std::atan2(back.ray.direction.y(), back.ray.direction.x())),
+             std::lround(1e6 * back.ray.direction.z())};
+    points[key] = sweep[tape.first + i].position().cast<double>();
+  }
+  return points;
+}
+
 }  // namespace
 
 MatchedLight matched_light(ReferenceRenderer& renderer, const HostScene& scene) {
@@ -200,62 +273,6 @@ SquaredError raster_error(const HostScene& scene, const Simulated& simulated, co
                   coverage_of(simulated, full.rect), full);
 }
 
-namespace {
-
-constexpr double kFilterWidth = 1.5;  // px, the default of Blender's filter
-constexpr int kReferenceFactor = 4;   // samples of the reference over the rungs'
-
-/// A Cycles rung.
-struct Recipe {
-  std::string effect, group, base;
-  RenderEffects effects;
-  int samples = 0;  ///< 0: the scene's
-  double filter_width = 0;
-  bool blurred = false;
-};
-
-std::vector<Recipe> recipes(int samples) {
-  using Surroundings = RenderEffects::Surroundings;
-  const auto none = Surroundings::none;
-  const auto unseen = Surroundings::unseen;
-  const RenderEffects all{
-      .shadows = true, .sky = true, .bounces = 4, .specular = true, .surroundings = unseen};
-  RenderEffects painted = all, clear = all;
-  painted.paint = true;
-  clear.clear_sky = true;
-  const RenderEffects shadows{.shadows = true, .surroundings = unseen};
-  RenderEffects cast = shadows;
-  cast.surroundings = Surroundings::catcher;
-  std::vector<Recipe> list = {
-      {"+pixel area", "cycles", "centres", {}},
-      {"+pixel filter", "cycles", "+pixel area", {}, 0, kFilterWidth},
-      {"+camera blur", "cycles", "+pixel area", {}, 0, 0, true},
-      {"+shadows", "cycles", "+pixel area", shadows},
-      {"+cast shadow", "cycles", "+shadows", cast},
-      {"+occlusion", "cycles", "+pixel area", {.sky = true, .surroundings = unseen}},
-      {"+shadows+occlusion", "cycles", "+pixel area", {.shadows = true, .sky = true, .surroundings = unseen}},
-      {"+bounces1",
-       "cycles",
-       "+pixel area",
-       {.shadows = true, .sky = true, .bounces = 1, .surroundings = unseen}},
-      {"+bounces4",
-       "cycles",
-       "+pixel area",
-       {.shadows = true, .sky = true, .bounces = 4, .surroundings = unseen}},
-      {"+specular", "cycles", "+pixel area", {.specular = true, .surroundings = none}},
-      {"all", "cycles", "+pixel area", all},
-      {"+car paint", "cycles", "all", painted},
-      {"+clear sky", "cycles", "all", clear},
-  };
-  for (const int fewer : {4, 16})
-    if (fewer < samples)
-      list.push_back(
-          {"full, " + std::to_string(fewer) + " samples", "samples", "reference", full_effects(), fewer});
-  return list;
-}
-
-}  // namespace
-
 LightLadder light_ladder(ReferenceRenderer& renderer, const HostScene& scene, const FullLight& full) {
   const ImageF photograph = crop(scene.prepared->frame.image, full.rect);
   const auto as_seen = [](ImageF picture) {
@@ -327,31 +344,6 @@ LightLadder light_ladder(ReferenceRenderer& renderer, const HostScene& scene, co
   add("full", "samples", "reference", full.seconds, full.cycles, full.radiance, full.coverage);
   return result;
 }
-
-namespace {
-
-constexpr double kMoved = 1e-3;       // m
-constexpr double kRangeSigma = 0.02;  // m, HDL-64E's data sheet
-constexpr double kDropOut = 0.1;      // share
-
-/// What tells a ray: its beam and firing, and where it points for a return that shares both with another.
-using RayKey = std::tuple<int, int, long, long>;
-
-std::map<RayKey, Vec3d> by_ray(const LidarTape& tape, const Sweep& sweep) {
-  std::map<RayKey, Vec3d> points;
-  for (std::size_t i = 0; i < tape.returns.size(); ++i) {
-    const LidarTape::Return& back = tape.returns[i];
-    RayKey key{back.beam, back.firing, 0, 0};
-    if (back.firing < 0)
-      key = {back.beam, back.firing,
-             std::lround(1e6 * std::atan2(back.ray.direction.y(), back.ray.direction.x())),
-             std::lround(1e6 * back.ray.direction.z())};
-    points[key] = sweep[tape.first + i].position().cast<double>();
-  }
-  return points;
-}
-
-}  // namespace
 
 LidarEffects realistic_returns(const HostScene& scene) {
   LidarEffects all = parse_lidar_effects("divergence,motion", scene.prepared->lidar.divergence);
@@ -437,6 +429,21 @@ Simulated simulate_uniform(const HostScene& scene, const SimulationSettings& set
   return simulate_host(uniform, settings);
 }
 
+/// From the rung "hard" to two others, as a camera sees them.
+void add_changes(const HostScene& scene, const PixelRect& rect, std::map<std::string, double>& features) {
+  const ImageF& photograph = scene.prepared->frame.image;
+  const auto picture = [&](const Simulated& drawn) {
+    ImageF window = radiance_of(drawn, photograph, rect);
+    saturate(window);
+    return window;
+  };
+  const Simulated hard = draw_raster_rung("hard", scene);
+  ImageF mask = coverage_of(hard, rect);
+  const ImageF from = picture(hard);
+  features["soft_change"] = relative_error(from, picture(draw_raster_rung("soft", scene)), mask);
+  features["light_change"] = relative_error(from, picture(draw_raster_rung("visible light", scene)), mask);
+}
+
 }  // namespace
 
 const std::vector<std::string>& raster_rungs() {
@@ -476,25 +483,6 @@ Simulated draw_raster_rung(const std::string& rung, const HostScene& scene) {
     throw std::logic_error("no rung of the rasteriser: " + rung);
   return simulate_host(scene, settings);
 }
-
-namespace {
-
-/// From the rung "hard" to two others, as a camera sees them.
-void add_changes(const HostScene& scene, const PixelRect& rect, std::map<std::string, double>& features) {
-  const ImageF& photograph = scene.prepared->frame.image;
-  const auto picture = [&](const Simulated& drawn) {
-    ImageF window = radiance_of(drawn, photograph, rect);
-    saturate(window);
-    return window;
-  };
-  const Simulated hard = draw_raster_rung("hard", scene);
-  ImageF mask = coverage_of(hard, rect);
-  const ImageF from = picture(hard);
-  features["soft_change"] = relative_error(from, picture(draw_raster_rung("soft", scene)), mask);
-  features["light_change"] = relative_error(from, picture(draw_raster_rung("visible light", scene)), mask);
-}
-
-}  // namespace
 
 const std::vector<std::string>& scene_feature_names() {
   static const std::vector<std::string> names = {

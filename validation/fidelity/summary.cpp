@@ -280,25 +280,6 @@ json truth(const std::optional<bool>& known) {
   return known ? json(*known) : json();
 }
 
-}  // namespace
-
-json to_json(const Verdict& verdict) {
-  return {{"confidence", kConfidence},
-          {"held_back", group_figures(verdict.held_back)},
-          {"all", group_figures(verdict.all)},
-          {"pairs", list_json(verdict.pairs, pair_figures)},
-          {"flips", list_json(verdict.flips, flip_figures)},
-          {"of", &verdict.judged() == &verdict.held_back ? "held_back" : "all"},
-          {"arms", compared_figures(verdict.judged().arms)},
-          {"controls", compared_figures(verdict.controls)},
-          {"vacuous",
-           {{"image", truth(verdict.vacuous(Channel::image))},
-            {"lidar", truth(verdict.vacuous(Channel::lidar))},
-            {"bound", kLeastDeltaLogit}}}};
-}
-
-namespace {
-
 /// Over the entries that have a value; none where no entry has.
 template <class Entry, class Value>
 std::optional<double> mean(const std::vector<Entry>& entries, const Value& value_of) {
@@ -479,6 +460,21 @@ void add(FooledSummary& sum, const SeenResult& seen) {
 }
 
 }  // namespace
+
+json to_json(const Verdict& verdict) {
+  return {{"confidence", kConfidence},
+          {"held_back", group_figures(verdict.held_back)},
+          {"all", group_figures(verdict.all)},
+          {"pairs", list_json(verdict.pairs, pair_figures)},
+          {"flips", list_json(verdict.flips, flip_figures)},
+          {"of", &verdict.judged() == &verdict.held_back ? "held_back" : "all"},
+          {"arms", compared_figures(verdict.judged().arms)},
+          {"controls", compared_figures(verdict.controls)},
+          {"vacuous",
+           {{"image", truth(verdict.vacuous(Channel::image))},
+            {"lidar", truth(verdict.vacuous(Channel::lidar))},
+            {"bound", kLeastDeltaLogit}}}};
+}
 
 std::vector<Target> targets_of(const ValidationSummary& summary) {
   const MatchedSummary& matched = summary.matched;

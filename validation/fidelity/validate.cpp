@@ -69,34 +69,6 @@ void require_result(fs::path& file, const char* key, const std::string& command)
         "give --" + std::string(command == "evaluate" ? "evaluation" : command) + " the folder of one");
 }
 
-}  // namespace
-
-void write_report(const ValidationSettings& given) {
-  ValidationSettings settings = given;
-  require_result(settings.evaluation, "fn_asr", "evaluate");
-  require_result(settings.tradeoff, "recommended", "tradeoff");
-  const std::string python = plotting_python().string();
-  if (python.empty())
-    throw InputError("python3", "", "not found on PATH", "install it with apt-get install python3-jinja2");
-  std::vector<std::string> arguments = {python,         shipped_file("validation/report/report.py").string(),
-                                        "--validation", settings.out.string(),
-                                        "--run",        settings.run.string()};
-  if (!settings.evaluation.empty())
-    arguments.insert(arguments.end(), {"--evaluation", settings.evaluation.string()});
-  if (!settings.tradeoff.empty())
-    arguments.insert(arguments.end(), {"--tradeoff", settings.tradeoff.string()});
-  if (const fs::path viewer = built_file("report/model-viewer.min.js"); fs::exists(viewer))
-    arguments.insert(arguments.end(), {"--viewer", viewer.string()});
-  if (settings.sign_off) arguments.push_back("--sign-off");
-  std::string said;
-  if (const int status = run_program(arguments, &said); status != 0)
-    throw Failure("report.py", said.empty() ? fmt::format("ended with status {}", status) : said,
-                  said.starts_with("ModuleNotFoundError") ? "install python3-jinja2 and python3-pil"
-                                                          : "finished vehicles are kept");
-}
-
-namespace {
-
 /// The hosts' results, kept or made, each stored as it is finished, so that ranks find what others made.
 /// Those that the renderer was lost on go to `failed`.
 std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std::vector<HostId>& hosts,
@@ -141,6 +113,30 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
 }
 
 }  // namespace
+
+void write_report(const ValidationSettings& given) {
+  ValidationSettings settings = given;
+  require_result(settings.evaluation, "fn_asr", "evaluate");
+  require_result(settings.tradeoff, "recommended", "tradeoff");
+  const std::string python = plotting_python().string();
+  if (python.empty())
+    throw InputError("python3", "", "not found on PATH", "install it with apt-get install python3-jinja2");
+  std::vector<std::string> arguments = {python,         shipped_file("validation/report/report.py").string(),
+                                        "--validation", settings.out.string(),
+                                        "--run",        settings.run.string()};
+  if (!settings.evaluation.empty())
+    arguments.insert(arguments.end(), {"--evaluation", settings.evaluation.string()});
+  if (!settings.tradeoff.empty())
+    arguments.insert(arguments.end(), {"--tradeoff", settings.tradeoff.string()});
+  if (const fs::path viewer = built_file("report/model-viewer.min.js"); fs::exists(viewer))
+    arguments.insert(arguments.end(), {"--viewer", viewer.string()});
+  if (settings.sign_off) arguments.push_back("--sign-off");
+  std::string said;
+  if (const int status = run_program(arguments, &said); status != 0)
+    throw Failure("report.py", said.empty() ? fmt::format("ended with status {}", status) : said,
+                  said.starts_with("ModuleNotFoundError") ? "install python3-jinja2 and python3-pil"
+                                                          : "finished vehicles are kept");
+}
 
 std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& frame,
                            const ReferenceIdentity& reference) {

@@ -34,63 +34,6 @@ Simulated drawn_under(const HostScene& scene, const Simulated& attacked, LightMo
   return simulate_host(scene, settings);
 }
 
-}  // namespace
-
-Pictures pictures_of(const Simulated& simulated) {
-  Pictures pictures = {&simulated.image};
-  for (const CameraSight& other : simulated.others)
-    pictures.push_back(other.image.empty() ? nullptr : &other.image);
-  return pictures;
-}
-
-ImageF noise_in_place(const CameraSight& seen, const ImageF& photograph, std::uint64_t seed,
-                      std::size_t camera) {
-  ImageF image = photograph;
-  RandomStream random(seed, "noise in the object's place", camera);
-  for (int v = seen.rect.v0; v < seen.rect.v1; ++v)
-    for (int u = seen.rect.u0; u < seen.rect.u1; ++u) {
-      const double covered = rgba_at(seen, u, v, 3);
-      for (int c = 0; c < image.channels; ++c)
-        image.at(u, v, c) =
-            static_cast<float>((1 - covered) * image.at(u, v, c) + covered * random.uniform());
-    }
-  return image;
-}
-
-ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const Simulated& learned,
-                        const Pictures& cycles, const LookAt& look) {
-  const Frame& frame = scene.prepared->frame;
-  const Sweep ideal = sweep_with(scene, {}), realistic = sweep_with(scene, realistic_returns(scene));
-  const Simulated raster = drawn_under(scene, attacked, LightModel::plain),
-                  visible = drawn_under(scene, attacked, LightModel::visible);
-  ArmsResult result;
-  result.arms.push_back(
-      {{ArmLight::learned, ArmReturns::learned}, look(pictures_of(learned), learned.sweep)});
-  const std::pair<ArmLight, Pictures> lights[] = {{ArmLight::raster, pictures_of(raster)},
-                                                  {ArmLight::visible, pictures_of(visible)},
-                                                  {ArmLight::cycles, cycles}};
-  for (const auto& [light, pictures] : lights) {
-    result.arms.push_back({{light, ArmReturns::ideal}, look(pictures, ideal)});
-    result.arms.push_back({{light, ArmReturns::realistic}, look(pictures, realistic)});
-  }
-  std::vector<ImageF> noise(frame.cameras());
-  Pictures noisy(frame.cameras());
-  for (std::size_t k = 0; k < frame.cameras(); ++k)
-    if (!learned.sight(k).rect.empty()) {
-      noise[k] = noise_in_place(learned.sight(k), frame.image_of(k), scene.seed, k);
-      noisy[k] = &noise[k];
-    }
-  const auto control = [&](Channel channel, const char* name, const Pictures& pictures, const Sweep& sweep) {
-    result.controls.push_back({{channel, name}, look(pictures, sweep)});
-  };
-  control(Channel::image, "noise", noisy, learned.sweep);
-  control(Channel::image, "photograph", Pictures(frame.cameras()), learned.sweep);
-  control(Channel::lidar, "no returns", pictures_of(learned), frame.sweep);
-  return result;
-}
-
-namespace {
-
 using nlohmann::json;
 namespace fs = std::filesystem;
 
@@ -248,6 +191,59 @@ LadderResult ladders(ReferenceRenderer& renderer, const Looked& at, const Simula
 }
 
 }  // namespace
+
+Pictures pictures_of(const Simulated& simulated) {
+  Pictures pictures = {&simulated.image};
+  for (const CameraSight& other : simulated.others)
+    pictures.push_back(other.image.empty() ? nullptr : &other.image);
+  return pictures;
+}
+
+ImageF noise_in_place(const CameraSight& seen, const ImageF& photograph, std::uint64_t seed,
+                      std::size_t camera) {
+  ImageF image = photograph;
+  RandomStream random(seed, "noise in the object's place", camera);
+  for (int v = seen.rect.v0; v < seen.rect.v1; ++v)
+    for (int u = seen.rect.u0; u < seen.rect.u1; ++u) {
+      const double covered = rgba_at(seen, u, v, 3);
+      for (int c = 0; c < image.channels; ++c)
+        image.at(u, v, c) =
+            static_cast<float>((1 - covered) * image.at(u, v, c) + covered * random.uniform());
+    }
+  return image;
+}
+
+ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const Simulated& learned,
+                        const Pictures& cycles, const LookAt& look) {
+  const Frame& frame = scene.prepared->frame;
+  const Sweep ideal = sweep_with(scene, {}), realistic = sweep_with(scene, realistic_returns(scene));
+  const Simulated raster = drawn_under(scene, attacked, LightModel::plain),
+                  visible = drawn_under(scene, attacked, LightModel::visible);
+  ArmsResult result;
+  result.arms.push_back(
+      {{ArmLight::learned, ArmReturns::learned}, look(pictures_of(learned), learned.sweep)});
+  const std::pair<ArmLight, Pictures> lights[] = {{ArmLight::raster, pictures_of(raster)},
+                                                  {ArmLight::visible, pictures_of(visible)},
+                                                  {ArmLight::cycles, cycles}};
+  for (const auto& [light, pictures] : lights) {
+    result.arms.push_back({{light, ArmReturns::ideal}, look(pictures, ideal)});
+    result.arms.push_back({{light, ArmReturns::realistic}, look(pictures, realistic)});
+  }
+  std::vector<ImageF> noise(frame.cameras());
+  Pictures noisy(frame.cameras());
+  for (std::size_t k = 0; k < frame.cameras(); ++k)
+    if (!learned.sight(k).rect.empty()) {
+      noise[k] = noise_in_place(learned.sight(k), frame.image_of(k), scene.seed, k);
+      noisy[k] = &noise[k];
+    }
+  const auto control = [&](Channel channel, const char* name, const Pictures& pictures, const Sweep& sweep) {
+    result.controls.push_back({{channel, name}, look(pictures, sweep)});
+  };
+  control(Channel::image, "noise", noisy, learned.sweep);
+  control(Channel::image, "photograph", Pictures(frame.cameras()), learned.sweep);
+  control(Channel::lidar, "no returns", pictures_of(learned), frame.sweep);
+  return result;
+}
 
 VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, bool with_ladder) {
   const auto held = context.store.get(id.frame);

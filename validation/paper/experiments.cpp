@@ -60,25 +60,6 @@ std::string last_part(const std::string& name) {
   return name.substr(name.find('/') + 1);
 }
 
-}  // namespace
-
-std::string run_name(const std::string& attack, const Variant& variant) {
-  std::string name = attack;
-  if (variant.size > 0) name += fmt::format("-size{:.1f}", variant.size);
-  if (!variant.parts.empty()) name += "-" + variant.parts;
-  return name + defense_suffix(variant.defense);
-}
-
-std::string repetition(const std::string& name, int number) {
-  return number == 0 ? name : fmt::format("{}{}{}", name, '+', number);
-}
-
-bool is_repetition(const std::string& name) {
-  return name.find('+') != std::string::npos;
-}
-
-namespace {
-
 /// An attack by its run's name without what varies: "kitti64-fusion-both".
 struct AttackName {
   std::string text, rig, detector, target;
@@ -404,6 +385,21 @@ void repeat(Experiments& experiments, const ReproduceSettings& settings) {
 }
 
 }  // namespace
+
+std::string run_name(const std::string& attack, const Variant& variant) {
+  std::string name = attack;
+  if (variant.size > 0) name += fmt::format("-size{:.1f}", variant.size);
+  if (!variant.parts.empty()) name += "-" + variant.parts;
+  return name + defense_suffix(variant.defense);
+}
+
+std::string repetition(const std::string& name, int number) {
+  return number == 0 ? name : fmt::format("{}{}{}", name, '+', number);
+}
+
+bool is_repetition(const std::string& name) {
+  return name.find('+') != std::string::npos;
+}
 
 void make_quick(ReproduceSettings& settings) {
   const ReproduceSettings standing;

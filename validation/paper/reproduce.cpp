@@ -154,53 +154,6 @@ json hidden_json(const Outcomes& outcomes, const Outcomes* control) {
   return rates;
 }
 
-}  // namespace
-
-json table_json(const Table& table, const Experiments& experiments, const Evidence& evidence) {
-  json columns = json::array(), rows = json::array();
-  for (const Column& column : table.columns)
-    columns.push_back({{"key", column.key}, {"title", column.title}});
-  for (const Row& row : table.rows) rows.push_back(row_json(table, row, experiments, evidence));
-  return {{"name", table.name},     {"title", table.title}, {"note", table.note},
-          {"matrix", table.matrix}, {"columns", columns},   {"rows", rows}};
-}
-
-json arms_json(const Experiments& experiments, const ReproduceSettings& settings, const Evidence& evidence) {
-  json list = json::array();
-  for (const Case& command : experiments.cases) {
-    if (command.kind != Case::Kind::evaluate || is_repetition(command.name)) continue;
-    const Case &attack = experiments.at(command.run()), &stage = experiments.at(command.hosts_of());
-    for (const std::string mesh : {"learned", "start", "sized", "cuboid"}) {
-      const Outcomes *outcomes = evidence.of(command.name, mesh), *sized = evidence.of(command.name, "sized");
-      if (!outcomes) continue;
-      const std::string name = command.name.substr(command.name.find('/') + 1);
-      json arm = {
-          {"name", name},
-          {"detector", attack.setting("detector")},
-          {"target", attack.setting("target")},
-          {"rig", rig_of(name)},
-          {"judge", command.setting("detector", stage.setting("detector"))},
-          {"mesh", mesh},
-          {"seeds", json::array()},
-          {"vehicles", outcomes->vehicles},
-          {"frames", outcomes->frames()},
-          {"hidden", hidden_json(*outcomes, nullptr)},
-          {"fp_asr", to_json(share(*outcomes, question("fp_asr")))},
-          {"interval",
-           {{"confidence", kConfidence}, {"drawn", outcomes->runs > 1 ? "runs and clusters" : "clusters"}}}};
-      for (int run = 0; run < outcomes->runs; ++run)
-        arm["seeds"].push_back(settings.seed + static_cast<std::uint64_t>(run));
-      for (const char* varied : {"defense", "parts"})
-        if (const std::string word = attack.setting(varied); !word.empty()) arm[varied] = word;
-      if (mesh == "learned" && sized) arm["net"] = hidden_json(*outcomes, sized);
-      list.push_back(std::move(arm));
-    }
-  }
-  return list;
-}
-
-namespace {
-
 namespace fs = std::filesystem;
 
 /// OUT/steps/NAME and the ending.
@@ -421,25 +374,6 @@ class Steps {
   std::set<std::string> awaited_;  ///< not ended at first sight
 };
 
-}  // namespace
-
-bool is_finished(const Case& command, const fs::path& out) {
-  const fs::path record = record_file(command, out);
-  if (!fs::exists(record) || !fs::exists(out / command.name / "result.json")) return false;
-  try {
-    return read_json(record).contains("seconds") && recorded(command, out) == made_of(command, out);
-  } catch (const std::exception&) {
-    return false;  // the command itself will say what is wrong
-  }
-}
-
-std::map<std::string, Step> execute(const Experiments& experiments, const ReproduceSettings& settings,
-                                    const Execute& run) {
-  return Steps(experiments, settings, run).run_all();
-}
-
-namespace {
-
 /// Texts and page. The page's file; empty if it could not be written.
 fs::path write_page(const fs::path& out, const json& tables) {
   // None of an earlier run stays where Python is missing.
@@ -470,6 +404,64 @@ json reliance_json(const Evidence& evidence) {
 }
 
 }  // namespace
+
+json table_json(const Table& table, const Experiments& experiments, const Evidence& evidence) {
+  json columns = json::array(), rows = json::array();
+  for (const Column& column : table.columns)
+    columns.push_back({{"key", column.key}, {"title", column.title}});
+  for (const Row& row : table.rows) rows.push_back(row_json(table, row, experiments, evidence));
+  return {{"name", table.name},     {"title", table.title}, {"note", table.note},
+          {"matrix", table.matrix}, {"columns", columns},   {"rows", rows}};
+}
+
+json arms_json(const Experiments& experiments, const ReproduceSettings& settings, const Evidence& evidence) {
+  json list = json::array();
+  for (const Case& command : experiments.cases) {
+    if (command.kind != Case::Kind::evaluate || is_repetition(command.name)) continue;
+    const Case &attack = experiments.at(command.run()), &stage = experiments.at(command.hosts_of());
+    for (const std::string mesh : {"learned", "start", "sized", "cuboid"}) {
+      const Outcomes *outcomes = evidence.of(command.name, mesh), *sized = evidence.of(command.name, "sized");
+      if (!outcomes) continue;
+      const std::string name = command.name.substr(command.name.find('/') + 1);
+      json arm = {
+          {"name", name},
+          {"detector", attack.setting("detector")},
+          {"target", attack.setting("target")},
+          {"rig", rig_of(name)},
+          {"judge", command.setting("detector", stage.setting("detector"))},
+          {"mesh", mesh},
+          {"seeds", json::array()},
+          {"vehicles", outcomes->vehicles},
+          {"frames", outcomes->frames()},
+          {"hidden", hidden_json(*outcomes, nullptr)},
+          {"fp_asr", to_json(share(*outcomes, question("fp_asr")))},
+          {"interval",
+           {{"confidence", kConfidence}, {"drawn", outcomes->runs > 1 ? "runs and clusters" : "clusters"}}}};
+      for (int run = 0; run < outcomes->runs; ++run)
+        arm["seeds"].push_back(settings.seed + static_cast<std::uint64_t>(run));
+      for (const char* varied : {"defense", "parts"})
+        if (const std::string word = attack.setting(varied); !word.empty()) arm[varied] = word;
+      if (mesh == "learned" && sized) arm["net"] = hidden_json(*outcomes, sized);
+      list.push_back(std::move(arm));
+    }
+  }
+  return list;
+}
+
+bool is_finished(const Case& command, const fs::path& out) {
+  const fs::path record = record_file(command, out);
+  if (!fs::exists(record) || !fs::exists(out / command.name / "result.json")) return false;
+  try {
+    return read_json(record).contains("seconds") && recorded(command, out) == made_of(command, out);
+  } catch (const std::exception&) {
+    return false;  // the command itself will say what is wrong
+  }
+}
+
+std::map<std::string, Step> execute(const Experiments& experiments, const ReproduceSettings& settings,
+                                    const Execute& run) {
+  return Steps(experiments, settings, run).run_all();
+}
 
 fs::path text_file(const fs::path& out, const std::string& table) {
   return out / (table + ".md");

@@ -33,25 +33,6 @@ nlohmann::json curve_json(const PrecisionRecall& result) {
           {"precision", precision}};
 }
 
-}  // namespace
-
-std::vector<std::string> plot_precision_recall(std::span<const ScoredStratum> parts, const std::string& title,
-                                               const std::filesystem::path& out) {
-  nlohmann::json curves = nlohmann::json::array();
-  for (const ScoredStratum& part : parts)
-    curves.push_back(
-        {{"name", part.stratum.name}, {"iou50", curve_json(part.at50)}, {"iou70", curve_json(part.at70)}});
-  write_json(out / "precision_recall.json", {{"title", title}, {"curves", curves}});
-  if (run_script("validation/report/detection_plot.py", out) != 0) {
-    spdlog::warn("no precision-recall plot: install python3-matplotlib (the curves are in {})",
-                 (out / "precision_recall.json").string());
-    return {};
-  }
-  return {"precision_recall.png", "precision_recall.svg"};
-}
-
-namespace {
-
 using nlohmann::json;
 namespace fs = std::filesystem;
 
@@ -215,6 +196,21 @@ std::vector<std::size_t> spread_over_frames(const std::vector<HostOutcome>& host
 }
 
 }  // namespace
+
+std::vector<std::string> plot_precision_recall(std::span<const ScoredStratum> parts, const std::string& title,
+                                               const std::filesystem::path& out) {
+  nlohmann::json curves = nlohmann::json::array();
+  for (const ScoredStratum& part : parts)
+    curves.push_back(
+        {{"name", part.stratum.name}, {"iou50", curve_json(part.at50)}, {"iou70", curve_json(part.at70)}});
+  write_json(out / "precision_recall.json", {{"title", title}, {"curves", curves}});
+  if (run_script("validation/report/detection_plot.py", out) != 0) {
+    spdlog::warn("no precision-recall plot: install python3-matplotlib (the curves are in {})",
+                 (out / "precision_recall.json").string());
+    return {};
+  }
+  return {"precision_recall.png", "precision_recall.svg"};
+}
 
 PicturedHosts pictured_hosts(const std::vector<HostOutcome>& hosts, int count) {
   std::vector<std::size_t> hidden, false_positives;

@@ -89,192 +89,6 @@ void enlarge(const PixelRect& rect, int factor, int small_width, int small_heigh
   }
 }
 
-}  // namespace
-
-Agreement agreement(const std::vector<double>& own, const std::vector<double>& reference) {
-  double dot = 0, a = 0, b = 0;
-  for (std::size_t i = 0; i < own.size(); ++i) {
-    dot += own[i] * reference[i];
-    a += own[i] * own[i];
-    b += reference[i] * reference[i];
-  }
-  if (!(a > 0) || !(b > 0)) return {};
-  return {dot / std::sqrt(a * b), std::sqrt(a / b)};
-}
-
-CameraStudy::CameraStudy(const PreparedFrame& prepared, const Placement& placement, TexturedMesh placed,
-                         const TradeoffSettings& settings)
-    : prepared_(prepared), placement_(placement), placed_(std::move(placed)), settings_(settings) {
-  half_ = shrink(prepared, 2);
-  quarter_ = shrink(prepared, 4);
-  Simulated reference;
-  draw_in_camera(prepared_, placement_, placed_, hard_render(baseline_, settings.reference_samples, true),
-                 reference);
-  if (reference.rect.empty())
-    throw InputError("tradeoff", "host", "does not show the object", "choose another vehicle");
-  rect_ = grown(reference.rect, 1, prepared.frame.image);
-  reference_ = crop(reference.image, rect_);
-  make_mask(reference);
-  make_upstream(reference.rect);
-
-  RandomStream random(settings.seed, "trade-off directions");
-  for (int k = 0; k < settings.directions; ++k) {
-    std::vector<Vec3d> direction(placed_.mesh.vertices.size());
-    for (Vec3d& d : direction)
-      for (int c = 0; c < 3; ++c) d[c] = random.normal() / std::sqrt(3.0);
-    directions_.push_back(std::move(direction));
-  }
-  differences_ = finite_differences(kStep);
-  self_cosine_ = agreement(finite_differences(kStep / 2), differences_).cosine;
-  sharp_ = draw({"", "", sharp(baseline_, settings.sharp_samples)}, placed_, true).gradient;
-  hard_ = draw({"", "", hard_render(baseline_, settings.reference_samples, false)}, placed_, true).gradient;
-  sharp_agreement_ = agreement(along_directions(sharp_.vertices), differences_);
-}
-
-std::vector<double> CameraStudy::along_directions(const std::vector<double>& gradient) const {
-  std::vector<double> along;
-  for (const auto& direction : directions_) {
-    double sum = 0;
-    for (std::size_t i = 0; i < direction.size(); ++i)
-      for (int c = 0; c < 3; ++c) sum += gradient[3 * i + static_cast<std::size_t>(c)] * direction[i][c];
-    along.push_back(sum);
-  }
-  return along;
-}
-
-const PreparedFrame& CameraStudy::shrunk(int factor) const {
-  return factor == 1 ? prepared_ : factor == 2 ? half_ : quarter_;
-}
-
-void CameraStudy::make_upstream(const PixelRect& rect) {
-  struct Wave {
-    double x, y, phase, size;
-  };
-  RandomStream random(settings_.seed, "trade-off upstream");
-  std::array<std::array<Wave, 6>, 3> waves;
-  for (auto& channel : waves)
-    for (Wave& wave : channel) {
-      const double angle = random.uniform(0, 2 * std::numbers::pi);
-      const double k = 2 * std::numbers::pi / random.uniform(6, 24);
-      wave = {k * std::cos(angle), k * std::sin(angle), random.uniform(0, 2 * std::numbers::pi),
-              random.normal()};
-    }
-  const ImageF& photograph = prepared_.frame.image;
-  upstream_ = ImageF(photograph.width, photograph.height, 3);
-  for (int v = std::max(0, rect.v0 - kReach); v < std::min(photograph.height, rect.v1 + kReach); ++v)
-    for (int u = std::max(0, rect.u0 - kReach); u < std::min(photograph.width, rect.u1 + kReach); ++u)
-      for (int c = 0; c < 3; ++c) {
-        double sum = 0;
-        for (const Wave& wave : waves[static_cast<std::size_t>(c)])
-          sum += wave.size * std::cos(wave.x * u + wave.y * v + wave.phase);
-        upstream_.at(u, v, c) = static_cast<float>(sum);
-      }
-}
-
-void CameraStudy::make_mask(const Simulated& reference) {
-  mask_ = ImageF(rect_.width(), rect_.height(), 1);
-  const PixelRect& rect = reference.rect;
-  for (int v = rect.v0; v < rect.v1; ++v)
-    for (int u = rect.u0; u < rect.u1; ++u) {
-      if (!(reference.rgba.at(u - rect.u0, v - rect.v0, 3) > 0)) continue;
-      ++pixels_;
-      for (int y = std::max(rect_.v0, v - 1); y <= std::min(rect_.v1 - 1, v + 1); ++y)
-        for (int x = std::max(rect_.u0, u - 1); x <= std::min(rect_.u1 - 1, u + 1); ++x)
-          mask_.at(x - rect_.u0, y - rect_.v0) = 1;
-    }
-}
-
-CameraStudy::Drawing CameraStudy::draw(const CameraVariant& variant, const TexturedMesh& placed,
-                                       bool with_gradient) const {
-  const PreparedFrame& prepared = shrunk(variant.shrink);
-  const bool small = variant.shrink != 1;
-  Simulated result;
-  const CameraTape tape = draw_in_camera(prepared, placement_, placed, variant.simulation, result);
-  Drawing drawing;
-  const ImageF& photograph = prepared.frame.image;
-  if (small) {
-    drawing.image = prepared_.frame.image;
-    enlarge(result.rect, variant.shrink, photograph.width, photograph.height, drawing.image.width,
-            drawing.image.height, [&](int u, int v, int x, int y, float weight) {
-              for (int c = 0; c < 3; ++c)
-                drawing.image.at(u, v, c) += weight * (result.image.at(x, y, c) - photograph.at(x, y, c));
-            });
-  } else {
-    drawing.image = std::move(result.image);
-  }
-  if (!with_gradient) return drawing;
-  std::vector<Vec3d> d_vertices(placed.mesh.vertices.size(), Vec3d::Zero()),
-      d_texels(placed.atlas.texels.size(), Vec3d::Zero());
-  ImageF d_small;
-  if (small) {
-    d_small = ImageF(photograph.width, photograph.height, 3);
-    enlarge(result.rect, variant.shrink, photograph.width, photograph.height, upstream_.width,
-            upstream_.height, [&](int u, int v, int x, int y, float weight) {
-              for (int c = 0; c < 3; ++c) d_small.at(x, y, c) += weight * upstream_.at(u, v, c);
-            });
-  }
-  draw_in_camera_vjp(tape, placed, prepared.frame.calibration, result, small ? d_small : upstream_,
-                     d_vertices, d_texels);
-  drawing.gradient = {flat(d_vertices), flat(d_texels)};
-  return drawing;
-}
-
-double CameraStudy::loss(const CameraVariant& variant, const TexturedMesh& placed) const {
-  Simulated result;
-  draw_in_camera(prepared_, placement_, placed, variant.simulation, result);
-  const PixelRect& rect = result.rect;
-  double sum = 0;
-  for (int v = rect.v0; v < rect.v1; ++v)
-    for (int u = rect.u0; u < rect.u1; ++u)
-      for (int c = 0; c < 3; ++c)
-        sum += upstream_.at(u, v, c) * (std::clamp(result.rgba.at(u - rect.u0, v - rect.v0, c), 0.0, 1.0) -
-                                        prepared_.frame.image.at(u, v, c));
-  return sum;
-}
-
-std::vector<double> CameraStudy::finite_differences(double step) const {
-  const CameraVariant hard{"", "", hard_render(baseline_, settings_.reference_samples, false)};
-  std::vector<double> differences(directions_.size());
-  parallel_for(directions_.size(), [&](std::size_t k) {
-    const auto at = [&](double move) {
-      TexturedMesh moved = placed_;
-      for (std::size_t i = 0; i < moved.mesh.vertices.size(); ++i)
-        moved.mesh.vertices[i] += move * directions_[k][i];
-      return loss(hard, moved);
-    };
-    differences[k] = (at(step) - at(-step)) / (2 * step);
-  });
-  return differences;
-}
-
-std::map<std::string, double> CameraStudy::errors(const CameraVariant& variant) const {
-  const Drawing drawing = draw(variant, placed_, true);
-  const ImageF own = crop(drawing.image, rect_);
-  const Agreement differences = agreement(along_directions(drawing.gradient.vertices), differences_),
-                  sharply = agreement(drawing.gradient.vertices, sharp_.vertices),
-                  texels = agreement(drawing.gradient.texels, hard_.texels);
-  return {{"image_levels", 255 * mean_absolute_error(encoded(own), encoded(reference_), mask_)},
-          {"image_mae", mean_absolute_error(own, reference_, mask_)},
-          {"image_max", max_absolute_error(own, reference_, mask_)},
-          {"gradient_cosine", differences.cosine},
-          {"gradient_norm", differences.norm},
-          {"gradient", 1 - differences.cosine},
-          {"double_cosine", sharply.cosine},
-          {"double_norm", sharply.norm},
-          {"texel_cosine", texels.cosine},
-          {"texel_norm", texels.norm}};
-}
-
-void CameraStudy::time(const CameraVariant& variant, TradeoffPoint& point) const {
-  constexpr double kLong = 200;  // ms
-  const CameraVariant baseline{"", "", baseline_};
-  time_beside(
-      point, settings_.repeats, [&] { draw(baseline, placed_, true); }, [&] { draw(variant, placed_, true); },
-      kLong);
-}
-
-namespace {
-
 constexpr int kFewest = 8;  // hits that a host needs
 
 enum class Arithmetic { embree, face, plain };
@@ -469,6 +283,188 @@ std::vector<TradeoffPoint> beams(const PreparedFrame& prepared, const TexturedMe
 }
 
 }  // namespace
+
+Agreement agreement(const std::vector<double>& own, const std::vector<double>& reference) {
+  double dot = 0, a = 0, b = 0;
+  for (std::size_t i = 0; i < own.size(); ++i) {
+    dot += own[i] * reference[i];
+    a += own[i] * own[i];
+    b += reference[i] * reference[i];
+  }
+  if (!(a > 0) || !(b > 0)) return {};
+  return {dot / std::sqrt(a * b), std::sqrt(a / b)};
+}
+
+CameraStudy::CameraStudy(const PreparedFrame& prepared, const Placement& placement, TexturedMesh placed,
+                         const TradeoffSettings& settings)
+    : prepared_(prepared), placement_(placement), placed_(std::move(placed)), settings_(settings) {
+  half_ = shrink(prepared, 2);
+  quarter_ = shrink(prepared, 4);
+  Simulated reference;
+  draw_in_camera(prepared_, placement_, placed_, hard_render(baseline_, settings.reference_samples, true),
+                 reference);
+  if (reference.rect.empty())
+    throw InputError("tradeoff", "host", "does not show the object", "choose another vehicle");
+  rect_ = grown(reference.rect, 1, prepared.frame.image);
+  reference_ = crop(reference.image, rect_);
+  make_mask(reference);
+  make_upstream(reference.rect);
+
+  RandomStream random(settings.seed, "trade-off directions");
+  for (int k = 0; k < settings.directions; ++k) {
+    std::vector<Vec3d> direction(placed_.mesh.vertices.size());
+    for (Vec3d& d : direction)
+      for (int c = 0; c < 3; ++c) d[c] = random.normal() / std::sqrt(3.0);
+    directions_.push_back(std::move(direction));
+  }
+  differences_ = finite_differences(kStep);
+  self_cosine_ = agreement(finite_differences(kStep / 2), differences_).cosine;
+  sharp_ = draw({"", "", sharp(baseline_, settings.sharp_samples)}, placed_, true).gradient;
+  hard_ = draw({"", "", hard_render(baseline_, settings.reference_samples, false)}, placed_, true).gradient;
+  sharp_agreement_ = agreement(along_directions(sharp_.vertices), differences_);
+}
+
+std::vector<double> CameraStudy::along_directions(const std::vector<double>& gradient) const {
+  std::vector<double> along;
+  for (const auto& direction : directions_) {
+    double sum = 0;
+    for (std::size_t i = 0; i < direction.size(); ++i)
+      for (int c = 0; c < 3; ++c) sum += gradient[3 * i + static_cast<std::size_t>(c)] * direction[i][c];
+    along.push_back(sum);
+  }
+  return along;
+}
+
+const PreparedFrame& CameraStudy::shrunk(int factor) const {
+  return factor == 1 ? prepared_ : factor == 2 ? half_ : quarter_;
+}
+
+void CameraStudy::make_upstream(const PixelRect& rect) {
+  struct Wave {
+    double x, y, phase, size;
+  };
+  RandomStream random(settings_.seed, "trade-off upstream");
+  std::array<std::array<Wave, 6>, 3> waves;
+  for (auto& channel : waves)
+    for (Wave& wave : channel) {
+      const double angle = random.uniform(0, 2 * std::numbers::pi);
+      const double k = 2 * std::numbers::pi / random.uniform(6, 24);
+      wave = {k * std::cos(angle), k * std::sin(angle), random.uniform(0, 2 * std::numbers::pi),
+              random.normal()};
+    }
+  const ImageF& photograph = prepared_.frame.image;
+  upstream_ = ImageF(photograph.width, photograph.height, 3);
+  for (int v = std::max(0, rect.v0 - kReach); v < std::min(photograph.height, rect.v1 + kReach); ++v)
+    for (int u = std::max(0, rect.u0 - kReach); u < std::min(photograph.width, rect.u1 + kReach); ++u)
+      for (int c = 0; c < 3; ++c) {
+        double sum = 0;
+        for (const Wave& wave : waves[static_cast<std::size_t>(c)])
+          sum += wave.size * std::cos(wave.x * u + wave.y * v + wave.phase);
+        upstream_.at(u, v, c) = static_cast<float>(sum);
+      }
+}
+
+void CameraStudy::make_mask(const Simulated& reference) {
+  mask_ = ImageF(rect_.width(), rect_.height(), 1);
+  const PixelRect& rect = reference.rect;
+  for (int v = rect.v0; v < rect.v1; ++v)
+    for (int u = rect.u0; u < rect.u1; ++u) {
+      if (!(reference.rgba.at(u - rect.u0, v - rect.v0, 3) > 0)) continue;
+      ++pixels_;
+      for (int y = std::max(rect_.v0, v - 1); y <= std::min(rect_.v1 - 1, v + 1); ++y)
+        for (int x = std::max(rect_.u0, u - 1); x <= std::min(rect_.u1 - 1, u + 1); ++x)
+          mask_.at(x - rect_.u0, y - rect_.v0) = 1;
+    }
+}
+
+CameraStudy::Drawing CameraStudy::draw(const CameraVariant& variant, const TexturedMesh& placed,
+                                       bool with_gradient) const {
+  const PreparedFrame& prepared = shrunk(variant.shrink);
+  const bool small = variant.shrink != 1;
+  Simulated result;
+  const CameraTape tape = draw_in_camera(prepared, placement_, placed, variant.simulation, result);
+  Drawing drawing;
+  const ImageF& photograph = prepared.frame.image;
+  if (small) {
+    drawing.image = prepared_.frame.image;
+    enlarge(result.rect, variant.shrink, photograph.width, photograph.height, drawing.image.width,
+            drawing.image.height, [&](int u, int v, int x, int y, float weight) {
+              for (int c = 0; c < 3; ++c)
+                drawing.image.at(u, v, c) += weight * (result.image.at(x, y, c) - photograph.at(x, y, c));
+            });
+  } else {
+    drawing.image = std::move(result.image);
+  }
+  if (!with_gradient) return drawing;
+  std::vector<Vec3d> d_vertices(placed.mesh.vertices.size(), Vec3d::Zero()),
+      d_texels(placed.atlas.texels.size(), Vec3d::Zero());
+  ImageF d_small;
+  if (small) {
+    d_small = ImageF(photograph.width, photograph.height, 3);
+    enlarge(result.rect, variant.shrink, photograph.width, photograph.height, upstream_.width,
+            upstream_.height, [&](int u, int v, int x, int y, float weight) {
+              for (int c = 0; c < 3; ++c) d_small.at(x, y, c) += weight * upstream_.at(u, v, c);
+            });
+  }
+  draw_in_camera_vjp(tape, placed, prepared.frame.calibration, result, small ? d_small : upstream_,
+                     d_vertices, d_texels);
+  drawing.gradient = {flat(d_vertices), flat(d_texels)};
+  return drawing;
+}
+
+double CameraStudy::loss(const CameraVariant& variant, const TexturedMesh& placed) const {
+  Simulated result;
+  draw_in_camera(prepared_, placement_, placed, variant.simulation, result);
+  const PixelRect& rect = result.rect;
+  double sum = 0;
+  for (int v = rect.v0; v < rect.v1; ++v)
+    for (int u = rect.u0; u < rect.u1; ++u)
+      for (int c = 0; c < 3; ++c)
+        sum += upstream_.at(u, v, c) * (std::clamp(result.rgba.at(u - rect.u0, v - rect.v0, c), 0.0, 1.0) -
+                                        prepared_.frame.image.at(u, v, c));
+  return sum;
+}
+
+std::vector<double> CameraStudy::finite_differences(double step) const {
+  const CameraVariant hard{"", "", hard_render(baseline_, settings_.reference_samples, false)};
+  std::vector<double> differences(directions_.size());
+  parallel_for(directions_.size(), [&](std::size_t k) {
+    const auto at = [&](double move) {
+      TexturedMesh moved = placed_;
+      for (std::size_t i = 0; i < moved.mesh.vertices.size(); ++i)
+        moved.mesh.vertices[i] += move * directions_[k][i];
+      return loss(hard, moved);
+    };
+    differences[k] = (at(step) - at(-step)) / (2 * step);
+  });
+  return differences;
+}
+
+std::map<std::string, double> CameraStudy::errors(const CameraVariant& variant) const {
+  const Drawing drawing = draw(variant, placed_, true);
+  const ImageF own = crop(drawing.image, rect_);
+  const Agreement differences = agreement(along_directions(drawing.gradient.vertices), differences_),
+                  sharply = agreement(drawing.gradient.vertices, sharp_.vertices),
+                  texels = agreement(drawing.gradient.texels, hard_.texels);
+  return {{"image_levels", 255 * mean_absolute_error(encoded(own), encoded(reference_), mask_)},
+          {"image_mae", mean_absolute_error(own, reference_, mask_)},
+          {"image_max", max_absolute_error(own, reference_, mask_)},
+          {"gradient_cosine", differences.cosine},
+          {"gradient_norm", differences.norm},
+          {"gradient", 1 - differences.cosine},
+          {"double_cosine", sharply.cosine},
+          {"double_norm", sharply.norm},
+          {"texel_cosine", texels.cosine},
+          {"texel_norm", texels.norm}};
+}
+
+void CameraStudy::time(const CameraVariant& variant, TradeoffPoint& point) const {
+  constexpr double kLong = 200;  // ms
+  const CameraVariant baseline{"", "", baseline_};
+  time_beside(
+      point, settings_.repeats, [&] { draw(baseline, placed_, true); }, [&] { draw(variant, placed_, true); },
+      kLong);
+}
 
 std::vector<TradeoffPoint> lidar_study(const PreparedFrame& prepared, const TexturedMesh& placed,
                                        const SimulationSettings& settings, int repeats) {

@@ -17,6 +17,25 @@ namespace {
 constexpr std::array<double, 4> kRegion = {0, 70, -40, 40};  // m, of the hosts: ahead, left
 constexpr double kInView = 0.7;                              // share of the object that a host leaves in view
 
+/// `values` with `own` among them, rising.
+std::vector<double> with(std::vector<double> values, double own) {
+  if (std::find(values.begin(), values.end(), own) == values.end()) values.push_back(own);
+  std::sort(values.begin(), values.end());
+  return values;
+}
+
+bool same(const SimulationSettings& a, const SimulationSettings& b) {
+  return a.raster.sigma == b.raster.sigma && a.raster.gamma == b.raster.gamma &&
+         a.raster.dist_eps == b.raster.dist_eps && a.supersampling == b.supersampling &&
+         a.reference == b.reference && a.exact_coverage == b.exact_coverage;
+}
+
+std::string grid_label(const SimulationSettings& s) {
+  if (s.exact_coverage) return "exact areas";
+  return fmt::format("σ {:g}, γ {:g}, cut-off {:g}, {}×{} samples", s.raster.sigma, s.raster.gamma,
+                     s.raster.dist_eps, s.supersampling, s.supersampling);
+}
+
 }  // namespace
 
 Subjects choose_subjects(const TradeoffSettings& settings, const Run* run, FrameStore& store) {
@@ -49,29 +68,6 @@ Subjects choose_subjects(const TradeoffSettings& settings, const Run* run, Frame
   subjects.hosts = evenly(all, static_cast<std::size_t>(settings.hosts));
   return subjects;
 }
-
-namespace {
-
-/// `values` with `own` among them, rising.
-std::vector<double> with(std::vector<double> values, double own) {
-  if (std::find(values.begin(), values.end(), own) == values.end()) values.push_back(own);
-  std::sort(values.begin(), values.end());
-  return values;
-}
-
-bool same(const SimulationSettings& a, const SimulationSettings& b) {
-  return a.raster.sigma == b.raster.sigma && a.raster.gamma == b.raster.gamma &&
-         a.raster.dist_eps == b.raster.dist_eps && a.supersampling == b.supersampling &&
-         a.reference == b.reference && a.exact_coverage == b.exact_coverage;
-}
-
-std::string grid_label(const SimulationSettings& s) {
-  if (s.exact_coverage) return "exact areas";
-  return fmt::format("σ {:g}, γ {:g}, cut-off {:g}, {}×{} samples", s.raster.sigma, s.raster.gamma,
-                     s.raster.dist_eps, s.supersampling, s.supersampling);
-}
-
-}  // namespace
 
 SimulationSettings hard_render(SimulationSettings settings, int samples, bool in_double) {
   settings.raster.coverage = Coverage::hard;

@@ -53,6 +53,37 @@ void carry(const std::vector<float>& wide, int width, int height, bool downwards
   }
 }
 
+namespace nn = torch::nn;
+using torch::Tensor;
+
+constexpr int kHalf = 16, kQuarter = 32, kEighth = 48, kSixteenth = 64;  // channels
+constexpr double kFreeLogDepth = 3, kFreeLogSpan = 2;                    // the free guess: 2.7 to 148 m
+constexpr double kMostCorrection = 0.25;                                 // |r|
+
+nn::Conv2d conv(int in, int out, int kernel, int stride = 1) {
+  nn::Conv2d layer(nn::Conv2dOptions(in, out, kernel).stride(stride).padding((kernel - 1) / 2));
+  nn::init::kaiming_normal_(layer->weight, 0, torch::kFanIn, torch::kReLU);
+  nn::init::zeros_(layer->bias);
+  return layer;
+}
+
+Tensor doubled(const Tensor& x) {
+  return fn::interpolate(
+      x, fn::InterpolateFuncOptions().scale_factor(std::vector<double>{2, 2}).mode(torch::kNearest));
+}
+
+/// Σ_k w_k q_k over the candidates that exist.
+Tensor mixed_inverse_depth(const Tensor& scores, const Tensor& inverse) {
+  const Tensor usable = scores.masked_fill(inverse <= 0, -1e4);
+  return (torch::softmax(usable, 0) * inverse).sum(0);
+}
+
+constexpr double kHuber = 20, kSquare = 16;       // m, m: squares count e² / kSquare
+constexpr double kScored = 85, kFarWeight = 0.2;  // m; what lies beyond counts little
+constexpr double kGuessWeight = 0.25;             // where IP-Basic has no value
+constexpr double kFarthestTruth = 140;            // m; what the network can say
+constexpr double kAbsolute = 0.3, kRelative = 1, kPresenceWeight = 1;
+
 }  // namespace
 
 Features make_features(const MirageDepthInput& input) {
@@ -90,35 +121,6 @@ Features make_features(const MirageDepthInput& input) {
           .contiguous(at::MemoryFormat::ChannelsLast);
   return features;
 }
-
-namespace {
-
-namespace nn = torch::nn;
-using torch::Tensor;
-
-constexpr int kHalf = 16, kQuarter = 32, kEighth = 48, kSixteenth = 64;  // channels
-constexpr double kFreeLogDepth = 3, kFreeLogSpan = 2;                    // the free guess: 2.7 to 148 m
-constexpr double kMostCorrection = 0.25;                                 // |r|
-
-nn::Conv2d conv(int in, int out, int kernel, int stride = 1) {
-  nn::Conv2d layer(nn::Conv2dOptions(in, out, kernel).stride(stride).padding((kernel - 1) / 2));
-  nn::init::kaiming_normal_(layer->weight, 0, torch::kFanIn, torch::kReLU);
-  nn::init::zeros_(layer->bias);
-  return layer;
-}
-
-Tensor doubled(const Tensor& x) {
-  return fn::interpolate(
-      x, fn::InterpolateFuncOptions().scale_factor(std::vector<double>{2, 2}).mode(torch::kNearest));
-}
-
-/// Σ_k w_k q_k over the candidates that exist.
-Tensor mixed_inverse_depth(const Tensor& scores, const Tensor& inverse) {
-  const Tensor usable = scores.masked_fill(inverse <= 0, -1e4);
-  return (torch::softmax(usable, 0) * inverse).sum(0);
-}
-
-}  // namespace
 
 ResidualImpl::ResidualImpl(int channels) {
   first = register_module("first", conv(channels, channels, 3));
@@ -181,16 +183,6 @@ Prediction NetworkImpl::forward(const Features& features) {
   const Tensor correction = kMostCorrection * torch::tanh(out.select(0, kCorrection));
   return {torch::exp(correction) / inverse, out.select(0, kPresence)};
 }
-
-namespace {
-
-constexpr double kHuber = 20, kSquare = 16;       // m, m: squares count e² / kSquare
-constexpr double kScored = 85, kFarWeight = 0.2;  // m; what lies beyond counts little
-constexpr double kGuessWeight = 0.25;             // where IP-Basic has no value
-constexpr double kFarthestTruth = 140;            // m; what the network can say
-constexpr double kAbsolute = 0.3, kRelative = 1, kPresenceWeight = 1;
-
-}  // namespace
 
 LossTerms completion_loss(const Prediction& prediction, const Features& features, const Tensor& truth) {
   const Tensor present = truth > 0;

@@ -101,83 +101,6 @@ class Profile {
   double slope_, first_slope_;
 };
 
-}  // namespace
-
-std::size_t Ground::sector_of(double x, double y) {
-  const double turned = (std::atan2(y, x) + std::numbers::pi) / kCircle;
-  return std::min(static_cast<std::size_t>(turned * kSectors), kSectors - 1);
-}
-
-Ground::Ground(std::span<const Return> returns) : heights_(kSectors * kBins, 0.0) {
-  std::vector<std::vector<Low>> cells(kSectors * kBins);
-  for (const Return& p : returns) {
-    const double rho = std::hypot(p.x, p.y);
-    const auto bin = static_cast<std::size_t>(std::min(rho / kBin, 1e6));
-    if (bin >= kBins) continue;
-    cells[sector_of(p.x, p.y) * kBins + bin].push_back({rho, p.z});
-  }
-  for (auto& cell : cells)
-    std::sort(cell.begin(), cell.end(),
-              [](const Low& a, const Low& b) { return a.z != b.z ? a.z < b.z : a.rho < b.rho; });
-
-  constexpr double kAround = 20;  // m
-  std::vector<Eigen::Vector3d> lowest;
-  const auto azimuth = [](std::size_t sector) {
-    return kCircle * (static_cast<double>(sector) + 0.5) / kSectors - std::numbers::pi;
-  };
-  for (std::size_t sector = 0; sector < kSectors; ++sector)
-    for (std::size_t bin = 0; bin < static_cast<std::size_t>(kAround / kBin); ++bin) {
-      const auto& cell = cells[sector * kBins + bin];
-      if (cell.empty()) continue;
-      const double at = azimuth(sector);
-      lowest.emplace_back(cell[0].rho * std::cos(at), cell[0].rho * std::sin(at), cell[0].z);
-    }
-  const Eigen::Vector3d plane = plane_around(lowest);
-
-  std::vector<double> raw(heights_.size()), distance(heights_.size());
-  for (std::size_t sector = 0; sector < kSectors; ++sector) {
-    const double c = std::cos(azimuth(sector)), s = std::sin(azimuth(sector));
-    Profile profile({0, plane.x()}, plane.y() * c + plane.z() * s);
-    for (std::size_t bin = 0; bin < kBins; ++bin)
-      for (const Low& low : cells[sector * kBins + bin]) {
-        const double over = low.z - profile.ahead(low.rho), play = profile.play(low.rho);
-        if (over < -play) continue;  // an echo from below
-        if (over < play) profile.add(low);
-        break;
-      }
-    for (std::size_t bin = 0; bin < kBins; ++bin) {
-      const double rho = kBin * (static_cast<double>(bin) + 0.5);
-      raw[sector * kBins + bin] = profile.at(rho);
-      distance[sector * kBins + bin] = profile.distance(rho);
-    }
-  }
-
-  constexpr int kVoters = 3;  // sectors to each side
-  std::vector<double> votes;
-  for (std::size_t sector = 0; sector < kSectors; ++sector)
-    for (std::size_t bin = 0; bin < kBins; ++bin) {
-      const double seen = std::max(2.0, 0.15 * kBin * static_cast<double>(bin));
-      for (const bool all : {false, true}) {
-        votes.clear();
-        for (int k = -kVoters; k <= kVoters; ++k) {
-          const auto other = static_cast<std::size_t>(static_cast<int>(sector + kSectors) + k) % kSectors;
-          if (all || distance[other * kBins + bin] < seen) votes.push_back(raw[other * kBins + bin]);
-        }
-        if (!votes.empty()) break;
-      }
-      heights_[sector * kBins + bin] = lower_quantile(votes, 0.5);
-    }
-}
-
-double Ground::height(double x, double y) const {
-  const double bins = std::clamp(std::hypot(x, y) / kBin - 0.5, 0.0, kBins - 1.0);
-  const auto low = std::min(static_cast<std::size_t>(bins), kBins - 2);
-  const double* of = heights_.data() + sector_of(x, y) * kBins;
-  return of[low] + (of[low + 1] - of[low]) * (bins - static_cast<double>(low));
-}
-
-namespace {
-
 constexpr double kFar = 80;      // m
 constexpr double kClear = 0.2;   // m over the ground from which on a return is no road's
 constexpr double kTall = 2.5;    // m: what hangs over that joins nothing
@@ -293,6 +216,79 @@ double density_around(const Window& outline, const Directions& directions) {
 }
 
 }  // namespace
+
+std::size_t Ground::sector_of(double x, double y) {
+  const double turned = (std::atan2(y, x) + std::numbers::pi) / kCircle;
+  return std::min(static_cast<std::size_t>(turned * kSectors), kSectors - 1);
+}
+
+Ground::Ground(std::span<const Return> returns) : heights_(kSectors * kBins, 0.0) {
+  std::vector<std::vector<Low>> cells(kSectors * kBins);
+  for (const Return& p : returns) {
+    const double rho = std::hypot(p.x, p.y);
+    const auto bin = static_cast<std::size_t>(std::min(rho / kBin, 1e6));
+    if (bin >= kBins) continue;
+    cells[sector_of(p.x, p.y) * kBins + bin].push_back({rho, p.z});
+  }
+  for (auto& cell : cells)
+    std::sort(cell.begin(), cell.end(),
+              [](const Low& a, const Low& b) { return a.z != b.z ? a.z < b.z : a.rho < b.rho; });
+
+  constexpr double kAround = 20;  // m
+  std::vector<Eigen::Vector3d> lowest;
+  const auto azimuth = [](std::size_t sector) {
+    return kCircle * (static_cast<double>(sector) + 0.5) / kSectors - std::numbers::pi;
+  };
+  for (std::size_t sector = 0; sector < kSectors; ++sector)
+    for (std::size_t bin = 0; bin < static_cast<std::size_t>(kAround / kBin); ++bin) {
+      const auto& cell = cells[sector * kBins + bin];
+      if (cell.empty()) continue;
+      const double at = azimuth(sector);
+      lowest.emplace_back(cell[0].rho * std::cos(at), cell[0].rho * std::sin(at), cell[0].z);
+    }
+  const Eigen::Vector3d plane = plane_around(lowest);
+
+  std::vector<double> raw(heights_.size()), distance(heights_.size());
+  for (std::size_t sector = 0; sector < kSectors; ++sector) {
+    const double c = std::cos(azimuth(sector)), s = std::sin(azimuth(sector));
+    Profile profile({0, plane.x()}, plane.y() * c + plane.z() * s);
+    for (std::size_t bin = 0; bin < kBins; ++bin)
+      for (const Low& low : cells[sector * kBins + bin]) {
+        const double over = low.z - profile.ahead(low.rho), play = profile.play(low.rho);
+        if (over < -play) continue;  // an echo from below
+        if (over < play) profile.add(low);
+        break;
+      }
+    for (std::size_t bin = 0; bin < kBins; ++bin) {
+      const double rho = kBin * (static_cast<double>(bin) + 0.5);
+      raw[sector * kBins + bin] = profile.at(rho);
+      distance[sector * kBins + bin] = profile.distance(rho);
+    }
+  }
+
+  constexpr int kVoters = 3;  // sectors to each side
+  std::vector<double> votes;
+  for (std::size_t sector = 0; sector < kSectors; ++sector)
+    for (std::size_t bin = 0; bin < kBins; ++bin) {
+      const double seen = std::max(2.0, 0.15 * kBin * static_cast<double>(bin));
+      for (const bool all : {false, true}) {
+        votes.clear();
+        for (int k = -kVoters; k <= kVoters; ++k) {
+          const auto other = static_cast<std::size_t>(static_cast<int>(sector + kSectors) + k) % kSectors;
+          if (all || distance[other * kBins + bin] < seen) votes.push_back(raw[other * kBins + bin]);
+        }
+        if (!votes.empty()) break;
+      }
+      heights_[sector * kBins + bin] = lower_quantile(votes, 0.5);
+    }
+}
+
+double Ground::height(double x, double y) const {
+  const double bins = std::clamp(std::hypot(x, y) / kBin - 0.5, 0.0, kBins - 1.0);
+  const auto low = std::min(static_cast<std::size_t>(bins), kBins - 2);
+  const double* of = heights_.data() + sector_of(x, y) * kBins;
+  return of[low] + (of[low + 1] - of[low]) * (bins - static_cast<double>(low));
+}
 
 std::vector<int> joined(const std::vector<Vec2d>& places, const std::vector<double>& reach, double longest) {
   std::unordered_map<std::uint64_t, std::vector<std::size_t>> cells;

@@ -21,40 +21,6 @@ struct BackboneBuilder {
   }
 };
 
-}  // namespace
-
-BackbonePlan backbone_plan(NetworkImpl& net, bool bfloat16) {
-  BackbonePlan backbone{Plan(bfloat16)};
-  Plan& plan = backbone.plan;
-  BackboneBuilder add{plan};
-  backbone.voxels =
-      plan.given(kVoxelsZ + (net.parts.painted ? kPaintedChannels : 0), kVoxelsX, kVoxelsY, false);
-  const auto with = [&](std::size_t level, int x) {
-    if (!net.parts.image) return x;
-    backbone.added[level] = plan.given(plan[x].channels, plan[x].rows, plan[x].columns, true);
-    return plan.sum(x, backbone.added[level], Curve::none);
-  };
-  const int x1 = add.residual(with(0, add.conv(backbone.voxels, net.stem)), net.group1);
-  const int x2 = add.residual(add.residual(with(1, add.conv(x1, net.down2)), net.group2a), net.group2b);
-  const int x4 = add.residual(add.residual(with(2, add.conv(x2, net.down4)), net.group4a), net.group4b);
-  const int x8 = add.residual(with(3, add.conv(x4, net.down8)), net.group8);
-  const int up8 = plan.twice(add.conv(x8, net.lateral8), plan[x4].rows);
-  const int p4 = plan.sum(add.conv(x4, net.lateral4), up8, Curve::relu);
-  const int p2 = plan.sum(add.conv(x2, net.lateral2), plan.twice(p4, plan[x2].rows), Curve::relu);
-  const int p1 =
-      plan.sum(add.conv(x1, net.lateral1), plan.twice(add.conv(p2, net.reduce), plan[x1].rows), Curve::relu);
-  const int smooth = add.conv(p1, net.smooth);
-  if (net.parts.second) {
-    backbone.bev = smooth;
-    plan.keep(smooth);
-  }
-  backbone.output = plan.conv(smooth, net.head->weight, net.head->bias, 1, 1, Curve::none);
-  plan.keep(backbone.output);
-  return backbone;
-}
-
-namespace {
-
 using torch::Tensor;
 namespace fn = torch::nn::functional;
 
@@ -87,6 +53,36 @@ struct CameraBuilder {
 };
 
 }  // namespace
+
+BackbonePlan backbone_plan(NetworkImpl& net, bool bfloat16) {
+  BackbonePlan backbone{Plan(bfloat16)};
+  Plan& plan = backbone.plan;
+  BackboneBuilder add{plan};
+  backbone.voxels =
+      plan.given(kVoxelsZ + (net.parts.painted ? kPaintedChannels : 0), kVoxelsX, kVoxelsY, false);
+  const auto with = [&](std::size_t level, int x) {
+    if (!net.parts.image) return x;
+    backbone.added[level] = plan.given(plan[x].channels, plan[x].rows, plan[x].columns, true);
+    return plan.sum(x, backbone.added[level], Curve::none);
+  };
+  const int x1 = add.residual(with(0, add.conv(backbone.voxels, net.stem)), net.group1);
+  const int x2 = add.residual(add.residual(with(1, add.conv(x1, net.down2)), net.group2a), net.group2b);
+  const int x4 = add.residual(add.residual(with(2, add.conv(x2, net.down4)), net.group4a), net.group4b);
+  const int x8 = add.residual(with(3, add.conv(x4, net.down8)), net.group8);
+  const int up8 = plan.twice(add.conv(x8, net.lateral8), plan[x4].rows);
+  const int p4 = plan.sum(add.conv(x4, net.lateral4), up8, Curve::relu);
+  const int p2 = plan.sum(add.conv(x2, net.lateral2), plan.twice(p4, plan[x2].rows), Curve::relu);
+  const int p1 =
+      plan.sum(add.conv(x1, net.lateral1), plan.twice(add.conv(p2, net.reduce), plan[x1].rows), Curve::relu);
+  const int smooth = add.conv(p1, net.smooth);
+  if (net.parts.second) {
+    backbone.bev = smooth;
+    plan.keep(smooth);
+  }
+  backbone.output = plan.conv(smooth, net.head->weight, net.head->bias, 1, 1, Curve::none);
+  plan.keep(backbone.output);
+  return backbone;
+}
 
 CameraPlan camera_plan(CameraNetImpl& net, std::int64_t height, std::int64_t width, bool boxes, bool read,
                        bool bfloat16) {

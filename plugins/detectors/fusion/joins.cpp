@@ -69,6 +69,22 @@ namespace {
 const double kRatio = std::log(1.4);
 constexpr double kSoftness = 0.05;
 
+constexpr float kLeastProposal = -4, kLeastBox = -5;
+constexpr std::size_t kMostProposals = 400, kMostBoxes = 200;
+constexpr double kLeastIou = 0.01;
+constexpr double kDistanceUnit = 70, kLogitUnit = 4;
+constexpr int kInputs = 4;
+
+double iou(const PictureBox& a, const float* b, int width, int height) {
+  const double left = std::max(b[0], 0.f), top = std::max(b[1], 0.f);
+  const double right = std::min<double>(b[2], width - 1), bottom = std::min<double>(b[3], height - 1);
+  const double across = std::min(a.right, right) - std::max(a.left, left);
+  const double down = std::min(a.bottom, bottom) - std::max(a.top, top);
+  if (!(across > 0 && down > 0)) return 0;
+  const double both = across * down;
+  return both / ((a.right - a.left) * (a.bottom - a.top) + (right - left) * (bottom - top) - both);
+}
+
 }  // namespace
 
 std::vector<std::int64_t> nearest_before(std::span<const float> points, const Projection& projection,
@@ -108,26 +124,6 @@ std::vector<std::int64_t> nearest_before(std::span<const float> points, const Pr
 torch::Tensor depth_gate(const torch::Tensor& depth, const torch::Tensor& front) {
   return torch::sigmoid((kRatio - torch::log(depth / front)) / kSoftness);
 }
-
-namespace {
-
-constexpr float kLeastProposal = -4, kLeastBox = -5;
-constexpr std::size_t kMostProposals = 400, kMostBoxes = 200;
-constexpr double kLeastIou = 0.01;
-constexpr double kDistanceUnit = 70, kLogitUnit = 4;
-constexpr int kInputs = 4;
-
-double iou(const PictureBox& a, const float* b, int width, int height) {
-  const double left = std::max(b[0], 0.f), top = std::max(b[1], 0.f);
-  const double right = std::min<double>(b[2], width - 1), bottom = std::min<double>(b[3], height - 1);
-  const double across = std::min(a.right, right) - std::max(a.left, left);
-  const double down = std::min(a.bottom, bottom) - std::max(a.top, top);
-  if (!(across > 0 && down > 0)) return 0;
-  const double both = across * down;
-  return both / ((a.right - a.left) * (a.bottom - a.top) + (right - left) * (bottom - top) - both);
-}
-
-}  // namespace
 
 LateJoinImpl::LateJoinImpl() {
   first = register_module("first", torch::nn::Linear(kInputs, 18));

@@ -33,6 +33,68 @@ void for_each_cell(const MirageBox& box, const Visit& visit) {
     for (std::int64_t c = c0; c <= c1; ++c) visit(r, c, to_local(box, cell_x(r, kCell), cell_y(c, kCell)));
 }
 
+constexpr double kCentreReach = 2.5;  // strides
+constexpr double kIouCost = 3, kOutsideCost = 1e5;
+constexpr std::size_t kBestIous = 10;
+constexpr double kRectangleWeight = 5, kMaskWeight = 4;
+
+bool holds(const MiragePictureBox& box, float x, float y) {
+  return x > box.left && x < box.right && y > box.top && y < box.bottom;
+}
+
+double overlap(const MiragePictureBox& a, const float* b) {
+  const double width = std::min(a.right, b[2]) - std::max(a.left, b[0]);
+  const double height = std::min(a.bottom, b[3]) - std::max(a.top, b[1]);
+  if (!(width > 0 && height > 0)) return 0;
+  const double both = width * height;
+  const double area_a = double{a.right - a.left} * (a.bottom - a.top),
+               area_b = double{b[2] - b[0]} * (b[3] - b[1]);
+  return both / (area_a + area_b - both);
+}
+
+double log_score(double logit) {
+  return -(std::max(-logit, 0.0) + std::log1p(std::exp(-std::abs(logit))));
+}
+
+/// Share of each place's 4 × 4 pixels that show a vehicle; −1 beyond the picture.
+Tensor mask_target(const std::uint8_t* mask, std::int64_t height, std::int64_t width, const Tensor& like) {
+  const Tensor all = torch::from_blob(const_cast<std::uint8_t*>(mask), {1, 1, height, width}, torch::kByte)
+                         .to(torch::kFloat);
+  const std::int64_t down = like.size(2) * kMaskStride - height, right = like.size(3) * kMaskStride - width;
+  const auto spread = [&](const Tensor& x) {
+    return torch::avg_pool2d(
+        torch::nn::functional::pad(x, torch::nn::functional::PadFuncOptions({0, right, 0, down})),
+        kMaskStride);
+  };
+  const Tensor inside = spread(torch::ones_like(all));
+  return torch::where(inside > 0.5, spread(all) / inside.clamp_min(0.5), -torch::ones_like(inside));
+}
+
+constexpr double kScoredFrom = 0.3, kScoredFull = 0.8;  // of a new box, where its score's target rises
+constexpr double kOnLabel = 0.5;                        // of an old box that learns to move
+constexpr double kChangeWeight = 1, kSmoothBelow = 0.3;
+
+BevBox bev_box(const float* b) {
+  return {b[0], b[1], b[2], b[3], b[4]};
+}
+
+BevBox bev_box(const MirageBox& b) {
+  return {b.x, b.y, b.length, b.width, b.yaw};
+}
+
+/// What turns `from` into `to`, in kChangeUnits; directions are the same half a turn on.
+std::array<float, kBoxParts> change_between(const BevBox& from, const BevBox& to) {
+  const double c = std::cos(from.yaw), s = std::sin(from.yaw), dx = to.x - from.x, dy = to.y - from.y;
+  const double along = c * dx + s * dy, across = c * dy - s * dx;
+  const double turn = std::remainder(to.yaw - from.yaw, std::numbers::pi);
+  const std::array<double, kBoxParts> change = {along, across, std::log(to.length / from.length),
+                                                std::log(to.width / from.width), turn};
+  std::array<float, kBoxParts> counted{};
+  for (std::size_t k = 0; k < counted.size(); ++k)
+    counted[k] = static_cast<float>(change[k] / kChangeUnits[k]);
+  return counted;
+}
+
 }  // namespace
 
 Local to_local(const MirageBox& box, double x, double y) {
@@ -117,47 +179,6 @@ MirageBox decode_box(std::int64_t cell, const std::array<float, 6>& values) {
   box.yaw = 0.5f * std::atan2(values[4], values[5]);
   return box;
 }
-
-namespace {
-
-constexpr double kCentreReach = 2.5;  // strides
-constexpr double kIouCost = 3, kOutsideCost = 1e5;
-constexpr std::size_t kBestIous = 10;
-constexpr double kRectangleWeight = 5, kMaskWeight = 4;
-
-bool holds(const MiragePictureBox& box, float x, float y) {
-  return x > box.left && x < box.right && y > box.top && y < box.bottom;
-}
-
-double overlap(const MiragePictureBox& a, const float* b) {
-  const double width = std::min(a.right, b[2]) - std::max(a.left, b[0]);
-  const double height = std::min(a.bottom, b[3]) - std::max(a.top, b[1]);
-  if (!(width > 0 && height > 0)) return 0;
-  const double both = width * height;
-  const double area_a = double{a.right - a.left} * (a.bottom - a.top),
-               area_b = double{b[2] - b[0]} * (b[3] - b[1]);
-  return both / (area_a + area_b - both);
-}
-
-double log_score(double logit) {
-  return -(std::max(-logit, 0.0) + std::log1p(std::exp(-std::abs(logit))));
-}
-
-/// Share of each place's 4 × 4 pixels that show a vehicle; −1 beyond the picture.
-Tensor mask_target(const std::uint8_t* mask, std::int64_t height, std::int64_t width, const Tensor& like) {
-  const Tensor all = torch::from_blob(const_cast<std::uint8_t*>(mask), {1, 1, height, width}, torch::kByte)
-                         .to(torch::kFloat);
-  const std::int64_t down = like.size(2) * kMaskStride - height, right = like.size(3) * kMaskStride - width;
-  const auto spread = [&](const Tensor& x) {
-    return torch::avg_pool2d(
-        torch::nn::functional::pad(x, torch::nn::functional::PadFuncOptions({0, right, 0, down})),
-        kMaskStride);
-  };
-  const Tensor inside = spread(torch::ones_like(all));
-  return torch::where(inside > 0.5, spread(all) / inside.clamp_min(0.5), -torch::ones_like(inside));
-}
-
-}  // namespace
 
 Tensor row_iou(const Tensor& a, const Tensor& b) {
   const Tensor low = torch::max(a.narrow(1, 0, 2), b.narrow(1, 0, 2)),
@@ -265,35 +286,6 @@ LossTerms picture_loss(const CameraOutput& output, std::span<const MiragePicture
   const Tensor total = score_loss + kRectangleWeight * box_loss + kMaskWeight * mask_loss;
   return {total, (score_loss + mask_loss).item<double>(), box_loss.item<double>()};
 }
-
-namespace {
-
-constexpr double kScoredFrom = 0.3, kScoredFull = 0.8;  // of a new box, where its score's target rises
-constexpr double kOnLabel = 0.5;                        // of an old box that learns to move
-constexpr double kChangeWeight = 1, kSmoothBelow = 0.3;
-
-BevBox bev_box(const float* b) {
-  return {b[0], b[1], b[2], b[3], b[4]};
-}
-
-BevBox bev_box(const MirageBox& b) {
-  return {b.x, b.y, b.length, b.width, b.yaw};
-}
-
-/// What turns `from` into `to`, in kChangeUnits; directions are the same half a turn on.
-std::array<float, kBoxParts> change_between(const BevBox& from, const BevBox& to) {
-  const double c = std::cos(from.yaw), s = std::sin(from.yaw), dx = to.x - from.x, dy = to.y - from.y;
-  const double along = c * dx + s * dy, across = c * dy - s * dx;
-  const double turn = std::remainder(to.yaw - from.yaw, std::numbers::pi);
-  const std::array<double, kBoxParts> change = {along, across, std::log(to.length / from.length),
-                                                std::log(to.width / from.width), turn};
-  std::array<float, kBoxParts> counted{};
-  for (std::size_t k = 0; k < counted.size(); ++k)
-    counted[k] = static_cast<float>(change[k] / kChangeUnits[k]);
-  return counted;
-}
-
-}  // namespace
 
 LossTerms region_loss(const Regions& regions, std::span<const MirageBox> boxes,
                       std::span<const MirageBox> ignored) {

@@ -13,6 +13,24 @@ using torch::Tensor;
 constexpr double kEpsilon = 1e-3, kMomentum = 0.02;
 thread_local SampleStatistics* active_statistics = nullptr;
 
+namespace nn = torch::nn;
+namespace fn = torch::nn::functional;
+
+constexpr int kHidden = 48;  // of the fusion's MLP
+constexpr std::array<int, kGrids.size()> kWidths = {kBevFeatures, 64, 96, 128};
+constexpr int kPyramid = 64;
+constexpr double kHeard = 0.3;  // RMS that a new non-local mean adds to features
+
+Tensor upsample(const Tensor& x) {
+  return fn::interpolate(
+      x, fn::InterpolateFuncOptions().scale_factor(std::vector<double>{2, 2}).mode(torch::kNearest));
+}
+
+Tensor to_multiple(const Tensor& x, std::int64_t of) {
+  const std::int64_t down = (of - x.size(2) % of) % of, right = (of - x.size(3) % of) % of;
+  return down + right == 0 ? x : fn::pad(x, fn::PadFuncOptions({0, right, 0, down}));
+}
+
 }  // namespace
 
 ChannelNormImpl::ChannelNormImpl(int channels) {
@@ -58,28 +76,6 @@ void follow(const std::vector<SampleStatistics::Seen>& seen, std::int64_t sample
     norm->variance.lerp_(variance, share);
   }
 }
-
-namespace {
-
-namespace nn = torch::nn;
-namespace fn = torch::nn::functional;
-
-constexpr int kHidden = 48;  // of the fusion's MLP
-constexpr std::array<int, kGrids.size()> kWidths = {kBevFeatures, 64, 96, 128};
-constexpr int kPyramid = 64;
-constexpr double kHeard = 0.3;  // RMS that a new non-local mean adds to features
-
-Tensor upsample(const Tensor& x) {
-  return fn::interpolate(
-      x, fn::InterpolateFuncOptions().scale_factor(std::vector<double>{2, 2}).mode(torch::kNearest));
-}
-
-Tensor to_multiple(const Tensor& x, std::int64_t of) {
-  const std::int64_t down = (of - x.size(2) % of) % of, right = (of - x.size(3) % of) % of;
-  return down + right == 0 ? x : fn::pad(x, fn::PadFuncOptions({0, right, 0, down}));
-}
-
-}  // namespace
 
 ConvNormImpl::ConvNormImpl(int in, int out, int kernel, int stride, bool relu) : relu_(relu) {
   conv = register_module(

@@ -31,46 +31,6 @@ std::shared_ptr<const Made> kept(const std::string& key,
   return entry;
 }
 
-}  // namespace
-
-FrameHandle::FrameHandle(const std::filesystem::path& data, const std::string& id, const std::string& rig)
-    : data_(data),
-      rig_(rig),
-      lidar_(lidar_of(data, rig)),
-      recorded_(recorded_lidar_effects(data)),
-      frame_(read_frame(data, id)) {}
-
-FrameHandle::FrameHandle(Frame frame, const std::string& rig)
-    : rig_(rig), lidar_(read_lidar_model(rig_file(rig))), recorded_("unit"), frame_(std::move(frame)) {}
-
-std::shared_ptr<const PreparedFrame> FrameHandle::prepared(const std::string& depth, const std::string& sun) {
-  const std::lock_guard lock(mutex_);
-  auto& known = prepared_[{depth, sun}];
-  if (!known) {
-    if (!data_.empty()) check_data(data_, rig_, UnitUse::casts_rays);
-    const SunChoice choice = parse_sun(sun);
-    const auto completion = kept<DepthCompletion>(
-        depth, [&] { return std::shared_ptr<const DepthCompletion>(load_depth_completion({depth})); });
-    Frame frame = frame_;
-    frame.lighting = with_sun(frame, choice);
-    known = std::make_shared<PreparedFrame>(prepare(std::move(frame), lidar_, completion.get()));
-  }
-  return known;
-}
-
-Carrier FrameHandle::carrier(const std::string& finder, int label) {
-  const Label& host = vehicle_of(frame_, label, "host");
-  const std::lock_guard lock(mutex_);
-  const auto known = carriers_.find({finder, label});
-  if (known != carriers_.end()) return known->second;
-  const auto finds = kept<RoofFinder>(
-      finder + " " + rig_ + " " + (data_.empty() ? "" : std::filesystem::absolute(data_).string()),
-      [&] { return std::shared_ptr<const RoofFinder>(make_roof_finder(finder, lidar_)); });
-  return carriers_[{finder, label}] = finds->find(frame_, host);
-}
-
-namespace {
-
 using cli::InsertionOptions;
 
 std::vector<HostHandle> hosts_of(const std::shared_ptr<FrameHandle>& frame, double min_view,
@@ -178,6 +138,42 @@ void bind_labels(py::module_& module) {
 }
 
 }  // namespace
+
+FrameHandle::FrameHandle(const std::filesystem::path& data, const std::string& id, const std::string& rig)
+    : data_(data),
+      rig_(rig),
+      lidar_(lidar_of(data, rig)),
+      recorded_(recorded_lidar_effects(data)),
+      frame_(read_frame(data, id)) {}
+
+FrameHandle::FrameHandle(Frame frame, const std::string& rig)
+    : rig_(rig), lidar_(read_lidar_model(rig_file(rig))), recorded_("unit"), frame_(std::move(frame)) {}
+
+std::shared_ptr<const PreparedFrame> FrameHandle::prepared(const std::string& depth, const std::string& sun) {
+  const std::lock_guard lock(mutex_);
+  auto& known = prepared_[{depth, sun}];
+  if (!known) {
+    if (!data_.empty()) check_data(data_, rig_, UnitUse::casts_rays);
+    const SunChoice choice = parse_sun(sun);
+    const auto completion = kept<DepthCompletion>(
+        depth, [&] { return std::shared_ptr<const DepthCompletion>(load_depth_completion({depth})); });
+    Frame frame = frame_;
+    frame.lighting = with_sun(frame, choice);
+    known = std::make_shared<PreparedFrame>(prepare(std::move(frame), lidar_, completion.get()));
+  }
+  return known;
+}
+
+Carrier FrameHandle::carrier(const std::string& finder, int label) {
+  const Label& host = vehicle_of(frame_, label, "host");
+  const std::lock_guard lock(mutex_);
+  const auto known = carriers_.find({finder, label});
+  if (known != carriers_.end()) return known->second;
+  const auto finds = kept<RoofFinder>(
+      finder + " " + rig_ + " " + (data_.empty() ? "" : std::filesystem::absolute(data_).string()),
+      [&] { return std::shared_ptr<const RoofFinder>(make_roof_finder(finder, lidar_)); });
+  return carriers_[{finder, label}] = finds->find(frame_, host);
+}
 
 void bind_frames(py::module_& module) {
   bind_labels(module);

@@ -20,6 +20,105 @@ namespace {
 
 constexpr double kLongestStep = 1.5;  // s between neighbours
 
+using Named = std::pair<std::string_view, const char*>;
+
+/// By names in lower case. What has no box that anything can be said of is DontCare.
+constexpr auto kTypes = std::to_array<Named>({
+    // KITTI
+    {"car", "Car"},
+    {"van", "Van"},
+    {"truck", "Truck"},
+    {"pedestrian", "Pedestrian"},
+    {"person_sitting", "Person_sitting"},
+    {"person (sitting)", "Person_sitting"},  // of the raw recordings' tracklets
+    {"person", "Pedestrian"},                // of the tracking benchmark
+    {"cyclist", "Cyclist"},
+    {"tram", "Tram"},
+    {"misc", "Misc"},
+    {"dontcare", "DontCare"},
+    // nuScenes' categories; a longer one is the part of it that stands here
+    {"vehicle.car", "Car"},
+    {"vehicle.emergency", "Van"},
+    {"vehicle.truck", "Truck"},
+    {"vehicle.trailer", "Truck"},
+    {"vehicle.construction", "Truck"},
+    {"vehicle.bus", "Bus"},
+    {"vehicle.bicycle", "Cyclist"},
+    {"vehicle.motorcycle", "Cyclist"},
+    {"human.pedestrian", "Pedestrian"},
+    {"animal", "Animal"},
+    {"movable_object.barrier", "Misc"},
+    {"movable_object.debris", "Misc"},
+    {"movable_object.pushable_pullable", "Misc"},
+    {"movable_object.trafficcone", "Misc"},
+    {"static_object.bicycle_rack", "Misc"},
+    // nuScenes' detection names, Lyft's
+    {"trailer", "Truck"},
+    {"construction_vehicle", "Truck"},
+    {"bus", "Bus"},
+    {"bicycle", "Cyclist"},
+    {"motorcycle", "Cyclist"},
+    {"traffic_cone", "Misc"},
+    {"barrier", "Misc"},
+    {"emergency_vehicle", "Van"},
+    {"other_vehicle", "Truck"},
+    // Waymo
+    {"vehicle", "Car"},
+    {"type_vehicle", "Car"},
+    {"type_pedestrian", "Pedestrian"},
+    {"type_cyclist", "Cyclist"},
+    {"type_sign", "Misc"},
+    {"sign", "Misc"},
+    {"type_unknown", "DontCare"},
+    {"unknown", "DontCare"},
+    // Argoverse 1 and 2
+    {"regular_vehicle", "Car"},
+    {"large_vehicle", "Truck"},
+    {"box_truck", "Truck"},
+    {"truck_cab", "Truck"},
+    {"vehicular_trailer", "Truck"},
+    {"articulated_bus", "Bus"},
+    {"school_bus", "Bus"},
+    {"railed_vehicle", "Tram"},
+    {"bicyclist", "Cyclist"},
+    {"motorcyclist", "Cyclist"},
+    {"moped", "Cyclist"},
+    {"wheeled_device", "Misc"},
+    {"wheeled_rider", "Cyclist"},
+    {"wheelchair", "Pedestrian"},
+    {"stroller", "Pedestrian"},
+    {"official_signaler", "Pedestrian"},
+    {"dog", "Animal"},
+    {"bollard", "Misc"},
+    {"construction_barrel", "Misc"},
+    {"construction_cone", "Misc"},
+    {"stop_sign", "Misc"},
+    {"mobile_pedestrian_crossing_sign", "Misc"},
+    {"mobile_pedestrian_sign", "Misc"},
+    {"message_board_trailer", "Misc"},
+    {"traffic_light_trailer", "Misc"},
+    {"traffic_light", "Misc"},
+    {"on_road_obstacle", "Misc"},
+    {"other_mover", "Misc"},
+});
+
+/// The table's word; null if it has none.
+const char* known_type(std::string_view name) {
+  std::string lower(name);
+  std::transform(lower.begin(), lower.end(), lower.begin(),
+                 [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
+  const bool category = lower.find('.') != std::string::npos;
+  while (true) {
+    const auto found = std::ranges::find(kTypes, lower, &Named::first);
+    if (found != kTypes.end()) return found->second;
+    const auto dot = lower.rfind('.');
+    if (dot == std::string::npos) return nullptr;
+    lower.resize(dot);
+    // "vehicle.foo" is no "vehicle": Waymo's word is a whole name.
+    if (category && lower.find('.') == std::string::npos) return nullptr;
+  }
+}
+
 }  // namespace
 
 void DataSet::check_id(const std::string& id) const {
@@ -138,109 +237,6 @@ std::string DataSet::hash(const std::string& id) const {
   return content_hash(file_hash(files.at(0).file, kLargestFile) + file_hash(files.at(1).file, kLargestFile) +
                       annotations_hash(id));
 }
-
-namespace {
-
-using Named = std::pair<std::string_view, const char*>;
-
-/// By names in lower case. What has no box that anything can be said of is DontCare.
-constexpr auto kTypes = std::to_array<Named>({
-    // KITTI
-    {"car", "Car"},
-    {"van", "Van"},
-    {"truck", "Truck"},
-    {"pedestrian", "Pedestrian"},
-    {"person_sitting", "Person_sitting"},
-    {"person (sitting)", "Person_sitting"},  // of the raw recordings' tracklets
-    {"person", "Pedestrian"},                // of the tracking benchmark
-    {"cyclist", "Cyclist"},
-    {"tram", "Tram"},
-    {"misc", "Misc"},
-    {"dontcare", "DontCare"},
-    // nuScenes' categories; a longer one is the part of it that stands here
-    {"vehicle.car", "Car"},
-    {"vehicle.emergency", "Van"},
-    {"vehicle.truck", "Truck"},
-    {"vehicle.trailer", "Truck"},
-    {"vehicle.construction", "Truck"},
-    {"vehicle.bus", "Bus"},
-    {"vehicle.bicycle", "Cyclist"},
-    {"vehicle.motorcycle", "Cyclist"},
-    {"human.pedestrian", "Pedestrian"},
-    {"animal", "Animal"},
-    {"movable_object.barrier", "Misc"},
-    {"movable_object.debris", "Misc"},
-    {"movable_object.pushable_pullable", "Misc"},
-    {"movable_object.trafficcone", "Misc"},
-    {"static_object.bicycle_rack", "Misc"},
-    // nuScenes' detection names, Lyft's
-    {"trailer", "Truck"},
-    {"construction_vehicle", "Truck"},
-    {"bus", "Bus"},
-    {"bicycle", "Cyclist"},
-    {"motorcycle", "Cyclist"},
-    {"traffic_cone", "Misc"},
-    {"barrier", "Misc"},
-    {"emergency_vehicle", "Van"},
-    {"other_vehicle", "Truck"},
-    // Waymo
-    {"vehicle", "Car"},
-    {"type_vehicle", "Car"},
-    {"type_pedestrian", "Pedestrian"},
-    {"type_cyclist", "Cyclist"},
-    {"type_sign", "Misc"},
-    {"sign", "Misc"},
-    {"type_unknown", "DontCare"},
-    {"unknown", "DontCare"},
-    // Argoverse 1 and 2
-    {"regular_vehicle", "Car"},
-    {"large_vehicle", "Truck"},
-    {"box_truck", "Truck"},
-    {"truck_cab", "Truck"},
-    {"vehicular_trailer", "Truck"},
-    {"articulated_bus", "Bus"},
-    {"school_bus", "Bus"},
-    {"railed_vehicle", "Tram"},
-    {"bicyclist", "Cyclist"},
-    {"motorcyclist", "Cyclist"},
-    {"moped", "Cyclist"},
-    {"wheeled_device", "Misc"},
-    {"wheeled_rider", "Cyclist"},
-    {"wheelchair", "Pedestrian"},
-    {"stroller", "Pedestrian"},
-    {"official_signaler", "Pedestrian"},
-    {"dog", "Animal"},
-    {"bollard", "Misc"},
-    {"construction_barrel", "Misc"},
-    {"construction_cone", "Misc"},
-    {"stop_sign", "Misc"},
-    {"mobile_pedestrian_crossing_sign", "Misc"},
-    {"mobile_pedestrian_sign", "Misc"},
-    {"message_board_trailer", "Misc"},
-    {"traffic_light_trailer", "Misc"},
-    {"traffic_light", "Misc"},
-    {"on_road_obstacle", "Misc"},
-    {"other_mover", "Misc"},
-});
-
-/// The table's word; null if it has none.
-const char* known_type(std::string_view name) {
-  std::string lower(name);
-  std::transform(lower.begin(), lower.end(), lower.begin(),
-                 [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
-  const bool category = lower.find('.') != std::string::npos;
-  while (true) {
-    const auto found = std::ranges::find(kTypes, lower, &Named::first);
-    if (found != kTypes.end()) return found->second;
-    const auto dot = lower.rfind('.');
-    if (dot == std::string::npos) return nullptr;
-    lower.resize(dot);
-    // "vehicle.foo" is no "vehicle": Waymo's word is a whole name.
-    if (category && lower.find('.') == std::string::npos) return nullptr;
-  }
-}
-
-}  // namespace
 
 std::string kitti_type(std::string_view name) {
   const char* known = known_type(name);

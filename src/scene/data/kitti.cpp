@@ -267,14 +267,6 @@ class KittiObject : public DataSet {
   Cameras cameras_;
 };
 
-}  // namespace
-
-std::shared_ptr<const DataSet> open_kitti_object(const fs::path& data) {
-  return std::make_shared<KittiObject>(data);
-}
-
-namespace {
-
 /// How many floats a point has, by a file's first values: from one point to the next they differ least where
 /// the same column is compared. `columns`, unless another number stands out.
 std::size_t floats_a_point(const std::vector<float>& values, std::size_t columns) {
@@ -350,6 +342,10 @@ class PointFile {
 };
 
 }  // namespace
+
+std::shared_ptr<const DataSet> open_kitti_object(const fs::path& data) {
+  return std::make_shared<KittiObject>(data);
+}
 
 Sweep read_points(const fs::path& file, std::size_t columns) {
   const std::size_t row = columns * sizeof(float);

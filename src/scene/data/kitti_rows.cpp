@@ -32,6 +32,33 @@ std::string place(int row, int column) {
   return fmt::format("row {}, {}", row, kColumns[column]);
 }
 
+constexpr double kNearCamera = 0.1;  // m before the camera: nearer parts of a box aren't seen
+
+/// The smallest box that holds what of the upright box lies before the camera, within the picture or not.
+PictureBox extent(const Box3& box, const Calibration& calibration) {
+  const auto at = corners(box);
+  const PinholeCamera& camera = calibration.camera;
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  PictureBox seen{kInfinity, kInfinity, -kInfinity, -kInfinity};
+  const auto join = [&](const Vec3d& p_camera) {
+    const Vec2d p = camera.project(p_camera);
+    seen = {std::min(seen.left, p.x()), std::min(seen.top, p.y()), std::max(seen.right, p.x()),
+            std::max(seen.bottom, p.y())};
+  };
+  // What is seen is convex: its corners are the box's before the camera and where its edges pass the near
+  // plane.
+  for (int k = 0; k < 4; ++k)
+    for (const auto& [from, to] :
+         {std::pair(k, (k + 1) % 4), std::pair(k + 4, (k + 1) % 4 + 4), std::pair(k, k + 4)}) {
+      const Vec3d a = calibration.camera_from_velo * at[from], b = calibration.camera_from_velo * at[to];
+      for (const Vec3d& end : {a, b})
+        if (end.z() >= kNearCamera) join(end);
+      if ((a.z() < kNearCamera) != (b.z() < kNearCamera))
+        join(a + (kNearCamera - a.z()) / (b.z() - a.z()) * (b - a));
+    }
+  return seen;
+}
+
 }  // namespace
 
 std::vector<std::string_view> split(std::string_view text, std::string_view separators) {
@@ -125,37 +152,6 @@ void for_each_row(const std::filesystem::path& file, const RowAdvice& advice,
     visit(row);
   }
 }
-
-namespace {
-
-constexpr double kNearCamera = 0.1;  // m before the camera: nearer parts of a box aren't seen
-
-/// The smallest box that holds what of the upright box lies before the camera, within the picture or not.
-PictureBox extent(const Box3& box, const Calibration& calibration) {
-  const auto at = corners(box);
-  const PinholeCamera& camera = calibration.camera;
-  constexpr double kInfinity = std::numeric_limits<double>::infinity();
-  PictureBox seen{kInfinity, kInfinity, -kInfinity, -kInfinity};
-  const auto join = [&](const Vec3d& p_camera) {
-    const Vec2d p = camera.project(p_camera);
-    seen = {std::min(seen.left, p.x()), std::min(seen.top, p.y()), std::max(seen.right, p.x()),
-            std::max(seen.bottom, p.y())};
-  };
-  // What is seen is convex: its corners are the box's before the camera and where its edges pass the near
-  // plane.
-  for (int k = 0; k < 4; ++k)
-    for (const auto& [from, to] :
-         {std::pair(k, (k + 1) % 4), std::pair(k + 4, (k + 1) % 4 + 4), std::pair(k, k + 4)}) {
-      const Vec3d a = calibration.camera_from_velo * at[from], b = calibration.camera_from_velo * at[to];
-      for (const Vec3d& end : {a, b})
-        if (end.z() >= kNearCamera) join(end);
-      if ((a.z() < kNearCamera) != (b.z() < kNearCamera))
-        join(a + (kNearCamera - a.z()) / (b.z() - a.z()) * (b - a));
-    }
-  return seen;
-}
-
-}  // namespace
 
 std::optional<PictureBox> projected(const Box3& box, const Calibration& calibration) {
   const PictureBox seen = extent(box, calibration);

@@ -36,6 +36,57 @@ void require_frame(const fs::path& data, const DataSet& set, const std::string& 
       use_one_of(id, frames, count > kNamed ? fmt::format("another of its {} frames", count) : ""));
 }
 
+struct NumberRange {
+  int first = 0, last = std::numeric_limits<int>::max();
+};
+
+std::optional<NumberRange> range_of(const std::string& text) {
+  NumberRange range;
+  if (text.empty()) return range;
+  const std::size_t colon = text.find(':');
+  if (colon == text.npos) return std::nullopt;
+  const auto read = [](const char* from, const char* to, int& value) {
+    if (from == to) return true;
+    const auto [end, error] = std::from_chars(from, to, value);
+    return error == std::errc() && end == to && value >= 0;
+  };
+  const char* begin = text.data();
+  if (!read(begin, begin + colon, range.first) || !read(begin + colon + 1, begin + text.size(), range.last) ||
+      range.first > range.last)
+    return std::nullopt;
+  return range;
+}
+
+/// "0 of 41 labelled vehicles count: 41 vehicle.foo".
+std::string none_counts(const LabelCensus& census) {
+  return census.labels == 0
+             ? fmt::format("the labels of {} frames hold no object", census.frames - census.unlabelled)
+             : fmt::format("0 of {} labelled objects count as a {}: {}", census.labels,
+                           fmt::join(census.classes, " or "), type_counts(census.types));
+}
+
+std::map<std::string, int> unknown_types(const LabelCensus& census) {
+  std::map<std::string, int> unknown;
+  for (const auto& [type, count] : census.types)
+    if (!is_known_type(type)) unknown[type] = count;
+  return unknown;
+}
+
+int sought(const LabelCensus& census) {
+  int count = 0;
+  for (const std::string& name : census.classes)
+    if (const auto of = census.types.find(name); of != census.types.end()) count += of->second;
+  return count;
+}
+
+/// InputError for a class that neither anybody knows nor the data have.
+void check_classes(const LabelCensus& census) {
+  std::vector<std::string> there;
+  for (const auto& [type, count] : census.types) there.push_back(type);
+  for (const std::string& name : census.classes)
+    if (!is_known_type(name) && !census.types.contains(name)) throw unknown_word("classes", name, there);
+}
+
 }  // namespace
 
 std::shared_ptr<const DataSet> open_data_set(const fs::path& data, Cameras cameras) {
@@ -79,31 +130,6 @@ Annotations read_annotations(const fs::path& data, const std::string& id) {
   const auto [width, height] = set->picture_size(id);
   return set->annotations(id, width, height);
 }
-
-namespace {
-
-struct NumberRange {
-  int first = 0, last = std::numeric_limits<int>::max();
-};
-
-std::optional<NumberRange> range_of(const std::string& text) {
-  NumberRange range;
-  if (text.empty()) return range;
-  const std::size_t colon = text.find(':');
-  if (colon == text.npos) return std::nullopt;
-  const auto read = [](const char* from, const char* to, int& value) {
-    if (from == to) return true;
-    const auto [end, error] = std::from_chars(from, to, value);
-    return error == std::errc() && end == to && value >= 0;
-  };
-  const char* begin = text.data();
-  if (!read(begin, begin + colon, range.first) || !read(begin + colon + 1, begin + text.size(), range.last) ||
-      range.first > range.last)
-    return std::nullopt;
-  return range;
-}
-
-}  // namespace
 
 void check_frame_range(const std::string& frames) {
   if (!range_of(frames))
@@ -153,40 +179,6 @@ std::vector<Sequence> read_sequences(const std::filesystem::path& data, const Se
                      "give another range");
   return all;
 }
-
-namespace {
-
-/// "0 of 41 labelled vehicles count: 41 vehicle.foo".
-std::string none_counts(const LabelCensus& census) {
-  return census.labels == 0
-             ? fmt::format("the labels of {} frames hold no object", census.frames - census.unlabelled)
-             : fmt::format("0 of {} labelled objects count as a {}: {}", census.labels,
-                           fmt::join(census.classes, " or "), type_counts(census.types));
-}
-
-std::map<std::string, int> unknown_types(const LabelCensus& census) {
-  std::map<std::string, int> unknown;
-  for (const auto& [type, count] : census.types)
-    if (!is_known_type(type)) unknown[type] = count;
-  return unknown;
-}
-
-int sought(const LabelCensus& census) {
-  int count = 0;
-  for (const std::string& name : census.classes)
-    if (const auto of = census.types.find(name); of != census.types.end()) count += of->second;
-  return count;
-}
-
-/// InputError for a class that neither anybody knows nor the data have.
-void check_classes(const LabelCensus& census) {
-  std::vector<std::string> there;
-  for (const auto& [type, count] : census.types) there.push_back(type);
-  for (const std::string& name : census.classes)
-    if (!is_known_type(name) && !census.types.contains(name)) throw unknown_word("classes", name, there);
-}
-
-}  // namespace
 
 LabelCensus count_labels(const std::filesystem::path& data, std::span<const std::string> ids,
                          const std::string& classes, Cameras cameras) {

@@ -161,49 +161,6 @@ std::unique_ptr<DepthCompletion> classical(const std::string& backend) {
   return nullptr;
 }
 
-}  // namespace
-
-bool is_shipped_depth(const std::string& backend) {
-  return shipped_plugin(kDepthPlugins, backend) != nullptr || classical(backend) != nullptr;
-}
-
-std::unique_ptr<LearnedDepth> load_learned_depth(const DepthOptions& options) {
-  const fs::path file = find_plugin(options.backend);
-  const auto* api =
-      open_plugin<MirageDepthApi>(file, "mirage_depth_api", "scene/depth/depth_abi.h", {MIRAGE_DEPTH_ABI});
-  if (!api->create || !api->destroy || !api->complete || !api->train_step || !api->save)
-    throw InputError(file.string(), "mirage_depth_api", "a function is missing", "rebuild the plugin");
-  const fs::path weights = options.fresh ? fs::path() : find_weights(options, file);
-  const nlohmann::json settings = {{"seed", options.seed},
-                                   {"threads", options.threads > 0 ? options.threads : thread_count()}};
-  const std::string text = settings.dump();
-  char error[kPluginErrorSize] = "";
-  void* instance = call_plugin(file, "create", [&] {
-    return api->create(text.c_str(), options.fresh ? nullptr : weights.c_str(), error, kPluginErrorSize);
-  });
-  if (!instance)
-    throw InputError(options.fresh ? file.string() : weights.string(), "",
-                     error[0] ? error : "the plugin gave no reason",
-                     options.fresh ? "check the plugin's options" : "check the weights");
-  return std::make_unique<PluginDepth>(file, api, instance);
-}
-
-std::string depth_identity(const DepthOptions& options) {
-  if (classical(options.backend)) return options.backend;
-  const fs::path plugin = find_plugin(options.backend);
-  const std::string weights =
-      options.fresh ? "fresh " + std::to_string(options.seed) : file_hash(find_weights(options, plugin));
-  return file_hash(plugin) + " " + weights + " " +
-         std::to_string(options.threads > 0 ? options.threads : thread_count());
-}
-
-std::unique_ptr<DepthCompletion> load_depth_completion(const DepthOptions& options) {
-  if (auto completion = classical(options.backend)) return completion;
-  return load_learned_depth(options);
-}
-
-namespace {
-
 ImageF crop(const ImageF& image, int u0, int width, bool mirrored) {
   ImageF out(width, image.height, image.channels);
   for (int v = 0; v < image.height; ++v)
@@ -278,42 +235,6 @@ void change_picture(ImageF& image, RandomStream& random) {
   }
 }
 
-}  // namespace
-
-DepthFrame read_depth_frame(const std::filesystem::path& data, const std::string& id) {
-  const auto file = true_depth_file(data, id);
-  if (!std::filesystem::exists(file))
-    throw InputError(file.string(), "", "missing (the frame's true depth)",
-                     "make the data set with mirage generate --depth");
-  const Frame frame = read_frame(data, id);
-  DepthFrame out{frame.image, sparse_depth(frame.sweep, frame.calibration), read_depth_png(file)};
-  if (out.truth.width != out.image.width || out.truth.height != out.image.height)
-    throw InputError(file.string(), "size", "differs from the picture's", "make the data set anew");
-  return out;
-}
-
-DepthSample augmented_crop(const DepthFrame& frame, int width, std::uint64_t seed, std::uint64_t index,
-                           const DepthAugmentation& augmentation) {
-  RandomStream random(seed, "depth augmentation", index);
-  width = std::min(width, frame.image.width);
-  const int u0 = random.below(frame.image.width - width + 1);
-  const bool mirrored = random.uniform() < 0.5;
-  const float scale = static_cast<float>(random.uniform(0.85, 1.15));
-  DepthSample sample{crop(frame.image, u0, width, mirrored), crop(frame.sparse, u0, width, mirrored),
-                     crop(frame.truth, u0, width, mirrored)};
-  for (float& depth : sample.sparse.data) depth *= scale;
-  for (float& depth : sample.truth.data) depth *= scale;
-  sample.sparse = changed_returns(sample.sparse, augmentation.shift, random);
-  if (augmentation.scatter > 0)
-    sample.sparse = scattered(sample.sparse, augmentation.scatter, {seed, "depth scatter", index});
-  change_picture(sample.image, random);
-  if (random.uniform() < augmentation.without_picture)
-    std::fill(sample.image.data.begin(), sample.image.data.end(), 0.2f);
-  return sample;
-}
-
-namespace {
-
 constexpr std::size_t kMemory = std::size_t{4} << 30;  // bytes for frames kept between epochs
 
 class DepthData {
@@ -371,6 +292,77 @@ RunIdentity identity(const DepthTrainingOptions& options, std::size_t frames) {
 }
 
 }  // namespace
+
+bool is_shipped_depth(const std::string& backend) {
+  return shipped_plugin(kDepthPlugins, backend) != nullptr || classical(backend) != nullptr;
+}
+
+std::unique_ptr<LearnedDepth> load_learned_depth(const DepthOptions& options) {
+  const fs::path file = find_plugin(options.backend);
+  const auto* api =
+      open_plugin<MirageDepthApi>(file, "mirage_depth_api", "scene/depth/depth_abi.h", {MIRAGE_DEPTH_ABI});
+  if (!api->create || !api->destroy || !api->complete || !api->train_step || !api->save)
+    throw InputError(file.string(), "mirage_depth_api", "a function is missing", "rebuild the plugin");
+  const fs::path weights = options.fresh ? fs::path() : find_weights(options, file);
+  const nlohmann::json settings = {{"seed", options.seed},
+                                   {"threads", options.threads > 0 ? options.threads : thread_count()}};
+  const std::string text = settings.dump();
+  char error[kPluginErrorSize] = "";
+  void* instance = call_plugin(file, "create", [&] {
+    return api->create(text.c_str(), options.fresh ? nullptr : weights.c_str(), error, kPluginErrorSize);
+  });
+  if (!instance)
+    throw InputError(options.fresh ? file.string() : weights.string(), "",
+                     error[0] ? error : "the plugin gave no reason",
+                     options.fresh ? "check the plugin's options" : "check the weights");
+  return std::make_unique<PluginDepth>(file, api, instance);
+}
+
+std::string depth_identity(const DepthOptions& options) {
+  if (classical(options.backend)) return options.backend;
+  const fs::path plugin = find_plugin(options.backend);
+  const std::string weights =
+      options.fresh ? "fresh " + std::to_string(options.seed) : file_hash(find_weights(options, plugin));
+  return file_hash(plugin) + " " + weights + " " +
+         std::to_string(options.threads > 0 ? options.threads : thread_count());
+}
+
+std::unique_ptr<DepthCompletion> load_depth_completion(const DepthOptions& options) {
+  if (auto completion = classical(options.backend)) return completion;
+  return load_learned_depth(options);
+}
+
+DepthFrame read_depth_frame(const std::filesystem::path& data, const std::string& id) {
+  const auto file = true_depth_file(data, id);
+  if (!std::filesystem::exists(file))
+    throw InputError(file.string(), "", "missing (the frame's true depth)",
+                     "make the data set with mirage generate --depth");
+  const Frame frame = read_frame(data, id);
+  DepthFrame out{frame.image, sparse_depth(frame.sweep, frame.calibration), read_depth_png(file)};
+  if (out.truth.width != out.image.width || out.truth.height != out.image.height)
+    throw InputError(file.string(), "size", "differs from the picture's", "make the data set anew");
+  return out;
+}
+
+DepthSample augmented_crop(const DepthFrame& frame, int width, std::uint64_t seed, std::uint64_t index,
+                           const DepthAugmentation& augmentation) {
+  RandomStream random(seed, "depth augmentation", index);
+  width = std::min(width, frame.image.width);
+  const int u0 = random.below(frame.image.width - width + 1);
+  const bool mirrored = random.uniform() < 0.5;
+  const float scale = static_cast<float>(random.uniform(0.85, 1.15));
+  DepthSample sample{crop(frame.image, u0, width, mirrored), crop(frame.sparse, u0, width, mirrored),
+                     crop(frame.truth, u0, width, mirrored)};
+  for (float& depth : sample.sparse.data) depth *= scale;
+  for (float& depth : sample.truth.data) depth *= scale;
+  sample.sparse = changed_returns(sample.sparse, augmentation.shift, random);
+  if (augmentation.scatter > 0)
+    sample.sparse = scattered(sample.sparse, augmentation.scatter, {seed, "depth scatter", index});
+  change_picture(sample.image, random);
+  if (random.uniform() < augmentation.without_picture)
+    std::fill(sample.image.data.begin(), sample.image.data.end(), 0.2f);
+  return sample;
+}
 
 DepthTrainingResult train_depth(const DepthTrainingOptions& options) {
   check_fields(options);

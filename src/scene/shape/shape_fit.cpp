@@ -301,6 +301,25 @@ int solve_round(const ShapeModel& model, const VehicleEvidence& evidence, const 
   return static_cast<int>(summary.iterations.size());
 }
 
+bool same(const Sweep& a, const Sweep& b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const LidarPoint& p, const LidarPoint& q) {
+    return p.x == q.x && p.y == q.y && p.z == q.z;
+  });
+}
+
+/// The file of the manifold; empty for "box".
+std::filesystem::path model_file(const std::string& rooftop) {
+  if (rooftop == "box") return {};
+  if (rooftop == "shape") return shipped_file("scenes/shapes/cars.shape");
+  if (std::filesystem::path(rooftop).extension() == ".shape") {
+    std::error_code unknown;
+    if (!std::filesystem::is_regular_file(rooftop, unknown))
+      throw InputError(rooftop, "", "no such shape model", "check --rooftop");
+    return rooftop;
+  }
+  throw unknown_word("rooftop", rooftop, {"shape", "box"}, "a shape model (*.shape)");
+}
+
 }  // namespace
 
 ShapeFit fit_shape(const ShapeModel& model, const VehicleEvidence& evidence, const Box3& label,
@@ -390,29 +409,6 @@ Vec3d roof_point(const Mesh& vehicle, double depth) {
   const double z = at(i, j) >= floor ? at(i, j) : top;  // a hollow at the centroid: rest on the highest part
   return {box.min().x() + (sum.x() + 0.5) * kCell, box.min().y() + (sum.y() + 0.5) * kCell, z};
 }
-
-namespace {
-
-bool same(const Sweep& a, const Sweep& b) {
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const LidarPoint& p, const LidarPoint& q) {
-    return p.x == q.x && p.y == q.y && p.z == q.z;
-  });
-}
-
-/// The file of the manifold; empty for "box".
-std::filesystem::path model_file(const std::string& rooftop) {
-  if (rooftop == "box") return {};
-  if (rooftop == "shape") return shipped_file("scenes/shapes/cars.shape");
-  if (std::filesystem::path(rooftop).extension() == ".shape") {
-    std::error_code unknown;
-    if (!std::filesystem::is_regular_file(rooftop, unknown))
-      throw InputError(rooftop, "", "no such shape model", "check --rooftop");
-    return rooftop;
-  }
-  throw unknown_word("rooftop", rooftop, {"shape", "box"}, "a shape model (*.shape)");
-}
-
-}  // namespace
 
 ShapeRoofFinder::ShapeRoofFinder(ShapeModel model, LidarModel lidar, const ShapeFitSettings& settings)
     : model_(std::move(model)), lidar_(std::move(lidar)), settings_(settings) {}

@@ -121,6 +121,56 @@ GridLayout layout_for(const ShapeModelSettings& s) {
   return layout;
 }
 
+constexpr std::string_view kMagic = "MIRAGE-SHAPE 1\n";
+constexpr double kFull = 32767;
+constexpr double kMaxNodes = 1e7;
+constexpr double kLargestNumber = 1000;  ///< m and shares: of whatever the header lists
+
+static_assert(std::endian::native == std::endian::little);
+
+nlohmann::json numbers(const auto& v) {
+  nlohmann::json out = nlohmann::json::array();
+  for (Eigen::Index i = 0; i < v.size(); ++i) out.push_back(v.data()[i]);
+  return out;
+}
+
+class Header {
+ public:
+  Header(std::string file, const nlohmann::json& json) : file_(std::move(file)), json_(json) {}
+
+  [[noreturn]] void fail(const std::string& field, const std::string& problem) const {
+    throw InputError(file_, field, problem, "make the file again with: mirage fit --build-model FILE");
+  }
+  std::vector<double> list(const std::string& key, std::size_t count) const {
+    if (!json_.contains(key) || !json_.at(key).is_array() || json_.at(key).size() != count)
+      fail(key, "missing or not a list of " + std::to_string(count) + " numbers");
+    std::vector<double> out;
+    for (const auto& value : json_.at(key)) {
+      // Asked this way round: what is no number is not within bounds.
+      if (!value.is_number() || !(std::abs(value.get<double>()) <= kLargestNumber))
+        fail(key, "holds a number out of range");
+      out.push_back(value.get<double>());
+    }
+    return out;
+  }
+  double number(const std::string& key, double low, double high) const {
+    if (!json_.contains(key) || !json_.at(key).is_number()) fail(key, "missing or not a number");
+    const double value = json_.at(key).get<double>();
+    if (!(value >= low && value <= high)) fail(key, "out of range");
+    return value;
+  }
+  Vec3d positive(const std::string& key) const {
+    const auto v = list(key, 3);
+    for (double x : v)
+      if (x < 1e-3) fail(key, "not positive");
+    return {v[0], v[1], v[2]};
+  }
+
+ private:
+  std::string file_;
+  const nlohmann::json& json_;
+};
+
 }  // namespace
 
 std::vector<float> normalised_distances(const Mesh& mesh, const ShapeModel& model) {
@@ -209,60 +259,6 @@ ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeMo
   model.prior_covariance.diagonal().array() += kRidge;
   return model;
 }
-
-namespace {
-
-constexpr std::string_view kMagic = "MIRAGE-SHAPE 1\n";
-constexpr double kFull = 32767;
-constexpr double kMaxNodes = 1e7;
-constexpr double kLargestNumber = 1000;  ///< m and shares: of whatever the header lists
-
-static_assert(std::endian::native == std::endian::little);
-
-nlohmann::json numbers(const auto& v) {
-  nlohmann::json out = nlohmann::json::array();
-  for (Eigen::Index i = 0; i < v.size(); ++i) out.push_back(v.data()[i]);
-  return out;
-}
-
-class Header {
- public:
-  Header(std::string file, const nlohmann::json& json) : file_(std::move(file)), json_(json) {}
-
-  [[noreturn]] void fail(const std::string& field, const std::string& problem) const {
-    throw InputError(file_, field, problem, "make the file again with: mirage fit --build-model FILE");
-  }
-  std::vector<double> list(const std::string& key, std::size_t count) const {
-    if (!json_.contains(key) || !json_.at(key).is_array() || json_.at(key).size() != count)
-      fail(key, "missing or not a list of " + std::to_string(count) + " numbers");
-    std::vector<double> out;
-    for (const auto& value : json_.at(key)) {
-      // Asked this way round: what is no number is not within bounds.
-      if (!value.is_number() || !(std::abs(value.get<double>()) <= kLargestNumber))
-        fail(key, "holds a number out of range");
-      out.push_back(value.get<double>());
-    }
-    return out;
-  }
-  double number(const std::string& key, double low, double high) const {
-    if (!json_.contains(key) || !json_.at(key).is_number()) fail(key, "missing or not a number");
-    const double value = json_.at(key).get<double>();
-    if (!(value >= low && value <= high)) fail(key, "out of range");
-    return value;
-  }
-  Vec3d positive(const std::string& key) const {
-    const auto v = list(key, 3);
-    for (double x : v)
-      if (x < 1e-3) fail(key, "not positive");
-    return {v[0], v[1], v[2]};
-  }
-
- private:
-  std::string file_;
-  const nlohmann::json& json_;
-};
-
-}  // namespace
 
 void write_shape_model(const std::filesystem::path& file, const ShapeModel& model) {
   const std::size_t stride = 1 + static_cast<std::size_t>(model.dimension), nodes = model.layout.size();

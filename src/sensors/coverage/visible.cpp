@@ -31,48 +31,6 @@ Polygon part(Pool& pool, const Polygon& polygon, double sign, double slack, cons
   return result;
 }
 
-}  // namespace
-
-Polygon Pool::copy(const Pool& from, const Polygon& polygon) {
-  const Polygon result{static_cast<int>(corners.size()), polygon.count};
-  const auto first = from.corners.begin() + polygon.first;
-  corners.insert(corners.end(), first, first + polygon.count);
-  return result;
-}
-
-double Pool::area(const Polygon& polygon) const {
-  double twice = 0;
-  if (polygon.empty()) return 0;
-  const Vec2d origin = corner(polygon, 0).p;
-  for (int i = 1; i + 1 < polygon.count; ++i) {
-    const Vec2d a = corner(polygon, i).p - origin, b = corner(polygon, i + 1).p - origin;
-    twice += a.x() * b.y() - a.y() * b.x();
-  }
-  return twice / 2;
-}
-
-void split(Pool& pool, Polygon polygon, const Line& line, const Side& cut, Polygon& front, Polygon& back) {
-  pool.distances.resize(std::max(pool.distances.size(), static_cast<std::size_t>(polygon.count)));
-  double low = 0, high = 0;
-  for (int i = 0; i < polygon.count; ++i) {
-    const double d = line.at(pool.corner(polygon, i).p);
-    pool.distances[static_cast<std::size_t>(i)] = d;
-    low = std::min(low, d);
-    high = std::max(high, d);
-  }
-  front = back = {};
-  if (high <= line.slack) {
-    back = polygon;
-  } else if (low >= -line.slack) {
-    front = polygon;
-  } else {
-    front = part(pool, polygon, 1, line.slack, cut);
-    back = part(pool, polygon, -1, line.slack, cut);
-  }
-}
-
-namespace {
-
 constexpr double kRounding = 64 * std::numeric_limits<double>::epsilon();
 
 /// False for a face that covers nothing.
@@ -370,6 +328,44 @@ Polygon within(Pool& pool, Polygon polygon, const Bounds& bounds, double slack) 
 }
 
 }  // namespace
+
+Polygon Pool::copy(const Pool& from, const Polygon& polygon) {
+  const Polygon result{static_cast<int>(corners.size()), polygon.count};
+  const auto first = from.corners.begin() + polygon.first;
+  corners.insert(corners.end(), first, first + polygon.count);
+  return result;
+}
+
+double Pool::area(const Polygon& polygon) const {
+  double twice = 0;
+  if (polygon.empty()) return 0;
+  const Vec2d origin = corner(polygon, 0).p;
+  for (int i = 1; i + 1 < polygon.count; ++i) {
+    const Vec2d a = corner(polygon, i).p - origin, b = corner(polygon, i + 1).p - origin;
+    twice += a.x() * b.y() - a.y() * b.x();
+  }
+  return twice / 2;
+}
+
+void split(Pool& pool, Polygon polygon, const Line& line, const Side& cut, Polygon& front, Polygon& back) {
+  pool.distances.resize(std::max(pool.distances.size(), static_cast<std::size_t>(polygon.count)));
+  double low = 0, high = 0;
+  for (int i = 0; i < polygon.count; ++i) {
+    const double d = line.at(pool.corner(polygon, i).p);
+    pool.distances[static_cast<std::size_t>(i)] = d;
+    low = std::min(low, d);
+    high = std::max(high, d);
+  }
+  front = back = {};
+  if (high <= line.slack) {
+    back = polygon;
+  } else if (low >= -line.slack) {
+    front = polygon;
+  } else {
+    front = part(pool, polygon, 1, line.slack, cut);
+    back = part(pool, polygon, -1, line.slack, cut);
+  }
+}
 
 void find_visible(const ScreenMesh<double>& mesh, int width, int height, const PixelRect& window,
                   Visible& visible) {
