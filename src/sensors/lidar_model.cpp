@@ -8,7 +8,6 @@
 #include "base/config.h"
 #include "base/error.h"
 #include "base/fields.h"
-#include "base/files.h"
 #include "sensors/lidar_effects.h"
 
 namespace mirage {

@@ -12,7 +12,6 @@
 #include "sensors/light_nodes.h"
 #include "sensors/lighting.h"
 #include "sensors/material.h"
-#include "sensors/soft_rasterizer.h"
 
 namespace mirage {
 

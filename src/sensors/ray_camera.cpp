@@ -7,7 +7,6 @@
 #include "base/parallel.h"
 #include "base/random.h"
 #include "geometry/mesh.h"
-#include "sensors/soft_rasterizer.h"
 
 namespace mirage {
 namespace {

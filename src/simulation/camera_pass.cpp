@@ -5,7 +5,6 @@
 #include <limits>
 
 #include "base/random.h"
-#include "scene/depth_completion.h"
 #include "sensors/exact_coverage.h"
 #include "sensors/raster/limits.h"
 #include "simulation/check_inputs.h"

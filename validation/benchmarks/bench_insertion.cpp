@@ -9,7 +9,6 @@
 #include "bench.h"
 #include "generator/generator.h"
 #include "scene/depth_completion.h"
-#include "scene/recorded_light.h"
 #include "simulation/camera_pass.h"
 #include "simulation/insertion.h"
 

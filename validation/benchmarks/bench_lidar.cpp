@@ -2,7 +2,6 @@
 // and triangles, in alternation within one run: medians, and the ratio of medians.
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <string>

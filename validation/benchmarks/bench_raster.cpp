@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "attack/adversary.h"
 #include "base/parallel.h"
 #include "base/random.h"
 #include "bench.h"

@@ -12,15 +12,11 @@
 #include "base/files.h"
 #include "base/json_fields.h"
 #include "base/logging.h"
-#include "base/names.h"
 #include "base/ranks.h"
 #include "frames/made_of.h"
-#include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/shape/shape_fit.h"
 #include "simulation/insertion.h"
-#include "validation/fidelity/vehicle_validation.h"
-#include "validation/reference/reference_renderer.h"
 
 namespace mirage {
 namespace {

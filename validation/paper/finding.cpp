@@ -10,7 +10,6 @@
 
 #include "attack/host_outcome.h"
 #include "base/config.h"
-#include "base/error.h"
 #include "base/files.h"
 
 namespace mirage::paper {

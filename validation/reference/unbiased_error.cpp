@@ -1,6 +1,5 @@
 #include "validation/reference/unbiased_error.h"
 
-#include <algorithm>
 #include <cmath>
 #include <vector>
 

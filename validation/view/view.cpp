@@ -21,7 +21,6 @@
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
 #include "scene/data/read_frames.h"
-#include "simulation/render_scene.h"
 #include "validation/fidelity/validate.h"
 #include "validation/view/drive_view.h"
 #include "validation/view/frame_pack.h"
