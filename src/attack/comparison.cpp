@@ -25,17 +25,13 @@ const HidingRule& vanished() {
   return kHidingRules[0];
 }
 
-bool both_find(const Pair& pair) {
-  return vanished().finds(*pair.first, true) && vanished().finds(*pair.second, true);
-}
-
 std::vector<Pair> pairs_of(std::span<const HostOutcome> first, std::span<const HostOutcome> second) {
   std::map<std::pair<HostId, int>, const HostOutcome*> seconds;
   for (const HostOutcome& host : second) seconds[{host.id, host.mesh}] = &host;
   std::vector<Pair> pairs;
   for (const HostOutcome& host : first) {
     const Pair pair{&host, seconds.at({host.id, host.mesh})};
-    if (both_find(pair)) pairs.push_back(pair);
+    if (vanished().finds(*pair.first, true) && vanished().finds(*pair.second, true)) pairs.push_back(pair);
   }
   return pairs;
 }

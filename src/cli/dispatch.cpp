@@ -149,9 +149,6 @@ std::string result_hash(const std::filesystem::path& file) {
 
 constexpr auto kDataOptions =
     std::to_array<const char*>({"data", "validation", "real", "kitti64", "xenith", "meshes"});
-bool is_data_option(const std::string& name) {
-  return std::ranges::find(kDataOptions, name) != kDataOptions.end();
-}
 
 /// All options of a command with what they stand at, given or not, but for those that name a place for
 /// results or cost time alone. Files, run folders and earlier results count by content; data sets are the
@@ -173,7 +170,8 @@ void add_options(Provenance& made_of, const CLI::App& command) {
         made_of.file(name, file);
       else if (std::filesystem::is_regular_file(file / "run.json", none))
         made_of.input(name, run_hash(file));
-      else if (is_data_option(name))  // beside generated frames lies a result.json, too
+      else if (std::ranges::find(kDataOptions, name) !=
+               kDataOptions.end())  // beside generated frames lies a result.json, too
         continue;
       else if (std::filesystem::is_regular_file(file / "result.json", none))
         made_of.input(name, result_hash(file / "result.json"));

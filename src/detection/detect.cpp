@@ -249,10 +249,6 @@ std::vector<double> thresholds(std::vector<double> scores, int cars) {
   return chosen;
 }
 
-std::string kitti_name(Matching matching) {
-  return matching.in_picture() ? "image" : matching.name();
-}
-
 }  // namespace
 
 Frame RecordedFrames::read(const std::string& id) const {
@@ -452,7 +448,7 @@ nlohmann::json kitti_ap_json(std::span<const KittiFrame> frames, std::span<const
       for (const double iou : {0.7, 0.5}) {
         const KittiPrecision at = kitti_average_precision(frames, matching, level, iou);
         nlohmann::json& of = iou == 0.7 ? result : result["iou50"];
-        of[kitti_name(matching)][name] =
+        of[matching.in_picture() ? "image" : matching.name()][name] =
             at.cars > 0 ? nlohmann::json(at.average_precision) : nlohmann::json();
         result["cars"][name] = at.cars;
       }

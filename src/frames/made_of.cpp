@@ -20,10 +20,6 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-json numbers(const Vec3d& v) {
-  return {v.x(), v.y(), v.z()};
-}
-
 /// A word, or of a file's path its name: the content counts beside it.
 std::string place_free(const std::string& word) {
   return escape_name(fs::path(word).has_parent_path() ? fs::path(word).filename().string() : word);
@@ -39,7 +35,8 @@ std::string frames_hash(const fs::path& data, std::span<const std::string> ids, 
     frame.push_back(set->tracks(ids[i]).value_or(std::vector<int>()));
     if (const auto lighting = set->lighting(ids[i])) {
       const auto& [to_sun, sun, ambient, hemisphere] = *lighting;
-      for (const Vec3d* part : {&to_sun, &sun, &ambient, &hemisphere}) frame.push_back(numbers(*part));
+      for (const Vec3d* p : {&to_sun, &sun, &ambient, &hemisphere})
+        frame.push_back(json::array({p->x(), p->y(), p->z()}));
     }
   });
   return content_hash(

@@ -17,10 +17,6 @@ cv::Mat square(int size) {
   return cv::Mat::ones(size, size, CV_8U);
 }
 
-cv::Mat cross(int size) {
-  return cv::getStructuringElement(cv::MORPH_CROSS, cv::Size(size, size));
-}
-
 cv::Mat diamond5() {
   return (cv::Mat_<unsigned char>(5, 5) << 0, 0, 1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 1, 1, 1, 0, 1, 1, 1, 0, 0, 0,
           1, 0, 0);
@@ -99,7 +95,8 @@ cv::Mat multi_scale(const ImageF& sparse, const IpBasicOptions& options) {
   } bins[] = {{kMiddleLimit, kMaxDepth, 3}, {kNearLimit, kMiddleLimit, 5}, {0, kNearLimit, 7}};
   for (const auto& bin : bins) {
     cv::Mat dilated = inverted(sparse, bin.from, bin.to);
-    cv::dilate(dilated, dilated, cross(bin.kernel));
+    cv::dilate(dilated, dilated,
+               cv::getStructuringElement(cv::MORPH_CROSS, cv::Size(bin.kernel, bin.kernel)));
     dilated.copyTo(depth, dilated > kEmpty);
   }
   cv::morphologyEx(depth, depth, cv::MORPH_CLOSE, square(5));

@@ -127,10 +127,6 @@ std::vector<Vec2d> outline(const Frame& frame, const Box3& box) {
   return hull;
 }
 
-bool casts(const Label& label) {
-  return has_box(label);
-}
-
 bool is_vehicle(const Label& label) {
   return has_box(label) && (label.type == "Car" || label.type == "Van" || label.type == "Truck");
 }
@@ -330,7 +326,7 @@ SunEstimate sun_from_shadows(const Frame& frame) {
   std::vector<Caster> casters;
   std::vector<std::vector<Vec2d>> outlines;
   for (const Label& label : frame.labels)
-    if (casts(label)) {
+    if (has_box(label)) {
       casters.emplace_back(label.box);
       outlines.push_back(outline(frame, label.box));
     }

@@ -17,10 +17,6 @@ namespace {
 
 using Mask = Image<std::uint8_t>;
 
-bool has_value(float depth) {
-  return depth < kFarDepth;
-}
-
 /// Held-back returns without those that a nearer kept return close by contradicts.
 Mask consistent_pixels(const ImageF& held, const ImageF& kept) {
   constexpr int kNearBand = 3;      // pixels
@@ -146,7 +142,7 @@ std::vector<DepthScore> score_depth(const DepthScoreOptions& options,
       scored += counts;
       sky += empty;
       for (std::size_t b = 0; b < n; ++b) {
-        const bool value = has_value(dense[b].data[i]);
+        const bool value = dense[b].data[i] < kFarDepth;
         covered[b] += counts && value;
         sky_filled[b] += empty && value;
         everywhere.data[i] &= value;

@@ -358,10 +358,6 @@ void leave_out_others(Experiments& experiments, const Strings& only) {
   std::erase_if(experiments.cases, [&](const Case& one) { return !needed.contains(one.name); });
 }
 
-bool is_repeated(const Case& command) {
-  return command.kind == Case::Kind::attack || command.kind == Case::Kind::evaluate;
-}
-
 /// With another seed, and on the runs of that; pictures are made once.
 Case repeated(const Case& command, int number, const ReproduceSettings& settings) {
   Case rerun = command;
@@ -380,7 +376,8 @@ void repeat(Experiments& experiments, const ReproduceSettings& settings) {
   const std::size_t once = experiments.cases.size();
   for (int number = 1; number < settings.seeds; ++number)
     for (std::size_t i = 0; i < once; ++i)
-      if (is_repeated(experiments.cases[i]))
+      if (const auto kind = experiments.cases[i].kind;
+          kind == Case::Kind::attack || kind == Case::Kind::evaluate)
         experiments.cases.push_back(repeated(experiments.cases[i], number, settings));
 }
 

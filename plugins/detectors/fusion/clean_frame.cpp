@@ -12,15 +12,13 @@ namespace {
 
 using torch::Tensor;
 
-std::span<const float> flat(const Tensor& points) {
-  return {points.data_ptr<float>(), static_cast<std::size_t>(points.numel())};
-}
-
 /// What continuous fusion adds, and from which points.
 void add_fusion(const SensorTensors& input, NetworkImpl& network, CleanFrame& frame,
                 std::vector<Tensor>& given) {
   const int width = static_cast<int>(frame.width), height = static_cast<int>(frame.height);
-  const auto nearest = nearest_points(flat(frame.points), frame.projection, width, height);
+  const auto nearest =
+      nearest_points({frame.points.data_ptr<float>(), static_cast<std::size_t>(frame.points.numel())},
+                     frame.projection, width, height);
   const Layer& map = frame.camera_plan->plan[frame.camera_plan->read];
   frame.footprints.resize(static_cast<std::size_t>(frame.points.size(0)));
   for (std::size_t level = 0; level < kGrids.size(); ++level) {

@@ -27,12 +27,8 @@ namespace fs = std::filesystem;
 
 constexpr const char* kDepthPlugins = "depth";
 
-bool is_path(const std::string& backend) {
-  return fs::path(backend).extension() == ".so";
-}
-
 fs::path find_plugin(const std::string& backend) {
-  if (is_path(backend)) {
+  if (fs::path(backend).extension() == ".so") {
     if (!fs::exists(backend))
       throw InputError(backend, "", "no such depth completion plugin", "check --depth");
     return fs::absolute(backend);
