@@ -168,85 +168,7 @@ std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const Det
   return judged_by(std::move(detector), options.matching, options.classes);
 }
 
-}  // namespace
-
-DetectorOptions for_data(DetectorOptions options, const FrameSource& source) {
-  options.rig = data_rig(source.data, source.rig);
-  options.classes = source.placement.victim == Victim::object ? kEveryClass : source.classes;
-  return options;
-}
-
-std::vector<std::string> answering_types(const std::vector<std::string>& types,
-                                         const std::vector<std::string>& sought) {
-  constexpr const char *kCar = "Car", *kThing = "Misc";
-  const auto has = [&](const std::vector<std::string>& list, const std::string& type) {
-    return std::find(list.begin(), list.end(), type) != list.end();
-  };
-  std::vector<std::string> answering;
-  for (const std::string& type : sought) {
-    const bool as_car = is_vehicle_type(type) || !has(types, kThing);
-    const std::string word = has(types, type) ? type : as_car ? kCar : kThing;
-    if (has(types, word) && !has(answering, word)) answering.push_back(word);
-  }
-  return answering;
-}
-
-fs::path plugin_file(const DetectorOptions& options) {
-  if (fs::path(options.detector).extension() == ".so") {
-    if (!fs::exists(options.detector))
-      throw InputError(options.detector, "", "no such detector plugin", "check --detector");
-    return fs::absolute(options.detector);
-  }
-  const ShippedPlugin* plugin = shipped_plugin(kDetectorPlugins, options.detector);
-  if (plugin && fs::exists(plugin->file)) return plugin->file;
-  std::vector<std::string> known;
-  for (const ShippedPlugin& shipped : shipped_plugins(kDetectorPlugins))
-    known.insert(known.end(), shipped.words.begin(), shipped.words.end());
-  if (plugin || known.empty())
-    throw InputError(
-        plugin ? plugin->file.string() : built_file("plugins").string(), "", "the detector plugin is missing",
-        "build it with MIRAGE_DETECTORS=ON (make build); onnx takes Debian 13's libonnxruntime-dev");
-  throw unknown_word("detector", options.detector, known, "a plugin (*.so)");
-}
-
-int default_clean_memory() {
-  return static_cast<int>(std::min<std::size_t>(machine_memory() / ranks_here() / 64 >> 20, 2048));
-}
-
-std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {
-  DetectorOptions options = given_options;
-  if (options.clean_memory_mb < 0) options.clean_memory_mb = default_clean_memory();
-  options.clean_memory_mb /= 1 + static_cast<int>(witnesses(options).size());
-  if (is_outside(options)) {
-    auto detector = load_outside_detector(options);
-    return defended(std::move(detector), options);
-  }
-  const fs::path plugin = plugin_file(options);
-  const bool by_path = fs::path(options.detector).extension() == ".so";
-  nlohmann::json settings = {{"seed", options.seed},
-                             {"start", options.start},
-                             {"precision", usable_precision(options.precision)},
-                             {"locality", options.locality},
-                             {"parts", options.parts},
-                             {"clean_memory_mb", options.clean_memory_mb},
-                             {"threads", options.threads > 0 ? options.threads : thread_count()}};
-  if (!by_path) settings["modality"] = options.detector;
-  if (const auto file = branch_weights(options.camera, "--camera"); !file.empty()) settings["camera"] = file;
-  if (const auto file = branch_weights(options.lidar, "--lidar"); !file.empty()) settings["lidar"] = file;
-  const fs::path weights = weights_file(options);
-  if (!options.fresh && options.weights == kRealWeights) tell_licence_of_real_weights();
-  auto detector = open_detector(plugin, by_path ? "" : options.detector, settings.dump(), weights);
-  if (const Capabilities can = detector->capabilities(); !can.finds_bev && !can.finds_picture)
-    throw InputError(plugin.string(), "capabilities", "the detector finds no boxes",
-                     "let it tell MIRAGE_FINDS_BEV or MIRAGE_FINDS_PICTURE");
-  if (const auto picture = picture_of(options))
-    detector = with_picture(std::move(detector), load_detector(*picture));
-  return defended(std::move(detector), options);
-}
-
 // Which weights a detector is loaded with, and those of the witnesses beside it.
-
-namespace {
 
 /// "-" and the word that shipped weights of a trained defence carry, or those fine-tuned on real frames;
 /// empty for the plain ones. InputError for what can be no such word.
@@ -332,6 +254,80 @@ bool is_consistent(const DetectorOptions& options) {
 }
 
 }  // namespace
+
+DetectorOptions for_data(DetectorOptions options, const FrameSource& source) {
+  options.rig = data_rig(source.data, source.rig);
+  options.classes = source.placement.victim == Victim::object ? kEveryClass : source.classes;
+  return options;
+}
+
+std::vector<std::string> answering_types(const std::vector<std::string>& types,
+                                         const std::vector<std::string>& sought) {
+  constexpr const char *kCar = "Car", *kThing = "Misc";
+  const auto has = [&](const std::vector<std::string>& list, const std::string& type) {
+    return std::find(list.begin(), list.end(), type) != list.end();
+  };
+  std::vector<std::string> answering;
+  for (const std::string& type : sought) {
+    const bool as_car = is_vehicle_type(type) || !has(types, kThing);
+    const std::string word = has(types, type) ? type : as_car ? kCar : kThing;
+    if (has(types, word) && !has(answering, word)) answering.push_back(word);
+  }
+  return answering;
+}
+
+fs::path plugin_file(const DetectorOptions& options) {
+  if (fs::path(options.detector).extension() == ".so") {
+    if (!fs::exists(options.detector))
+      throw InputError(options.detector, "", "no such detector plugin", "check --detector");
+    return fs::absolute(options.detector);
+  }
+  const ShippedPlugin* plugin = shipped_plugin(kDetectorPlugins, options.detector);
+  if (plugin && fs::exists(plugin->file)) return plugin->file;
+  std::vector<std::string> known;
+  for (const ShippedPlugin& shipped : shipped_plugins(kDetectorPlugins))
+    known.insert(known.end(), shipped.words.begin(), shipped.words.end());
+  if (plugin || known.empty())
+    throw InputError(
+        plugin ? plugin->file.string() : built_file("plugins").string(), "", "the detector plugin is missing",
+        "build it with MIRAGE_DETECTORS=ON (make build); onnx takes Debian 13's libonnxruntime-dev");
+  throw unknown_word("detector", options.detector, known, "a plugin (*.so)");
+}
+
+int default_clean_memory() {
+  return static_cast<int>(std::min<std::size_t>(machine_memory() / ranks_here() / 64 >> 20, 2048));
+}
+
+std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {
+  DetectorOptions options = given_options;
+  if (options.clean_memory_mb < 0) options.clean_memory_mb = default_clean_memory();
+  options.clean_memory_mb /= 1 + static_cast<int>(witnesses(options).size());
+  if (is_outside(options)) {
+    auto detector = load_outside_detector(options);
+    return defended(std::move(detector), options);
+  }
+  const fs::path plugin = plugin_file(options);
+  const bool by_path = fs::path(options.detector).extension() == ".so";
+  nlohmann::json settings = {{"seed", options.seed},
+                             {"start", options.start},
+                             {"precision", usable_precision(options.precision)},
+                             {"locality", options.locality},
+                             {"parts", options.parts},
+                             {"clean_memory_mb", options.clean_memory_mb},
+                             {"threads", options.threads > 0 ? options.threads : thread_count()}};
+  if (!by_path) settings["modality"] = options.detector;
+  if (const auto file = branch_weights(options.camera, "--camera"); !file.empty()) settings["camera"] = file;
+  if (const auto file = branch_weights(options.lidar, "--lidar"); !file.empty()) settings["lidar"] = file;
+  const fs::path weights = weights_file(options);
+  if (!options.fresh && options.weights == kRealWeights) tell_licence_of_real_weights();
+  auto detector = open_detector(plugin, by_path ? "" : options.detector, settings.dump(), weights);
+  if (const Capabilities can = detector->capabilities(); !can.finds_bev && !can.finds_picture)
+    throw InputError(plugin.string(), "capabilities", "the detector finds no boxes",
+                     "let it tell MIRAGE_FINDS_BEV or MIRAGE_FINDS_PICTURE");
+  if (const auto picture = picture_of(options))
+    detector = with_picture(std::move(detector), load_detector(*picture));
+  return defended(std::move(detector), options);
+}
 
 fs::path weights_file(const DetectorOptions& options) {
   return options.fresh ? fs::path() : find_weights(options, plugin_file(options));

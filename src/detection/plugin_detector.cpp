@@ -331,34 +331,8 @@ struct AnyVersion {
   std::uint32_t abi_version;
 };
 
-}  // namespace
-
-std::unique_ptr<Detector> plugin_detector(PluginInstance<MirageDetectorApi> plugin) {
-  return std::make_unique<PluginDetector>(std::move(plugin));
-}
-
-std::unique_ptr<Detector> open_detector(const std::filesystem::path& file, const std::string& name,
-                                        const std::string& options_json,
-                                        const std::filesystem::path& weights) {
-  const auto* any = open_plugin<AnyVersion>(file, kEntry, "detection/detector_abi.h",
-                                            {MIRAGE_DETECTOR_ABI, MIRAGE_DETECTOR_ABI_3});
-  const InputError missing(file.string(), kEntry, "a function is missing", kRebuild);
-  if (any->abi_version == MIRAGE_DETECTOR_ABI_3) {
-    const auto* api = reinterpret_cast<const MirageDetectorApi3*>(any);
-    if (!api->create || !api->destroy || !api->region || !api->forward || !api->backward ||
-        !api->train_step || !api->save || !api->capabilities)
-      throw missing;
-    return instance_of(file, api, name, options_json, weights);
-  }
-  const auto* api = reinterpret_cast<const MirageDetectorApi*>(any);
-  if (!api->create || !api->destroy || !api->capabilities || !api->forward) throw missing;
-  return instance_of(file, api, name, options_json, weights);
-}
-
 // The adapter of plugins of version 3 (detector_abi3.h): one picture, one sweep, boxes of cars without
 // heights.
-
-namespace {
 
 MirageSensorInput raw_input(const SensorView& view) {
   static_assert(sizeof(LidarPoint) == 4 * sizeof(float));
@@ -543,6 +517,28 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
 };
 
 }  // namespace
+
+std::unique_ptr<Detector> plugin_detector(PluginInstance<MirageDetectorApi> plugin) {
+  return std::make_unique<PluginDetector>(std::move(plugin));
+}
+
+std::unique_ptr<Detector> open_detector(const std::filesystem::path& file, const std::string& name,
+                                        const std::string& options_json,
+                                        const std::filesystem::path& weights) {
+  const auto* any = open_plugin<AnyVersion>(file, kEntry, "detection/detector_abi.h",
+                                            {MIRAGE_DETECTOR_ABI, MIRAGE_DETECTOR_ABI_3});
+  const InputError missing(file.string(), kEntry, "a function is missing", kRebuild);
+  if (any->abi_version == MIRAGE_DETECTOR_ABI_3) {
+    const auto* api = reinterpret_cast<const MirageDetectorApi3*>(any);
+    if (!api->create || !api->destroy || !api->region || !api->forward || !api->backward ||
+        !api->train_step || !api->save || !api->capabilities)
+      throw missing;
+    return instance_of(file, api, name, options_json, weights);
+  }
+  const auto* api = reinterpret_cast<const MirageDetectorApi*>(any);
+  if (!api->create || !api->destroy || !api->capabilities || !api->forward) throw missing;
+  return instance_of(file, api, name, options_json, weights);
+}
 
 std::unique_ptr<Detector> plugin_detector(PluginInstance<MirageDetectorApi3> plugin) {
   return std::make_unique<Version3Detector>(std::move(plugin));

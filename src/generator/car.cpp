@@ -279,67 +279,7 @@ void add_seats(Actor& car, const BodyShape& s) {
   car.surfaces.push_back(surface(seats, plain(Vec3f::Constant(0.03f), 0.15f)));
 }
 
-}  // namespace
-
-Material paint_of(RandomStream& random) {
-  double sum = 0, pick = random.uniform();
-  for (const Paint& p : kPaints) sum += p.share;
-  pick *= sum;
-  const Paint* paint = &kPaints.back();
-  for (const Paint& p : kPaints) {
-    if ((pick -= p.share) < 0) {
-      paint = &p;
-      break;
-    }
-  }
-  const float scatter = static_cast<float>(std::exp(random.uniform(-1.2, 1.2))),
-              tone = static_cast<float>(random.uniform(0.8, 1.15));
-  Material m = plain(tone * paint->color, 0.24f * paint->lidar * scatter, 0.045f);
-  if (random.uniform() < 0.25) m.gloss = 0.02f;  // dusty
-  return m;
-}
-
-Material tyre_rubber() {
-  return kTyre;
-}
-
-Material dark_plastic() {
-  return kTrim;
-}
-
-Actor assemble(const BodyShape& s, const std::string& type, const Vec3d& size, const CarTrim& extras,
-               RandomStream& random) {
-  Actor car;
-  car.type = type;
-  const Hull hull = loft(s);
-  const Material paint = paint_of(random);
-  car.surfaces.push_back(surface(hull.paint, paint, true));
-  car.surfaces.push_back(surface(hull.glass, window(random), true));
-  car.surfaces.push_back(surface(hull.trim, kTrim, true));
-  const auto x_of = [&](double u) { return s.length * (0.5 - u); };
-  const bool alloy = random.uniform() < 0.6;
-  add_wheel(car, hull, x_of(s.front_axle_u), s.wheel_radius, alloy);
-  add_wheel(car, hull, x_of(s.rear_axle_u), s.wheel_radius, alloy);
-  add_front(car, hull, s, extras, random);
-  add_rear(car, hull, s, extras, random);
-  add_sides(car, hull, s, random);
-  add_seats(car, s);
-  add_top(car, hull, s, extras);
-  fit_label_box(car);
-  Mesh mirrors;
-  for (int side : {1, -1}) {
-    const double x = x_of(s.cowl_u + 0.06), y = side * 0.50 * s.width;
-    const double z = s.height * (s.belt_front + 0.05);
-    append(mirrors, ellipsoid({0.07, 0.10, 0.075}), at(x, y + side * 0.06, z));
-  }
-  car.surfaces.push_back(surface(mirrors, random.uniform() < 0.5 ? kTrim : paint));
-  stretch(car, size);
-  return car;
-}
-
 // What people carry on the roofs of their cars.
-
-namespace {
 
 /// The roof that a load lies on, in the car's frame (m).
 struct Roof {
@@ -472,6 +412,62 @@ void add_timber(Actor& car, const Roof& roof, double deck, RandomStream& random)
 }
 
 }  // namespace
+
+Material paint_of(RandomStream& random) {
+  double sum = 0, pick = random.uniform();
+  for (const Paint& p : kPaints) sum += p.share;
+  pick *= sum;
+  const Paint* paint = &kPaints.back();
+  for (const Paint& p : kPaints) {
+    if ((pick -= p.share) < 0) {
+      paint = &p;
+      break;
+    }
+  }
+  const float scatter = static_cast<float>(std::exp(random.uniform(-1.2, 1.2))),
+              tone = static_cast<float>(random.uniform(0.8, 1.15));
+  Material m = plain(tone * paint->color, 0.24f * paint->lidar * scatter, 0.045f);
+  if (random.uniform() < 0.25) m.gloss = 0.02f;  // dusty
+  return m;
+}
+
+Material tyre_rubber() {
+  return kTyre;
+}
+
+Material dark_plastic() {
+  return kTrim;
+}
+
+Actor assemble(const BodyShape& s, const std::string& type, const Vec3d& size, const CarTrim& extras,
+               RandomStream& random) {
+  Actor car;
+  car.type = type;
+  const Hull hull = loft(s);
+  const Material paint = paint_of(random);
+  car.surfaces.push_back(surface(hull.paint, paint, true));
+  car.surfaces.push_back(surface(hull.glass, window(random), true));
+  car.surfaces.push_back(surface(hull.trim, kTrim, true));
+  const auto x_of = [&](double u) { return s.length * (0.5 - u); };
+  const bool alloy = random.uniform() < 0.6;
+  add_wheel(car, hull, x_of(s.front_axle_u), s.wheel_radius, alloy);
+  add_wheel(car, hull, x_of(s.rear_axle_u), s.wheel_radius, alloy);
+  add_front(car, hull, s, extras, random);
+  add_rear(car, hull, s, extras, random);
+  add_sides(car, hull, s, random);
+  add_seats(car, s);
+  add_top(car, hull, s, extras);
+  fit_label_box(car);
+  Mesh mirrors;
+  for (int side : {1, -1}) {
+    const double x = x_of(s.cowl_u + 0.06), y = side * 0.50 * s.width;
+    const double z = s.height * (s.belt_front + 0.05);
+    append(mirrors, ellipsoid({0.07, 0.10, 0.075}), at(x, y + side * 0.06, z));
+  }
+  car.surfaces.push_back(surface(mirrors, random.uniform() < 0.5 ? kTrim : paint));
+  stretch(car, size);
+  return car;
+}
 
 void add_roof_load(Actor& car, const BodyShape& s, RandomStream& random) {
   if (random.uniform() >= 0.1) return;

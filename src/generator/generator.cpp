@@ -76,6 +76,32 @@ void look_around(const Rig& rig, const generator::Street& street, const RayScene
     }
 }
 
+// Rig files: [camera] here, [lidar] in sensors/lidar_model.
+
+/// A camera's table; `key`: its name in the file.
+Calibration read_camera(const std::filesystem::path& file, const std::string& key, ConfigTable& table) {
+  Calibration calibration;
+  PinholeCamera& camera = calibration.camera;
+  camera.width = static_cast<int>(table.number("width", 1, 16384));
+  camera.height = static_cast<int>(table.number("height", 1, 16384));
+  if (static_cast<std::uint64_t>(camera.width) * static_cast<std::uint64_t>(camera.height) > kMostPixels)
+    throw InputError(file.string(), key + ".width, " + key + ".height",
+                     fmt::format("{}×{} are more than {} pixels", camera.width, camera.height, kMostPixels),
+                     "give a smaller picture");
+  camera.fx = table.number("fx", 1, 1e5);
+  camera.fy = table.number("fy", 1, 1e5);
+  camera.cx = table.number("cx", 0, camera.width - 1);
+  camera.cy = table.number("cy", 0, camera.height - 1);
+  const auto pose = table.numbers("camera_from_velo", 12, -100, 100);
+  for (int i = 0; i < 12; ++i) calibration.camera_from_velo.matrix()(i / 4, i % 4) = pose[i];
+  table.check_all_known();
+  const Eigen::Matrix3d r = calibration.camera_from_velo.linear();
+  if ((r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() > 1e-3 || r.determinant() < 0)
+    throw InputError(file.string(), key + ".camera_from_velo", "its 3x3 part is not a rotation",
+                     "give an orthonormal, right-handed matrix [R | t], row by row");
+  return calibration;
+}
+
 }  // namespace
 
 std::uint16_t semantic_class(const std::string& type) {
@@ -162,36 +188,6 @@ Frame generate_drive_frame(const Rig& rig, const generator::MovingStreet& street
   frame.lighting.to_sun_velo = world_from_velo.linear().transpose() * light.lighting.to_sun_velo;
   return frame;
 }
-
-// Rig files: [camera] here, [lidar] in sensors/lidar_model.
-
-namespace {
-
-/// A camera's table; `key`: its name in the file.
-Calibration read_camera(const std::filesystem::path& file, const std::string& key, ConfigTable& table) {
-  Calibration calibration;
-  PinholeCamera& camera = calibration.camera;
-  camera.width = static_cast<int>(table.number("width", 1, 16384));
-  camera.height = static_cast<int>(table.number("height", 1, 16384));
-  if (static_cast<std::uint64_t>(camera.width) * static_cast<std::uint64_t>(camera.height) > kMostPixels)
-    throw InputError(file.string(), key + ".width, " + key + ".height",
-                     fmt::format("{}×{} are more than {} pixels", camera.width, camera.height, kMostPixels),
-                     "give a smaller picture");
-  camera.fx = table.number("fx", 1, 1e5);
-  camera.fy = table.number("fy", 1, 1e5);
-  camera.cx = table.number("cx", 0, camera.width - 1);
-  camera.cy = table.number("cy", 0, camera.height - 1);
-  const auto pose = table.numbers("camera_from_velo", 12, -100, 100);
-  for (int i = 0; i < 12; ++i) calibration.camera_from_velo.matrix()(i / 4, i % 4) = pose[i];
-  table.check_all_known();
-  const Eigen::Matrix3d r = calibration.camera_from_velo.linear();
-  if ((r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() > 1e-3 || r.determinant() < 0)
-    throw InputError(file.string(), key + ".camera_from_velo", "its 3x3 part is not a rotation",
-                     "give an orthonormal, right-handed matrix [R | t], row by row");
-  return calibration;
-}
-
-}  // namespace
 
 Rig read_rig(const std::filesystem::path& file) {
   ConfigTable root = ConfigTable::read(file);

@@ -129,6 +129,51 @@ std::map<RayKey, Vec3d> by_ray(const LidarTape& tape, const Sweep& sweep) {
   return points;
 }
 
+// The rungs that Mirage draws itself, and what tells of a scene which effects it needs.
+
+/// The frame and the mesh with sRGB numbers in the place of radiances: what a renderer does that multiplies
+/// light into the texture's bytes.
+Simulated simulate_in_srgb(const HostScene& scene, const SimulationSettings& settings) {
+  PreparedFrame prepared = *scene.prepared;
+  for (float& value : prepared.frame.image.data) value = srgb_from_linear(value);
+  HostScene bytes = scene;
+  bytes.prepared = &prepared;
+  for (Vec3d& texel : bytes.adversary.atlas.texels)
+    for (double& channel : texel) channel = srgb_from_linear(static_cast<float>(channel));
+  Simulated simulated = simulate_host(bytes, settings);
+  for (float& value : simulated.image.data) value = linear_from_srgb(value);
+  for (int v = 0; v < simulated.rgba.height; ++v)
+    for (int u = 0; u < simulated.rgba.width; ++u)
+      for (int c = 0; c < 3; ++c)
+        simulated.rgba.at(u, v, c) = linear_from_srgb(static_cast<float>(simulated.rgba.at(u, v, c)));
+  return simulated;
+}
+
+Simulated simulate_uniform(const HostScene& scene, const SimulationSettings& settings) {
+  PreparedFrame prepared = *scene.prepared;
+  Lighting& light = prepared.frame.lighting;
+  light.ambient += light.hemisphere / 2;
+  light.hemisphere.setZero();
+  HostScene uniform = scene;
+  uniform.prepared = &prepared;
+  return simulate_host(uniform, settings);
+}
+
+/// From the rung "hard" to two others, as a camera sees them.
+void add_changes(const HostScene& scene, const PixelRect& rect, std::map<std::string, double>& features) {
+  const ImageF& photograph = scene.prepared->frame.image;
+  const auto picture = [&](const Simulated& drawn) {
+    ImageF window = radiance_of(drawn, photograph, rect);
+    saturate(window);
+    return window;
+  };
+  const Simulated hard = draw_raster_rung("hard", scene);
+  ImageF mask = coverage_of(hard, rect);
+  const ImageF from = picture(hard);
+  features["soft_change"] = relative_error(from, picture(draw_raster_rung("soft", scene)), mask);
+  features["light_change"] = relative_error(from, picture(draw_raster_rung("visible light", scene)), mask);
+}
+
 }  // namespace
 
 MatchedLight matched_light(ReferenceRenderer& renderer, const HostScene& scene) {
@@ -396,55 +441,6 @@ std::vector<LidarRung> lidar_ladder(const HostScene& scene) {
   }
   return ladder;
 }
-
-// The rungs that Mirage draws itself, and what tells of a scene which effects it needs.
-
-namespace {
-
-/// The frame and the mesh with sRGB numbers in the place of radiances: what a renderer does that multiplies
-/// light into the texture's bytes.
-Simulated simulate_in_srgb(const HostScene& scene, const SimulationSettings& settings) {
-  PreparedFrame prepared = *scene.prepared;
-  for (float& value : prepared.frame.image.data) value = srgb_from_linear(value);
-  HostScene bytes = scene;
-  bytes.prepared = &prepared;
-  for (Vec3d& texel : bytes.adversary.atlas.texels)
-    for (double& channel : texel) channel = srgb_from_linear(static_cast<float>(channel));
-  Simulated simulated = simulate_host(bytes, settings);
-  for (float& value : simulated.image.data) value = linear_from_srgb(value);
-  for (int v = 0; v < simulated.rgba.height; ++v)
-    for (int u = 0; u < simulated.rgba.width; ++u)
-      for (int c = 0; c < 3; ++c)
-        simulated.rgba.at(u, v, c) = linear_from_srgb(static_cast<float>(simulated.rgba.at(u, v, c)));
-  return simulated;
-}
-
-Simulated simulate_uniform(const HostScene& scene, const SimulationSettings& settings) {
-  PreparedFrame prepared = *scene.prepared;
-  Lighting& light = prepared.frame.lighting;
-  light.ambient += light.hemisphere / 2;
-  light.hemisphere.setZero();
-  HostScene uniform = scene;
-  uniform.prepared = &prepared;
-  return simulate_host(uniform, settings);
-}
-
-/// From the rung "hard" to two others, as a camera sees them.
-void add_changes(const HostScene& scene, const PixelRect& rect, std::map<std::string, double>& features) {
-  const ImageF& photograph = scene.prepared->frame.image;
-  const auto picture = [&](const Simulated& drawn) {
-    ImageF window = radiance_of(drawn, photograph, rect);
-    saturate(window);
-    return window;
-  };
-  const Simulated hard = draw_raster_rung("hard", scene);
-  ImageF mask = coverage_of(hard, rect);
-  const ImageF from = picture(hard);
-  features["soft_change"] = relative_error(from, picture(draw_raster_rung("soft", scene)), mask);
-  features["light_change"] = relative_error(from, picture(draw_raster_rung("visible light", scene)), mask);
-}
-
-}  // namespace
 
 const std::vector<std::string>& raster_rungs() {
   static const std::vector<std::string> rungs = {"hard",

@@ -163,48 +163,7 @@ VerdictFlip flip_of(const VehicleResult& vehicle, bool held_back) {
   return flip;
 }
 
-}  // namespace
-
-std::optional<bool> Verdict::vacuous(Channel channel) const {
-  std::optional<bool> vacuous;
-  for (const Compared<VerdictControl>& control : controls) {
-    if (control.look.channel != channel) continue;
-    const bool changed = control.flips > 0 || control.mean_delta_logit >= kLeastDeltaLogit;
-    vacuous = vacuous.value_or(true) && !changed;
-  }
-  return vacuous;
-}
-
-const Compared<VerdictArm>* Verdict::nearest_to_reality(bool sees) const {
-  const VerdictArm wanted{sees ? ArmLight::cycles : ArmLight::raster, ArmReturns::realistic};
-  for (const Compared<VerdictArm>& arm : judged().arms)
-    if (arm.look == wanted) return &arm;
-  return nullptr;
-}
-
-Verdict verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::string>& test_frames) {
-  Vehicles held_back, all;
-  Verdict result;
-  for (const VehicleResult& vehicle : vehicles) {
-    if (!vehicle.seen) continue;
-    const SeenResult& seen = *vehicle.seen;
-    const bool tested = test_frames.contains(vehicle.host.frame);
-    result.pairs.push_back({vehicle.name, vehicle.host.frame, tested, seen.detected, seen.clean.score,
-                            seen.raster.score, seen.hard.score, seen.cycles.score});
-    if (!seen.detected) continue;
-    all.push_back(&vehicle);
-    if (tested) held_back.push_back(&vehicle);
-    if (seen.raster.hidden != seen.cycles.hidden) result.flips.push_back(flip_of(vehicle, tested));
-  }
-  result.held_back = group(held_back);
-  result.all = group(all);
-  result.controls = compared<VerdictControl>(all, &ArmsResult::controls);
-  return result;
-}
-
 // The verdict as result.json has it.
-
-namespace {
 
 using nlohmann::json;
 
@@ -459,64 +418,7 @@ void add(FooledSummary& sum, const SeenResult& seen) {
   sum.fooled_cycles += seen.cycles.fooled();
 }
 
-}  // namespace
-
-json to_json(const Verdict& verdict) {
-  return {{"confidence", kConfidence},
-          {"held_back", group_figures(verdict.held_back)},
-          {"all", group_figures(verdict.all)},
-          {"pairs", list_json(verdict.pairs, pair_figures)},
-          {"flips", list_json(verdict.flips, flip_figures)},
-          {"of", &verdict.judged() == &verdict.held_back ? "held_back" : "all"},
-          {"arms", compared_figures(verdict.judged().arms)},
-          {"controls", compared_figures(verdict.controls)},
-          {"vacuous",
-           {{"image", truth(verdict.vacuous(Channel::image))},
-            {"lidar", truth(verdict.vacuous(Channel::lidar))},
-            {"bound", kLeastDeltaLogit}}}};
-}
-
-std::vector<Target> targets_of(const ValidationSummary& summary) {
-  const MatchedSummary& matched = summary.matched;
-  constexpr double kMaskIou = 0.9999, kError = 1e-4, kRange = 1e-4;  // scene-linear; m
-  std::vector<Target> targets = {{"matched.mask_iou", "", kMaskIou, matched.mask_iou >= kMaskIou},
-                                 {"matched.mae", "", kError, matched.mae <= kError},
-                                 {"matched.hit_disagreements", "", 0, matched.hit_disagreements == 0},
-                                 {"matched.range_error_m", "", kRange, matched.range_error <= kRange}};
-  for (std::size_t k = 0; k < summary.cameras.size(); ++k)
-    targets.push_back({fmt::format("cameras.{}.mae", k), summary.cameras[k].camera, kError,
-                       summary.cameras[k].matched.mae <= kError});
-  return targets;
-}
-
-ValidationSummary summarize_vehicles(const std::vector<VehicleResult>& all,
-                                     const std::set<std::string>& test_frames) {
-  Vehicles vehicles;
-  std::set<std::string> frames;
-  ValidationSummary summary;
-  for (const VehicleResult& vehicle : all) {
-    if (!vehicle.seen) continue;
-    vehicles.push_back(&vehicle);
-    frames.insert(vehicle.host.frame);
-    ++(vehicle.from_box ? summary.rooftops.from_box : summary.rooftops.fitted);
-    add(test_frames.contains(vehicle.host.frame) ? summary.attack : summary.attack_train, *vehicle.seen);
-  }
-  summary.frames = static_cast<int>(frames.size());
-  summary.test_frames = static_cast<int>(
-      std::count_if(frames.begin(), frames.end(), [&](const auto& f) { return test_frames.contains(f); }));
-  summary.vehicles = static_cast<int>(vehicles.size());
-  summary.matched = matched_summary(vehicles);
-  summary.cameras = camera_summaries(vehicles);
-  summary.full = full_summary(vehicles);
-  summary.noise = mean(vehicles, [](const auto* vehicle) { return vehicle->seen->full.noise; }).value_or(0);
-  summary.ladder = ladder<LightRungSummary>(vehicles, &LadderResult::light);
-  summary.lidar_ladder = ladder<LidarRungSummary>(vehicles, &LadderResult::lidar);
-  return summary;
-}
-
 // The summary as result.json has it.
-
-namespace {
 
 json change_figures(const MeanChange& change) {
   json out = {
@@ -595,6 +497,96 @@ json fooled_figures(const FooledSummary& fooled) {
 }
 
 }  // namespace
+
+std::optional<bool> Verdict::vacuous(Channel channel) const {
+  std::optional<bool> vacuous;
+  for (const Compared<VerdictControl>& control : controls) {
+    if (control.look.channel != channel) continue;
+    const bool changed = control.flips > 0 || control.mean_delta_logit >= kLeastDeltaLogit;
+    vacuous = vacuous.value_or(true) && !changed;
+  }
+  return vacuous;
+}
+
+const Compared<VerdictArm>* Verdict::nearest_to_reality(bool sees) const {
+  const VerdictArm wanted{sees ? ArmLight::cycles : ArmLight::raster, ArmReturns::realistic};
+  for (const Compared<VerdictArm>& arm : judged().arms)
+    if (arm.look == wanted) return &arm;
+  return nullptr;
+}
+
+Verdict verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::string>& test_frames) {
+  Vehicles held_back, all;
+  Verdict result;
+  for (const VehicleResult& vehicle : vehicles) {
+    if (!vehicle.seen) continue;
+    const SeenResult& seen = *vehicle.seen;
+    const bool tested = test_frames.contains(vehicle.host.frame);
+    result.pairs.push_back({vehicle.name, vehicle.host.frame, tested, seen.detected, seen.clean.score,
+                            seen.raster.score, seen.hard.score, seen.cycles.score});
+    if (!seen.detected) continue;
+    all.push_back(&vehicle);
+    if (tested) held_back.push_back(&vehicle);
+    if (seen.raster.hidden != seen.cycles.hidden) result.flips.push_back(flip_of(vehicle, tested));
+  }
+  result.held_back = group(held_back);
+  result.all = group(all);
+  result.controls = compared<VerdictControl>(all, &ArmsResult::controls);
+  return result;
+}
+
+json to_json(const Verdict& verdict) {
+  return {{"confidence", kConfidence},
+          {"held_back", group_figures(verdict.held_back)},
+          {"all", group_figures(verdict.all)},
+          {"pairs", list_json(verdict.pairs, pair_figures)},
+          {"flips", list_json(verdict.flips, flip_figures)},
+          {"of", &verdict.judged() == &verdict.held_back ? "held_back" : "all"},
+          {"arms", compared_figures(verdict.judged().arms)},
+          {"controls", compared_figures(verdict.controls)},
+          {"vacuous",
+           {{"image", truth(verdict.vacuous(Channel::image))},
+            {"lidar", truth(verdict.vacuous(Channel::lidar))},
+            {"bound", kLeastDeltaLogit}}}};
+}
+
+std::vector<Target> targets_of(const ValidationSummary& summary) {
+  const MatchedSummary& matched = summary.matched;
+  constexpr double kMaskIou = 0.9999, kError = 1e-4, kRange = 1e-4;  // scene-linear; m
+  std::vector<Target> targets = {{"matched.mask_iou", "", kMaskIou, matched.mask_iou >= kMaskIou},
+                                 {"matched.mae", "", kError, matched.mae <= kError},
+                                 {"matched.hit_disagreements", "", 0, matched.hit_disagreements == 0},
+                                 {"matched.range_error_m", "", kRange, matched.range_error <= kRange}};
+  for (std::size_t k = 0; k < summary.cameras.size(); ++k)
+    targets.push_back({fmt::format("cameras.{}.mae", k), summary.cameras[k].camera, kError,
+                       summary.cameras[k].matched.mae <= kError});
+  return targets;
+}
+
+ValidationSummary summarize_vehicles(const std::vector<VehicleResult>& all,
+                                     const std::set<std::string>& test_frames) {
+  Vehicles vehicles;
+  std::set<std::string> frames;
+  ValidationSummary summary;
+  for (const VehicleResult& vehicle : all) {
+    if (!vehicle.seen) continue;
+    vehicles.push_back(&vehicle);
+    frames.insert(vehicle.host.frame);
+    ++(vehicle.from_box ? summary.rooftops.from_box : summary.rooftops.fitted);
+    add(test_frames.contains(vehicle.host.frame) ? summary.attack : summary.attack_train, *vehicle.seen);
+  }
+  summary.frames = static_cast<int>(frames.size());
+  summary.test_frames = static_cast<int>(
+      std::count_if(frames.begin(), frames.end(), [&](const auto& f) { return test_frames.contains(f); }));
+  summary.vehicles = static_cast<int>(vehicles.size());
+  summary.matched = matched_summary(vehicles);
+  summary.cameras = camera_summaries(vehicles);
+  summary.full = full_summary(vehicles);
+  summary.noise = mean(vehicles, [](const auto* vehicle) { return vehicle->seen->full.noise; }).value_or(0);
+  summary.ladder = ladder<LightRungSummary>(vehicles, &LadderResult::light);
+  summary.lidar_ladder = ladder<LidarRungSummary>(vehicles, &LadderResult::lidar);
+  return summary;
+}
 
 json to_json(const ValidationSummary& summary) {
   auto light = json::array(), lidar = json::array();

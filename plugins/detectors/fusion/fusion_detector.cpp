@@ -66,6 +66,15 @@ Network make_network(const Options& options) {
   return network;
 }
 
+// What of the detector's state its files hold.
+
+constexpr const char *kCamera = "camera", *kLidar = "lidar", *kTrunk = "trunk";  // words of "frozen"
+
+/// In a checkpoint: of the k-th learning weight, what the training started from.
+std::string start_name(std::size_t k) {
+  return "start" + std::to_string(k);
+}
+
 }  // namespace
 
 FusionDetector::FusionDetector(const Options& options, Network network,
@@ -265,19 +274,6 @@ MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& inpu
           static_cast<std::int32_t>(grid.columns),
           static_cast<float>(grid.cell)};
 }
-
-// What of the detector's state its files hold.
-
-namespace {
-
-constexpr const char *kCamera = "camera", *kLidar = "lidar", *kTrunk = "trunk";  // words of "frozen"
-
-/// In a checkpoint: of the k-th learning weight, what the training started from.
-std::string start_name(std::size_t k) {
-  return "start" + std::to_string(k);
-}
-
-}  // namespace
 
 /// The weights as a training's result has them, for as long as it lives.
 class FusionDetector::MixedWithStart {

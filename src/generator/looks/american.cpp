@@ -98,6 +98,14 @@ namespace {
 
 constexpr double kLine = 0.11, kLift = 0.008;  // m, width of a line, height of the paint
 
+// The North American look: detached houses, shops and office blocks.
+
+Mesh placed(const Mesh& mesh, const Transform& t) {
+  Mesh out;
+  append(out, mesh, t);
+  return out;
+}
+
 }  // namespace
 
 // A left arrow in the turn lane: a shaft and a head.
@@ -261,18 +269,6 @@ void AmericanStreet::place_parked() {
           0.2);
     }
 }
-
-// The North American look: detached houses, shops and office blocks.
-
-namespace {
-
-Mesh placed(const Mesh& mesh, const Transform& t) {
-  Mesh out;
-  append(out, mesh, t);
-  return out;
-}
-
-}  // namespace
 
 // Clapboard or stucco, shingle roof, garage with a driveway to the road, porch or front steps.
 void AmericanStreet::add_house(double s, double d, double along, double deep, int side, double drive_s) {

@@ -341,6 +341,43 @@ class PointFile {
   std::size_t row_;
 };
 
+// KITTI's text files: calibration and labels.
+
+using Matrix34 = Eigen::Matrix<double, 3, 4>;
+
+Eigen::Matrix3d nearest_rotation(const Eigen::Matrix3d& matrix, const MatrixRow& row) {
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Eigen::Matrix3d rotation = svd.matrixU() * svd.matrixV().transpose();
+  if ((rotation - matrix).cwiseAbs().maxCoeff() > 1e-3 || rotation.determinant() < 0)
+    throw InputError(row.file.string(), row.name, "is not a rotation",
+                     "restore the calibration from the recording that the frame comes from");
+  return rotation;
+}
+
+/// Focal lengths (pixels), as rig files have them, and distances between sensors (m) that can be.
+constexpr double kFocal[] = {1, 1e5}, kFarthest = 20;
+
+/// A box may pass the image's edge by this much: rounding in labels.
+constexpr double kEdgeTolerance = 1.0;
+
+/// Keeps the label's box in the picture within the picture, or projects the box in space where there is none.
+void clip(Label& label, const Calibration& calibration, LabelNotes& notes) {
+  const double right = calibration.camera.width - 1, bottom = calibration.camera.height - 1;
+  const bool missing = label.right <= label.left || label.bottom <= label.top || label.right <= 0 ||
+                       label.bottom <= 0 || label.left >= right || label.top >= bottom;
+  if (missing && label.in_space) {
+    ++notes.projected;
+    const PictureBox seen = projected(label.box, calibration).value_or(PictureBox{});
+    label.left = seen.left, label.top = seen.top, label.right = seen.right, label.bottom = seen.bottom;
+    return;
+  }
+  const double beyond = std::max({-label.left, -label.top, label.right - right, label.bottom - bottom});
+  if (beyond <= kEdgeTolerance) return;
+  ++notes.clipped;
+  label.left = std::clamp(label.left, 0.0, right), label.right = std::clamp(label.right, 0.0, right);
+  label.top = std::clamp(label.top, 0.0, bottom), label.bottom = std::clamp(label.bottom, 0.0, bottom);
+}
+
 }  // namespace
 
 std::shared_ptr<const DataSet> open_kitti_object(const fs::path& data) {
@@ -443,47 +480,6 @@ void write_frame(const fs::path& data, const Frame& frame) {
   // Last: list_frames goes by the sweeps, so a frame that was cut short isn't listed.
   write_sweep(part(data, "velodyne", frame.id, ".bin"), frame.sweep);
 }
-
-// KITTI's text files: calibration and labels.
-
-namespace {
-
-using Matrix34 = Eigen::Matrix<double, 3, 4>;
-
-Eigen::Matrix3d nearest_rotation(const Eigen::Matrix3d& matrix, const MatrixRow& row) {
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Eigen::Matrix3d rotation = svd.matrixU() * svd.matrixV().transpose();
-  if ((rotation - matrix).cwiseAbs().maxCoeff() > 1e-3 || rotation.determinant() < 0)
-    throw InputError(row.file.string(), row.name, "is not a rotation",
-                     "restore the calibration from the recording that the frame comes from");
-  return rotation;
-}
-
-/// Focal lengths (pixels), as rig files have them, and distances between sensors (m) that can be.
-constexpr double kFocal[] = {1, 1e5}, kFarthest = 20;
-
-/// A box may pass the image's edge by this much: rounding in labels.
-constexpr double kEdgeTolerance = 1.0;
-
-/// Keeps the label's box in the picture within the picture, or projects the box in space where there is none.
-void clip(Label& label, const Calibration& calibration, LabelNotes& notes) {
-  const double right = calibration.camera.width - 1, bottom = calibration.camera.height - 1;
-  const bool missing = label.right <= label.left || label.bottom <= label.top || label.right <= 0 ||
-                       label.bottom <= 0 || label.left >= right || label.top >= bottom;
-  if (missing && label.in_space) {
-    ++notes.projected;
-    const PictureBox seen = projected(label.box, calibration).value_or(PictureBox{});
-    label.left = seen.left, label.top = seen.top, label.right = seen.right, label.bottom = seen.bottom;
-    return;
-  }
-  const double beyond = std::max({-label.left, -label.top, label.right - right, label.bottom - bottom});
-  if (beyond <= kEdgeTolerance) return;
-  ++notes.clipped;
-  label.left = std::clamp(label.left, 0.0, right), label.right = std::clamp(label.right, 0.0, right);
-  label.top = std::clamp(label.top, 0.0, bottom), label.bottom = std::clamp(label.bottom, 0.0, bottom);
-}
-
-}  // namespace
 
 CalibrationFile::CalibrationFile(fs::path file)
     : file_(std::move(file)), text_(read_text(file_, kLargestText)) {

@@ -27,81 +27,11 @@ std::string row_name(std::size_t row) {
   return fmt::format("row {}", row + 1);
 }
 
-}  // namespace
-
-OxtsRow oxts_row(std::string_view line, const std::filesystem::path& file, std::size_t row) {
-  constexpr std::size_t kFewest = 25;
-  const auto words = split(line, " \t\r\n");
-  if (words.size() < kFewest)
-    throw InputError(file.string(), row_name(row), fmt::format("{} numbers where 30 belong", words.size()),
-                     kRestoreRow);
-  double value[6];
-  for (std::size_t i = 0; i < 6; ++i)
-    value[i] = to_number(words[i], file, fmt::format("{}, number {}", row_name(row), i + 1));
-  const OxtsRow pose{value[0], value[1], value[2], value[3], value[4], value[5]};
-  if (!(std::abs(pose.latitude) < 89 && std::abs(pose.longitude) <= 360 && std::abs(pose.altitude) < 1e5))
-    throw InputError(file.string(), row_name(row),
-                     "is no place on a road: latitude and longitude in degrees, altitude in metres",
-                     kRestoreRow);
-  return pose;
-}
-
-Transform world_from_imu(const OxtsRow& row, const OxtsRow& first) {
-  const double scale = std::cos(first.latitude * kDegree) * kEarthRadius;
-  const auto place = [&](const OxtsRow& at) {
-    return Vec3d(scale * at.longitude * kDegree,
-                 scale * std::log(std::tan((90 + at.latitude) * std::numbers::pi / 360)), at.altitude);
-  };
-  Transform pose = Transform::Identity();
-  pose.linear() = (Eigen::AngleAxisd(row.yaw, Vec3d::UnitZ()) * Eigen::AngleAxisd(row.pitch, Vec3d::UnitY()) *
-                   Eigen::AngleAxisd(row.roll, Vec3d::UnitX()))
-                      .toRotationMatrix();
-  pose.translation() = place(row) - place(first);
-  return pose;
-}
-
-double stamp_seconds(std::string_view stamp, const std::filesystem::path& file, std::size_t row) {
-  const auto words = split(stamp, "-: \t\r\n");
-  double value[6] = {};
-  bool good = words.size() == 6;
-  for (std::size_t i = 0; good && i < 6; ++i) {
-    const char* end = words[i].data() + words[i].size();
-    const auto [read, error] = std::from_chars(words[i].data(), end, value[i]);
-    good = error == std::errc() && read == end && value[i] >= 0 && value[i] < 10000;
-  }
-  namespace chrono = std::chrono;
-  const chrono::year_month_day day(chrono::year(static_cast<int>(value[0])),
-                                   chrono::month(static_cast<unsigned>(value[1])),
-                                   chrono::day(static_cast<unsigned>(value[2])));
-  if (!good || !day.ok() || value[3] >= 24 || value[4] >= 60 || value[5] >= 61)
-    throw InputError(file.string(), row_name(row), "is no time, as 2011-09-26 13:02:25.594360375",
-                     kRestoreRow);
-  const chrono::sys_days start = chrono::year(2000) / 1 / 1;
-  const double days = static_cast<double>((chrono::sys_days(day) - start).count());
-  return ((days * 24 + value[3]) * 60 + value[4]) * 60 + value[5];
-}
-
-std::string text_line(const std::filesystem::path& file, std::size_t row) {
-  const std::string text = read_text(file, kLargestLabels);
-  std::size_t begin = 0;
-  for (std::size_t i = 0; i < row && begin != text.npos; ++i) {
-    begin = text.find('\n', begin);
-    if (begin != text.npos) ++begin;
-  }
-  std::string line = begin == text.npos ? "" : text.substr(begin, text.find('\n', begin) - begin);
-  if (line.find_first_not_of(" \t\r") == line.npos)
-    throw InputError(file.string(), row_name(row), "missing: the recording has a frame of that number",
-                     kRestoreRow);
-  return line;
-}
-
 // KITTI's raw recordings (Geiger et al., IJRR 2013), synchronised and rectified: a folder for each day with
 // its calibration, in it one for each drive. Labels are the drive's tracklets: boxes in `velo`, which the
 // picture's boxes are projected from. A frame's id is DRIVE_FRAME,
 // "2011_09_26_drive_0009_sync_0000000012". Where the car stood says DRIVE/oxts/data/FRAME.txt, when
 // DRIVE/velodyne_points/timestamps.txt.
-
-namespace {
 
 namespace fs = std::filesystem;
 using tinyxml2::XMLElement;
@@ -297,56 +227,10 @@ class KittiRaw : public DataSet {
   }
 };
 
-}  // namespace
-
-std::vector<Label> read_tracklets(const fs::path& file, int frame, std::size_t drive,
-                                  const Calibration& calibration) {
-  const Tracklets tracklets(file);
-  std::vector<Label> labels;
-  std::size_t index = 0;
-  for (const XMLElement* item = tracklets.first(); item != nullptr;
-       item = item->NextSiblingElement("item"), ++index) {
-    constexpr int kMostFrames = 1000000;
-    const int first = tracklets.whole(*item, "first_frame", 0, kMostFrames);
-    const XMLElement* pose = tracklets.child(*item, "poses").FirstChildElement("item");
-    for (int passed = first; pose != nullptr && passed < frame; ++passed)
-      pose = pose->NextSiblingElement("item");
-    if (pose == nullptr || first > frame) continue;
-    const Box3 box{
-        {tracklets.number(*pose, "tx"), tracklets.number(*pose, "ty"), tracklets.number(*item, "l"),
-         tracklets.number(*item, "w"), tracklets.number(*pose, "rz")},
-        tracklets.number(*pose, "tz"),
-        tracklets.number(*item, "h")};
-    if (const std::string problem = box_problem(box); !problem.empty())
-      throw tracklets.wrong(*pose, "tx", "the box " + problem);
-    const std::string category = tracklets.text(*item, "objectType");
-    auto label = projected_label(kitti_type(category), box, calibration);
-    if (!label) continue;
-    label->category = category;
-    const int hidden = tracklets.whole(*pose, "occlusion", -1, 3);
-    label->occluded = hidden < 0 ? 3 : hidden;  // -1: nobody said
-    label->track = track_number(drive, index);
-    labels.push_back(std::move(*label));
-  }
-  return labels;
-}
-
-std::shared_ptr<const DataSet> open_kitti_raw(const fs::path& data) {
-  std::error_code error, ignored;
-  bool found = fs::exists(data / kPose, ignored);
-  for (fs::directory_iterator entry(data, error), end; !found && !error && entry != end;
-       entry.increment(error))
-    found = fs::exists(entry->path() / kPose, ignored);
-  if (!found) return nullptr;
-  return std::make_shared<KittiRaw>(data);
-}
-
 // KITTI's tracking benchmark (Geiger et al., CVPR 2012): a sequence is a folder of pictures and sweeps, one
 // calibration and one file of labels. A frame's id is SEQUENCE_FRAME, "0003_000012". Where the car stood says
 // oxts/SEQUENCE.txt, a row a frame; when, times/SEQUENCE.txt, a stamp a frame as in the raw recordings, which
 // the benchmark leaves out: its sweeps came every 0.1 s.
-
-namespace {
 
 /// The benchmark tells truncation in three steps. The shares put what is cut off a little among the moderate
 /// cars of the object benchmark, and what is cut off by a lot beyond all of them.
@@ -443,6 +327,114 @@ class KittiTracking : public DataSet {
 };
 
 }  // namespace
+
+OxtsRow oxts_row(std::string_view line, const std::filesystem::path& file, std::size_t row) {
+  constexpr std::size_t kFewest = 25;
+  const auto words = split(line, " \t\r\n");
+  if (words.size() < kFewest)
+    throw InputError(file.string(), row_name(row), fmt::format("{} numbers where 30 belong", words.size()),
+                     kRestoreRow);
+  double value[6];
+  for (std::size_t i = 0; i < 6; ++i)
+    value[i] = to_number(words[i], file, fmt::format("{}, number {}", row_name(row), i + 1));
+  const OxtsRow pose{value[0], value[1], value[2], value[3], value[4], value[5]};
+  if (!(std::abs(pose.latitude) < 89 && std::abs(pose.longitude) <= 360 && std::abs(pose.altitude) < 1e5))
+    throw InputError(file.string(), row_name(row),
+                     "is no place on a road: latitude and longitude in degrees, altitude in metres",
+                     kRestoreRow);
+  return pose;
+}
+
+Transform world_from_imu(const OxtsRow& row, const OxtsRow& first) {
+  const double scale = std::cos(first.latitude * kDegree) * kEarthRadius;
+  const auto place = [&](const OxtsRow& at) {
+    return Vec3d(scale * at.longitude * kDegree,
+                 scale * std::log(std::tan((90 + at.latitude) * std::numbers::pi / 360)), at.altitude);
+  };
+  Transform pose = Transform::Identity();
+  pose.linear() = (Eigen::AngleAxisd(row.yaw, Vec3d::UnitZ()) * Eigen::AngleAxisd(row.pitch, Vec3d::UnitY()) *
+                   Eigen::AngleAxisd(row.roll, Vec3d::UnitX()))
+                      .toRotationMatrix();
+  pose.translation() = place(row) - place(first);
+  return pose;
+}
+
+double stamp_seconds(std::string_view stamp, const std::filesystem::path& file, std::size_t row) {
+  const auto words = split(stamp, "-: \t\r\n");
+  double value[6] = {};
+  bool good = words.size() == 6;
+  for (std::size_t i = 0; good && i < 6; ++i) {
+    const char* end = words[i].data() + words[i].size();
+    const auto [read, error] = std::from_chars(words[i].data(), end, value[i]);
+    good = error == std::errc() && read == end && value[i] >= 0 && value[i] < 10000;
+  }
+  namespace chrono = std::chrono;
+  const chrono::year_month_day day(chrono::year(static_cast<int>(value[0])),
+                                   chrono::month(static_cast<unsigned>(value[1])),
+                                   chrono::day(static_cast<unsigned>(value[2])));
+  if (!good || !day.ok() || value[3] >= 24 || value[4] >= 60 || value[5] >= 61)
+    throw InputError(file.string(), row_name(row), "is no time, as 2011-09-26 13:02:25.594360375",
+                     kRestoreRow);
+  const chrono::sys_days start = chrono::year(2000) / 1 / 1;
+  const double days = static_cast<double>((chrono::sys_days(day) - start).count());
+  return ((days * 24 + value[3]) * 60 + value[4]) * 60 + value[5];
+}
+
+std::string text_line(const std::filesystem::path& file, std::size_t row) {
+  const std::string text = read_text(file, kLargestLabels);
+  std::size_t begin = 0;
+  for (std::size_t i = 0; i < row && begin != text.npos; ++i) {
+    begin = text.find('\n', begin);
+    if (begin != text.npos) ++begin;
+  }
+  std::string line = begin == text.npos ? "" : text.substr(begin, text.find('\n', begin) - begin);
+  if (line.find_first_not_of(" \t\r") == line.npos)
+    throw InputError(file.string(), row_name(row), "missing: the recording has a frame of that number",
+                     kRestoreRow);
+  return line;
+}
+
+std::vector<Label> read_tracklets(const fs::path& file, int frame, std::size_t drive,
+                                  const Calibration& calibration) {
+  const Tracklets tracklets(file);
+  std::vector<Label> labels;
+  std::size_t index = 0;
+  for (const XMLElement* item = tracklets.first(); item != nullptr;
+       item = item->NextSiblingElement("item"), ++index) {
+    constexpr int kMostFrames = 1000000;
+    const int first = tracklets.whole(*item, "first_frame", 0, kMostFrames);
+    const XMLElement* pose = tracklets.child(*item, "poses").FirstChildElement("item");
+    for (int passed = first; pose != nullptr && passed < frame; ++passed)
+      pose = pose->NextSiblingElement("item");
+    if (pose == nullptr || first > frame) continue;
+    const Box3 box{
+        {tracklets.number(*pose, "tx"), tracklets.number(*pose, "ty"), tracklets.number(*item, "l"),
+         tracklets.number(*item, "w"), tracklets.number(*pose, "rz")},
+        tracklets.number(*pose, "tz"),
+        tracklets.number(*item, "h")};
+    if (const std::string problem = box_problem(box); !problem.empty())
+      throw tracklets.wrong(*pose, "tx", "the box " + problem);
+    const std::string category = tracklets.text(*item, "objectType");
+    auto label = projected_label(kitti_type(category), box, calibration);
+    if (!label) continue;
+    label->category = category;
+    const int hidden = tracklets.whole(*pose, "occlusion", -1, 3);
+    label->occluded = hidden < 0 ? 3 : hidden;  // -1: nobody said
+    label->track = track_number(drive, index);
+    labels.push_back(std::move(*label));
+  }
+  return labels;
+}
+
+std::shared_ptr<const DataSet> open_kitti_raw(const fs::path& data) {
+  std::error_code error, ignored;
+  bool found = fs::exists(data / kPose, ignored);
+  for (fs::directory_iterator entry(data, error), end; !found && !error && entry != end;
+       entry.increment(error))
+    found = fs::exists(entry->path() / kPose, ignored);
+  if (!found) return nullptr;
+  return std::make_shared<KittiRaw>(data);
+}
 
 std::vector<Label> read_tracking_labels(const fs::path& file, int frame, std::size_t sequence,
                                         const Calibration& calibration, LabelNotes& notes) {

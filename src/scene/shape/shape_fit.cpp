@@ -71,85 +71,7 @@ std::pair<double, double> clip(const Vec3d& origin, const Vec3d& direction, cons
   return {from, to};
 }
 
-}  // namespace
-
-VehicleEvidence gather_evidence(const SweepIndex& sweep, const Box3& box, const EvidenceSettings& settings) {
-  const Transform velo_from_frame = velo_from_box(box), frame_from_velo = velo_from_frame.inverse();
-  const Vec3d half(0.5 * box.bev.length, 0.5 * box.bev.width, 0.5 * box.height);
-  const double reach = half.norm() + settings.grow + settings.ground_ring;
-  const auto rays = sweep.rays_through(velo_from_frame * Vec3d(0, 0, half.z()), reach);
-
-  VehicleEvidence evidence;
-  std::vector<Vec3d> returns, around;
-  std::vector<Vec2d> returns_seen;
-  struct Candidate {
-    Segment segment;
-    Vec2d seen;  // where its ray crosses the upright plane through the box's middle, across the view
-  };
-  std::vector<Candidate> candidates;
-  const Vec3d grow = Vec3d::Constant(settings.grow);
-  const Vec3d low = Vec3d(-half.x(), -half.y(), 0) - grow,
-              high = Vec3d(half.x(), half.y(), box.height) + grow;
-  if (rays.empty()) return evidence;
-  Vec3d eye = Vec3d::Zero();
-  for (const SweepRay& ray : rays) eye += frame_from_velo * ray.ray.origin / static_cast<double>(rays.size());
-  const Vec2d ahead = -eye.head<2>().normalized(), left(-ahead.y(), ahead.x());
-  const auto seen = [&](const Vec3d& origin, const Vec3d& direction) {
-    const double along = ahead.dot(direction.head<2>());
-    const Vec3d p = origin - ahead.dot(origin.head<2>()) / (along > 1e-6 ? along : 1e-6) * direction;
-    return Vec2d(left.dot(p.head<2>()), p.z());
-  };
-  for (const SweepRay& ray : rays) {
-    if (ray.point < 0) continue;
-    const Vec3d origin = frame_from_velo * ray.ray.origin,
-                direction = frame_from_velo.linear() * ray.ray.direction;
-    const Vec3d p = origin + ray.range * direction;
-    const bool within = std::abs(p.x()) < high.x() && std::abs(p.y()) < high.y();
-    if (within && p.z() < high.z()) {
-      returns.push_back(p);
-      returns_seen.push_back(seen(origin, direction));
-    }
-    const bool ring = std::abs(p.x()) < high.x() + settings.ground_ring &&
-                      std::abs(p.y()) < high.y() + settings.ground_ring;
-    if (ring && std::abs(p.z()) < kGroundBand && !(within && p.z() > settings.above_ground))
-      around.push_back(p);
-    auto [from, to] = clip(origin, direction, low, high);
-    to = std::min(to, ray.range - settings.before);
-    if (from < to)
-      candidates.push_back({{origin + from * direction, origin + to * direction}, seen(origin, direction)});
-  }
-  evidence.ground = fit_ground(around, settings);
-  const GroundPlane ground = evidence.ground.value_or(GroundPlane{});
-
-  // The highest return on the vehicle in each upright strip of the view.
-  constexpr double kStrip = 0.1;  // m
-  const auto strip_of = [&](double across) { return static_cast<int>(std::floor(across / kStrip)); };
-  std::map<int, double> highest;
-  std::set<std::array<int, 3>> taken;
-  for (std::size_t i = 0; i < returns.size(); ++i) {
-    const Vec3d& p = returns[i];
-    if (p.z() - ground.at(p.x(), p.y()) < settings.above_ground) continue;
-    ++evidence.points;
-    double& top = highest.try_emplace(strip_of(returns_seen[i].x()), -1e9).first->second;
-    top = std::max(top, returns_seen[i].y());
-    std::array<int, 3> cell;
-    for (int a = 0; a < 3; ++a) cell[a] = static_cast<int>(std::floor(p[a] / settings.cell));
-    if (taken.insert(cell).second) evidence.surface.push_back(p);
-  }
-  std::erase_if(candidates, [&](const Candidate& c) {
-    const auto end = highest.upper_bound(strip_of(c.seen.x() + settings.beside));
-    for (auto it = highest.lower_bound(strip_of(c.seen.x() - settings.beside)); it != end; ++it)
-      if (it->second > c.seen.y()) return true;
-    return false;
-  });
-  const auto count = candidates.size(), keep = std::min(count, static_cast<std::size_t>(settings.max_rays));
-  for (std::size_t i = 0; i < keep; ++i) evidence.empty.push_back(candidates[i * count / keep].segment);
-  return evidence;
-}
-
 // Ceres' headers are heavy: no other file includes them.
-
-namespace {
 
 // Rounds: the loss' scale (m), how deep inside a return may lie and still count (m: deeper ones are the
 // cabin's), and the most iterations. Wide first, so that returns find the surface from a box that is off by
@@ -321,6 +243,80 @@ std::filesystem::path model_file(const std::string& rooftop) {
 }
 
 }  // namespace
+
+VehicleEvidence gather_evidence(const SweepIndex& sweep, const Box3& box, const EvidenceSettings& settings) {
+  const Transform velo_from_frame = velo_from_box(box), frame_from_velo = velo_from_frame.inverse();
+  const Vec3d half(0.5 * box.bev.length, 0.5 * box.bev.width, 0.5 * box.height);
+  const double reach = half.norm() + settings.grow + settings.ground_ring;
+  const auto rays = sweep.rays_through(velo_from_frame * Vec3d(0, 0, half.z()), reach);
+
+  VehicleEvidence evidence;
+  std::vector<Vec3d> returns, around;
+  std::vector<Vec2d> returns_seen;
+  struct Candidate {
+    Segment segment;
+    Vec2d seen;  // where its ray crosses the upright plane through the box's middle, across the view
+  };
+  std::vector<Candidate> candidates;
+  const Vec3d grow = Vec3d::Constant(settings.grow);
+  const Vec3d low = Vec3d(-half.x(), -half.y(), 0) - grow,
+              high = Vec3d(half.x(), half.y(), box.height) + grow;
+  if (rays.empty()) return evidence;
+  Vec3d eye = Vec3d::Zero();
+  for (const SweepRay& ray : rays) eye += frame_from_velo * ray.ray.origin / static_cast<double>(rays.size());
+  const Vec2d ahead = -eye.head<2>().normalized(), left(-ahead.y(), ahead.x());
+  const auto seen = [&](const Vec3d& origin, const Vec3d& direction) {
+    const double along = ahead.dot(direction.head<2>());
+    const Vec3d p = origin - ahead.dot(origin.head<2>()) / (along > 1e-6 ? along : 1e-6) * direction;
+    return Vec2d(left.dot(p.head<2>()), p.z());
+  };
+  for (const SweepRay& ray : rays) {
+    if (ray.point < 0) continue;
+    const Vec3d origin = frame_from_velo * ray.ray.origin,
+                direction = frame_from_velo.linear() * ray.ray.direction;
+    const Vec3d p = origin + ray.range * direction;
+    const bool within = std::abs(p.x()) < high.x() && std::abs(p.y()) < high.y();
+    if (within && p.z() < high.z()) {
+      returns.push_back(p);
+      returns_seen.push_back(seen(origin, direction));
+    }
+    const bool ring = std::abs(p.x()) < high.x() + settings.ground_ring &&
+                      std::abs(p.y()) < high.y() + settings.ground_ring;
+    if (ring && std::abs(p.z()) < kGroundBand && !(within && p.z() > settings.above_ground))
+      around.push_back(p);
+    auto [from, to] = clip(origin, direction, low, high);
+    to = std::min(to, ray.range - settings.before);
+    if (from < to)
+      candidates.push_back({{origin + from * direction, origin + to * direction}, seen(origin, direction)});
+  }
+  evidence.ground = fit_ground(around, settings);
+  const GroundPlane ground = evidence.ground.value_or(GroundPlane{});
+
+  // The highest return on the vehicle in each upright strip of the view.
+  constexpr double kStrip = 0.1;  // m
+  const auto strip_of = [&](double across) { return static_cast<int>(std::floor(across / kStrip)); };
+  std::map<int, double> highest;
+  std::set<std::array<int, 3>> taken;
+  for (std::size_t i = 0; i < returns.size(); ++i) {
+    const Vec3d& p = returns[i];
+    if (p.z() - ground.at(p.x(), p.y()) < settings.above_ground) continue;
+    ++evidence.points;
+    double& top = highest.try_emplace(strip_of(returns_seen[i].x()), -1e9).first->second;
+    top = std::max(top, returns_seen[i].y());
+    std::array<int, 3> cell;
+    for (int a = 0; a < 3; ++a) cell[a] = static_cast<int>(std::floor(p[a] / settings.cell));
+    if (taken.insert(cell).second) evidence.surface.push_back(p);
+  }
+  std::erase_if(candidates, [&](const Candidate& c) {
+    const auto end = highest.upper_bound(strip_of(c.seen.x() + settings.beside));
+    for (auto it = highest.lower_bound(strip_of(c.seen.x() - settings.beside)); it != end; ++it)
+      if (it->second > c.seen.y()) return true;
+    return false;
+  });
+  const auto count = candidates.size(), keep = std::min(count, static_cast<std::size_t>(settings.max_rays));
+  for (std::size_t i = 0; i < keep; ++i) evidence.empty.push_back(candidates[i * count / keep].segment);
+  return evidence;
+}
 
 ShapeFit fit_shape(const ShapeModel& model, const VehicleEvidence& evidence, const Box3& label,
                    const ShapeFitSettings& settings) {
