@@ -142,9 +142,8 @@ std::size_t element_size(Element element) {
 TensorFile parse_tensor_file(std::string_view bytes) {
   if (bytes.starts_with("PK\3\4"))
     throw std::runtime_error(
-        "a LibTorch archive, not a weights file; convert weights of an earlier Mirage with: "
-        "python3 convert_weights.py OLD NEW (beside the shipped weights). A TorchScript model is for "
-        "--detector "
+        "a LibTorch archive, not a weights file; convert weights of an earlier Mirage with: python3 "
+        "convert_weights.py OLD NEW (beside the shipped weights). A TorchScript model is for --detector "
         "torchscript");
   if (bytes.size() < kLengthBytes) unreadable("it is too short");
   std::uint64_t length = 0;

@@ -152,8 +152,7 @@ void require_built(const Expectation& expectation) {
                      : expectation.exposure > 0 ? "exposure"
                                                 : "noise";
   throw InputError("expectation", word,
-                   "changes the world, and what is validated is the object in "
-                   "the recorded one",
+                   "changes the world, and what is validated is the object in the recorded one",
                    "use some of shape, colour, paints, roof and tilt");
 }
 

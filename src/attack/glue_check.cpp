@@ -111,20 +111,18 @@ std::vector<std::pair<std::string, std::string>> rows_of(const FoundClean& found
                             found.vehicles, 100 * found.ap50, 100 * found.ap70)}};
   if (habits.vehicles > 0) {
     constexpr double degree = 180 / std::numbers::pi;
-    rows.push_back({"boxes (median)",
-                    fmt::format("{:.2f} × {:.2f} m where labels have {:.2f} × {:.2f} m, {:+.2f} m ahead and "
-                                "{:+.2f} m left of them, turned by {:.1f}° ({} vehicles)",
-                                habits.length, habits.width, habits.label_length, habits.label_width,
-                                habits.along, habits.across, degree * habits.yaw, habits.vehicles)});
+    rows.push_back(
+        {"boxes (median)", fmt::format("{:.2f} × {:.2f} m where labels have {:.2f} × {:.2f} m, {:+.2f} m "
+                                       "ahead and {:+.2f} m left of them, turned by {:.1f}° ({} vehicles)",
+                                       habits.length, habits.width, habits.label_length, habits.label_width,
+                                       habits.along, habits.across, degree * habits.yaw, habits.vehicles)});
     rows.push_back({"logits (median)", fmt::format("{:.2f} of boxes at vehicles, {:.2f} of the {} others",
                                                    habits.logit, habits.other_logit, habits.others)});
   }
   if (seen.vehicles > 0)
-    rows.push_back(
-        {"gradient",
-         fmt::format("sees {:.2f} of the change when the object moves by 1 cm (1: all; cosine {:.2f}; "
-                     "{} vehicles, the largest change {:.2g})",
-                     seen.share, seen.cosine, seen.vehicles, seen.largest)});
+    rows.push_back({"gradient", fmt::format("sees {:.2f} of the change when the object moves by 1 cm (1: "
+                                            "all; cosine {:.2f}; {} vehicles, the largest change {:.2g})",
+                                            seen.share, seen.cosine, seen.vehicles, seen.largest)});
   else
     rows.push_back(
         {"gradient", "not looked at: the detector gives none, or finds no vehicle that can carry an object"});

@@ -83,11 +83,10 @@ void refuse_code(const JsonFields& json, Run& run) {
 void use_copy_of_given(const Run& run, DetectorOptions& options) {
   const auto copy = run.folder / kGivenDetectorCopy;
   if (!std::filesystem::exists(copy))
-    throw InputError(
-        run.folder.string(), "detector",
-        "the run attacked a network inside a Python program, of which it has no copy",
-        "use mirage.evaluate(RUN, detector=…) there, or judge another detector: --detector fusion, "
-        "lidar, or torchscript with --weights FILE.pt");
+    throw InputError(run.folder.string(), "detector",
+                     "the run attacked a network inside a Python program, of which it has no copy",
+                     "use mirage.evaluate(RUN, detector=…) there, or judge another detector: --detector "
+                     "fusion, lidar, or torchscript with --weights FILE.pt");
   if (run.trust != TrustRun::yes && !is_code_made_here(copy))
     refuse(run, "detector", "a TorchScript model", copy, "--detector torchscript --weights");
   options.detector = "torchscript";

@@ -87,17 +87,16 @@ void add_options(CLI::App& app, AttackOptions& options) {
   options.quality.add(app);
   options.effects.add(app);
   add_defaulted(app, "--renderer", options.renderer,
-                "renderer of the object: raster (--quality, --light), or cycles (Blender; the "
-                "gradient is that of raster, by default with --quality exact --light visible)")
+                "renderer of the object: raster (--quality, --light), or cycles (Blender; the gradient is "
+                "that of raster, by default with --quality exact --light visible)")
       ->check(one_of({kRasterRenderer, "cycles"}));
   add_defaulted(app, "--cycles-samples", options.cycles.samples, "with --renderer cycles: samples a pixel")
       ->check(within({1, 4096}));
   add_defaulted(app, "--cycles-renew", options.settings.renewal.metres,
-                "with --renderer cycles: render again when vertices have moved by this (root mean "
-                "square, m). 0: every step");
+                "with --renderer cycles: render again when vertices have moved by this (root mean square, "
+                "m). 0: every step");
   add_defaulted(app, "--cycles-renew-texels", options.settings.renewal.texels,
-                "with --renderer cycles: render again when texels have changed by this (root mean "
-                "square)");
+                "with --renderer cycles: render again when texels have changed by this (root mean square)");
   tell_of_cache(app);
 }
 

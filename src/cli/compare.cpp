@@ -68,10 +68,9 @@ void add_options(CLI::App& app, CompareOptions& options) {
   app.add_option("--runs", request.runs, "finished mirage attacks, whose objects are put on the roofs");
   app.add_option("--mesh", request.meshes,
                  "objects, in metres (.glb, .gltf, .obj or .ply); zoo: all that ship in scenes/objects");
-  app.add_flag(
-      "--adaptive", request.adaptive,
-      "the first two --runs were learned against the first and the second detector: also compare each "
-      "under its own object");
+  app.add_flag("--adaptive", request.adaptive,
+               "the first two --runs were learned against the first and the second detector: also compare "
+               "each under its own object");
   add_defaulted(app, "--frames", request.frames, "only the first N frames (0: all)");
   add_defaulted(app, "--min-view", request.min_view,
                 "a car needs this share of the reference adversary in view")

@@ -53,12 +53,10 @@ void add_options(CLI::App& app, DefendOptions& options) {
   add_fields(app, options.settings, {"minutes"});  // a run is of so many steps
   app.get_option("--precision")->check(one_of({kFloat, kBfloat16}));
   add_defaulted(app, "--method", options.method,
-                "adversarial (free adversarial training); denoising (the same with non-local "
-                "means on image features); depth-gate (fusion weighs image features by "
-                "agreement in depth, trained clean); ceiling (random meshes, under a ceiling of "
-                "1.4 m); controls: "
-                "roof-objects (random meshes in the adversary's place), picture-dropout (half of "
-                "the samples without their picture)");
+                "adversarial (free adversarial training); denoising (the same with non-local means on image "
+                "features); depth-gate (fusion weighs image features by agreement in depth, trained clean); "
+                "ceiling (random meshes, under a ceiling of 1.4 m); controls: roof-objects (random meshes in "
+                "the adversary's place), picture-dropout (half of the samples without their picture)");
 }
 
 }  // namespace

@@ -69,10 +69,9 @@ void print_scores(const std::vector<DepthScore>& scores, bool by_returns) {
   fmt::print(
       "RMSE, MAE in mm, iRMSE, iMAE in 1/km: first where every back-end has a value, then on all pixels with "
       "gaps filled as KITTI's benchmark does.\n{}",
-      by_returns
-          ? "Last: without held-back returns that a nearer kept one within 3 pixels contradicts.\n"
-          : "k|d: shares of an object's pixels on car roofs wrongly kept | dropped: all, over the sky, and "
-            "at the skyline.\n");
+      by_returns ? "Last: without held-back returns that a nearer kept one within 3 pixels contradicts.\n"
+                 : "k|d: shares of an object's pixels on car roofs wrongly kept | dropped: all, over the "
+                   "sky, and at the skyline.\n");
 }
 
 void add_options(CLI::App& app, DepthOptions& options) {

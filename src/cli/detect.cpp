@@ -119,12 +119,11 @@ void add_options(CLI::App& app, DetectOptions& options) {
   add_fields(app, options.detector);
   add_defaulted(app, "--frames", options.frames, "only the first N frames (0: all)");
   app.add_option("--check", options.check,
-                 "also say whether the detector's glue is right: its boxes beside the labels, and how "
-                 "much of its change the gradient sees at the first N vehicles that it finds")
+                 "also say whether the detector's glue is right: its boxes beside the labels, and how much "
+                 "of its change the gradient sees at the first N vehicles that it finds")
       ->check(CLI::Range(1, 1000));
   app.add_option("--kitti", options.kitti,
-                 "also write KITTI result files ID.txt into this folder (heights come from the "
-                 "sweep)");
+                 "also write KITTI result files ID.txt into this folder (heights come from the sweep)");
   tell_of_cache(app);
 }
 
@@ -239,9 +238,8 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
 Command detect_command() {
   return command_of<DetectOptions>({
       .name = "detect",
-      .help =
-          "runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for a "
-          "detector of that alone)",
+      .help = "runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for "
+              "a detector of that alone)",
       .default_out = "out/detect",
       .example = "mirage detect --data path/to/kitti --detector fusion",
       .many_ranks = true,

@@ -230,8 +230,7 @@ void add_options(CLI::App& app, FitOptions& options) {
       ->check(within(kNotNegative));
   add_defaulted(app, "--types", options.frame.types, "labels to fit: Car, Van");
   add_defaulted(app, "--label-noise", options.frame.label_noise,
-                "disturb labels first, by this times 7 cm (x, y), 5 cm (z), 0.02 rad and 3 % of "
-                "the size")
+                "disturb labels first, by this times 7 cm (x, y), 5 cm (z), 0.02 rad and 3 % of the size")
       ->check(within({0, kMostLabelNoise}));
   add_defaulted(app, "--min-points", options.min_points, "vehicles with fewer returns use their labelled box")
       ->check(within(kFromOne));

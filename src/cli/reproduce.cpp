@@ -22,20 +22,19 @@ void print_result(const std::filesystem::path& out, const nlohmann::json& result
 }
 
 void add_options(CLI::App& app, ReproduceOptions& options) {
-  add_defaulted(
-      app, "what", options.what,
-      "table1: attack success, KITTI rig; table2: the same, Xenith rig; fig3: recall over IoU; fig4: "
-      "success against the size of the mesh; table3: transfer; table4: defences; parts: shape, texture or "
-      "size alone; fusions: six detectors, "
-      "attacked through each sensor, every mesh judged by all (fusions-xenith: that rig); all");
+  add_defaulted(app, "what", options.what,
+                "table1: attack success, KITTI rig; table2: the same, Xenith rig; fig3: recall over IoU; "
+                "fig4: success against the size of the mesh; table3: transfer; table4: defences; parts: "
+                "shape, texture or size alone; fusions: six detectors, attacked through each sensor, every "
+                "mesh judged by all (fusions-xenith: that rig); all");
   app.add_flag("--quick", options.quick, "few frames, iterations and rows: minutes, to see that it runs");
   app.add_option("--kitti64", options.kitti64, "data set of the KITTI rig (default: generated in OUT/data)");
   app.add_option("--xenith", options.xenith, "data set of the Xenith rig (default: generated in OUT/data)");
   app.add_option("--real", options.real, "data set of recorded frames: judge on their vehicles as well");
   add_defaulted(app, "--frames", options.frames, "generated frames of a rig")->check(within(kFromOne));
-  add_defaulted(app, "--judge-frames", options.judge_frames,
-                "judge on all vehicles of N more generated frames a rig. 0: on each attack's "
-                "held-back vehicles")
+  add_defaulted(
+      app, "--judge-frames", options.judge_frames,
+      "judge on all vehicles of N more generated frames a rig. 0: on each attack's held-back vehicles")
       ->check(within(kNotNegative));
   app.add_option("--only", options.only,
                  "some rows of the tables, by the folders of their evaluations: "

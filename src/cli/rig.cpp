@@ -30,8 +30,7 @@ std::string rig_text(const Calibration& calibration, const FoundUnit& found, con
   const LidarModel& lidar = found.lidar;
   std::string text = fmt::format(
       "# Found by mirage rig in {}: {:.2f} % of {} returns lie on a ray. scenes/rigs/kitti64.toml says what "
-      "each "
-      "key\n# means. Not seen in sweeps, and to be put right where they matter: rate, rotation, "
+      "each key\n# means. Not seen in sweeps, and to be put right where they matter: rate, rotation, "
       "divergence.\n\n",
       printable(data), 100 * found.on_rays, found.returns);
   text +=
@@ -133,8 +132,7 @@ Command rig_command() {
   return command_of<RigOptions>({
       .name = "rig",
       .help = "finds the rig that recorded a data set: its LiDAR's beams and firings from sweeps, its camera "
-              "from "
-              "the calibration",
+              "from the calibration",
       .default_out = "rig.toml",
       .example = "mirage rig --data path/to/my-log --out my-rig.toml",
       .page = "rig.toml",

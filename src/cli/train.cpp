@@ -78,9 +78,8 @@ nlohmann::json run(TrainOptions& options, const Common& common) {
 Command train_command() {
   return command_of<TrainOptions>({
       .name = "train",
-      .help =
-          "trains a detector or depth completion; goes on from its checkpoint when the output folder holds "
-          "one",
+      .help = "trains a detector or depth completion; goes on from its checkpoint when the output folder "
+              "holds one",
       .default_out = "out/train",
       .example = "mirage train --data generated --detector lidar --steps 2000",
   });

@@ -135,8 +135,8 @@ void add_options(CLI::App& app, ValidateOptions& options) {
                  "all with --budget)")
       ->check(within(kNotNegative));
   app.add_option("--noise", settings.noise,
-                 "choose samples for each vehicle to reach this noise, a share of its mean "
-                 "radiance (default: --samples for all)")
+                 "choose samples for each vehicle to reach this noise, a share of its mean radiance "
+                 "(default: --samples for all)")
       ->check(within({1e-4, 1.0}));
   app.add_option(
          "--budget", settings.budget,
@@ -144,8 +144,7 @@ void add_options(CLI::App& app, ValidateOptions& options) {
       ->check(within({1e-4, 1.0}));
   FieldOptions(app, {})({.name = "budget_of", .help = "what the budget is a share of"}, settings.budget_of);
   add_defaulted(app, "--budget-confidence", settings.budget_confidence,
-                "with --budget: share C of unseen scenes that keep it; needs C/(1 - C) groups of "
-                "frames")
+                "with --budget: share C of unseen scenes that keep it; needs C/(1 - C) groups of frames")
       ->check(within({0.5, 0.99}));
   options.quality.add(app, "the run's");
   add_overrides<SimulationSettings>(app, settings.asked, {"light"});

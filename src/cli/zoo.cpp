@@ -61,11 +61,10 @@ constexpr const char* kLicence = "Apache-2.0";
 constexpr int kTexels = 3;  ///< C of what ships: a file stays under 300 kB
 
 void add_options(CLI::App& app, ZooOptions& options) {
-  add_defaulted(
-      app, "--learn", options.learned,
-      "objects to learn: detectors by their words, each with \":free\" for a mesh that need not be "
-      "buildable, \":image\" or \":lidar\" for one sensor's gradient, \":RIG\" for frames of another "
-      "rig; none: shapes and loads alone");
+  add_defaulted(app, "--learn", options.learned,
+                "objects to learn: detectors by their words, each with \":free\" for a mesh that need not be "
+                "buildable, \":image\" or \":lidar\" for one sensor's gradient, \":RIG\" for frames of "
+                "another rig; none: shapes and loads alone");
   add_defaulted(app, "--judges", options.judges,
                 "detectors that judge every object; own: each object's own alone");
   add_defaulted(app, "--frames", options.frames, "generated frames to learn on");
@@ -251,9 +250,8 @@ nlohmann::json run(const ZooOptions& options, const Common& common) {
 Command zoo_command() {
   return command_of<ZooOptions>({
       .name = "zoo",
-      .help =
-          "makes the objects that ship in scenes/objects: shapes, loads, and objects learned on generated "
-          "frames",
+      .help = "makes the objects that ship in scenes/objects: shapes, loads, and objects learned on "
+              "generated frames",
       .default_out = "out/zoo",
       .example = "mirage zoo --learn none --out out/zoo",
   });

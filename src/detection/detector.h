@@ -261,12 +261,10 @@ std::vector<std::string> answering_types(const std::vector<std::string>& types,
 /// What a user chooses of a detector that is not trained.
 template <class Visitor, FieldsOf<DetectorOptions> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit(
-      {.name = "detector",
-       .help =
-           "lidar, camera, painted, fusion, late, refined, torchscript, onnx, clusters, a plugin (*.so), or "
-           "a program of yours: \"exec:python3 my_detector.py\""},
-      s.detector);
+  visit({.name = "detector",
+         .help = "lidar, camera, painted, fusion, late, refined, torchscript, onnx, clusters, a plugin "
+                 "(*.so), or a program of yours: \"exec:python3 my_detector.py\""},
+        s.detector);
   visit({.name = "weights",
          .help = "weights file (default: the shipped ones for the data set's rig), or real: the shipped ones "
                  "fine-tuned on KITTI, for non-commercial use. clusters needs none: a picture network that "
@@ -274,39 +272,37 @@ void visit_fields(Visitor& visit, S& s) {
          .word = kRealWeights},
         s.weights);
   visit({.name = "defense",
-         .help = "the detector's defence: none, jpeg:QUALITY, ceiling:HEIGHT (ignores what stands "
-                 "higher over the road, m), consistency (with the lidar and the camera detector), "
-                 "shadows (with the sweep's solid bodies), or shipped weights of mirage defend "
-                 "(adversarial, denoising, depth-gate, roof-objects, picture-dropout); several as "
-                 "adversarial+shadows",
+         .help = "the detector's defence: none, jpeg:QUALITY, ceiling:HEIGHT (ignores what stands higher "
+                 "over the road, m), consistency (with the lidar and the camera detector), shadows (with the "
+                 "sweep's solid bodies), or shipped weights of mirage defend (adversarial, denoising, "
+                 "depth-gate, roof-objects, picture-dropout); several as adversarial+shadows",
          .check = check_defense},
         s.defense);
   visit({.name = "clean_memory",
-         .help = "memory for cached feature maps of frames without the object, MB; makes a step 2 "
-                 "to 4 times faster. 0: off; -1: a 64th of the machine's, 2048 at most",
+         .help = "memory for cached feature maps of frames without the object, MB; makes a step 2 to 4 times "
+                 "faster. 0: off; -1: a 64th of the machine's, 2048 at most",
          .range = {-1, 1 << 20},
          .decides = false,
          .matters = false},
         s.clean_memory_mb);
   visit({.name = "precision",
-         .help = "precision of the detector's convolutions: float, bfloat16 (float where the "
-                 "processor lacks it) or double (slow)",
+         .help = "precision of the detector's convolutions: float, bfloat16 (float where the processor lacks "
+                 "it) or double (slow)",
          .lacking = kFloat,
          .check = check_precision},
         s.precision);
-  visit({.name = "locality",
-         .help = "recompute features only within this distance of the object, m; faster, "
-                 "approximate. 0: exact",
-         .range = {0, 100},
-         .lacking = "0"},
-        s.locality);
   visit(
-      {.name = "matching",
-       .help = "how boxes are compared with each other and with labels: bev (IoU from above), 3d (IoU of "
-               "volumes), picture (IoU there), centre (1 less the distance of the centres over 4 m), or own, "
-               "as the detector's boxes are made for",
-       .lacking = "own"},
-      s.matching);
+      {.name = "locality",
+       .help = "recompute features only within this distance of the object, m; faster, approximate. 0: exact",
+       .range = {0, 100},
+       .lacking = "0"},
+      s.locality);
+  visit({.name = "matching",
+         .help = "how boxes are compared with each other and with labels: bev (IoU from above), 3d (IoU of "
+                 "volumes), picture (IoU there), centre (1 less the distance of the centres over 4 m), or "
+                 "own, as the detector's boxes are made for",
+         .lacking = "own"},
+        s.matching);
 }
 
 /// The weights file that load_detector would read (empty for fresh ones, and for a detector that has none).

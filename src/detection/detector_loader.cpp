@@ -234,8 +234,7 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
     throw InputError(
         file.string(), "", "there are " + missing,
         fs::exists(file.parent_path())
-            ? "name a weights file with --weights (one of another rig may do), or train one with "
-              "mirage train"
+            ? "name a weights file with --weights (one of another rig may do), or train one with mirage train"
             : "install mirage_weights, the wheel beside this one, or name a file with --weights");
   if (options.weights.empty()) {
     const std::string defense = word.substr(1);

@@ -356,11 +356,10 @@ class ProcessDetector : public Detector {
   Array<T> array(const json& answer, const char* field, std::size_t dimensions) const {
     constexpr const char* kType = std::is_same_v<T, float> ? "float32" : "int32";
     const auto fail = [&](const std::string& problem) {
-      throw Failure(
-          who_, fmt::format("answered with {} {}", field, problem),
-          fmt::format("give {{\"at\": byte, \"shape\": [{} lengths], \"type\": \"{}\"}} from answer_at "
-                      "on, below size",
-                      dimensions, kType));
+      throw Failure(who_, fmt::format("answered with {} {}", field, problem),
+                    fmt::format("give {{\"at\": byte, \"shape\": [{} lengths], \"type\": \"{}\"}} from "
+                                "answer_at on, below size",
+                                dimensions, kType));
     };
     const auto found = answer.find(field);
     if (found == answer.end() || !found->is_object()) fail("missing");
@@ -508,8 +507,7 @@ bool BoxRows::knows(std::size_t columns, bool in_picture) {
 
 const char* BoxRows::guide() {
   return "give boxes [M,5] (x, y, length, width in m, yaw in rad), [M,7] (x, y, z, length, width, height, "
-         "yaw) "
-         "or [M,9] (and vx, vy), for boxes in the picture [M,4], and logits [M]";
+         "yaw) or [M,9] (and vx, vy), for boxes in the picture [M,4], and logits [M]";
 }
 
 std::vector<Detection> BoxRows::proposals(const RawBoxes& raw, const Capabilities& can,

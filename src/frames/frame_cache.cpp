@@ -311,11 +311,10 @@ void require_shared(const FrameCache& cache, const std::string& command, const s
                      "processes share their work through the disk cache, which is off here",
                      "set MIRAGE_CACHE to a folder that all of them see, or start it without mpirun");
   if (detector.empty())
-    throw InputError(
-        command, "mpirun",
-        "processes share their work through the disk cache, which cannot keep what this detector "
-        "says: its weights are fresh, or it tells no version",
-        "start it without mpirun");
+    throw InputError(command, "mpirun",
+                     "processes share their work through the disk cache, which cannot keep what this "
+                     "detector says: its weights are fresh, or it tells no version",
+                     "start it without mpirun");
 }
 
 std::string lidar_identity(const LidarModel& lidar) {

@@ -37,11 +37,10 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "depth",
          .help = "depth completion of the photographs: ip-basic, guided (learned) or a plugin (*.so)"},
         s.depth);
-  visit(
-      {.name = "rooftop",
-       .help = "roof the adversary stands on: shape (fitted to the vehicle's returns), box (the label's) or "
-               "a shape model (*.shape)"},
-      s.rooftop);
+  visit({.name = "rooftop",
+         .help = "roof the adversary stands on: shape (fitted to the vehicle's returns), box (the label's) "
+                 "or a shape model (*.shape)"},
+        s.rooftop);
   visit({.name = "placement",
          .help = "where the object is put: a shipped placement, FILE.toml, X,Y,Z,YAW (m forward, left and up "
                  "from the ground under the host, degrees from its heading) or world:X,Y,Z,YAW (the same in "
@@ -50,18 +49,15 @@ void visit_fields(Visitor& visit, S& s) {
          .lacking = "roof"},
         s.placement);
   visit({.name = "cameras",
-         .help =
-             "cameras of a set with several (nuScenes): first (the front one, and the sweep that it sees) or "
-             "all (each that sees the object shows it; the whole sweep)",
+         .help = "cameras of a set with several (nuScenes): first (the front one, and the sweep that it "
+                 "sees) or all (each that sees the object shows it; the whole sweep)",
          .lacking = "first"},
         s.cameras);
-  visit(
-      {.name = "sensors",
-       .help =
-           "sensors beside cameras and LiDAR, as radar,FILE.so: shipped ones (radar, an example) or plugins "
-           "(*.so); detectors read them by name",
-       .lacking = ""},
-      s.sensors);
+  visit({.name = "sensors",
+         .help = "sensors beside cameras and LiDAR, as radar,FILE.so: shipped ones (radar, an example) or "
+                 "plugins (*.so); detectors read them by name",
+         .lacking = ""},
+        s.sensors);
   visit({.name = "classes",
          .help = kClassesHelp,
          .lacking = kCars,

@@ -835,10 +835,9 @@ FoundUnit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, 
   }
   found.on_rays = on / static_cast<double>(found.returns);
   if (found.on_rays < kEnoughOnRays)
-    throw refuse(
-        fmt::format("no spinning unit explains them: {:.1f} % of the returns lie on a ray of the best "
-                    "({} beams)",
-                    100 * found.on_rays, lines.size()));
+    throw refuse(fmt::format(
+        "no spinning unit explains them: {:.1f} % of the returns lie on a ray of the best ({} beams)",
+        100 * found.on_rays, lines.size()));
   return found;
 }
 

@@ -89,22 +89,20 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "occlusion_margin", .range = {-1e3, 1e3}, .option = ""}, s.occlusion_margin);
   visit({.name = "grazing_cosine", .range = {1e-9, 1}, .option = ""}, s.grazing_cosine);
   visit({.name = "lidar_gradient",
-         .help = "fixed: gradients of existing returns alone; silhouette: also of returns that "
-                 "appear and vanish at the object's outline"},
+         .help = "fixed: gradients of existing returns alone; silhouette: also of returns that appear and "
+                 "vanish at the object's outline"},
         s.lidar_gradient);
   visit({.name = "double", .option = "", .lacking = "false"}, s.reference);
   visit({.name = "exact_coverage", .option = "", .lacking = "false"}, s.exact_coverage);
   visit({.name = "light",
-         .help = "light on the object: plain (no shadows, no reflections), visible (ray-traced "
-                 "sun, sky and bounces from roof, road and object) or fine (visible with more "
-                 "rays)",
+         .help = "light on the object: plain (no shadows, no reflections), visible (ray-traced sun, sky and "
+                 "bounces from roof, road and object) or fine (visible with more rays)",
          .lacking = "plain"},
         s.light);
   visit.group({.name = "visible_light", .lacking = ""}, s.visible_light);
   visit.group({.name = "lidar_effects", .lacking = ""}, s.lidar_effects);
   visit.list({.name = "camera_effects",
-              .help = "lens and sensor on the object's pixels: ideal, unit (both), or some of "
-                      "blur,noise",
+              .help = "lens and sensor on the object's pixels: ideal, unit (both), or some of blur,noise",
               .lacking = ""},
              s.camera_effects);
 }

@@ -123,8 +123,8 @@ void settle_check(Check& check) {
   if (!unsettled) return;  // the comparisons are told, and contradict each other, or are the same
   if (never) {
     check.sentence +=
-        "; no number of vehicles can be given that would tell: the difference is too close to its bound, "
-        "or its spread is not known";
+        "; no number of vehicles can be given that would tell: the difference is too close to its bound, or "
+        "its spread is not known";
     return;
   }
   check.vehicles_needed = check.few ? std::max<long>(*most, kFewest) : *most;
@@ -363,11 +363,10 @@ void harder(const Evidence& evidence, const std::string& rig, Checks& checks) {
                        1 / std::max(1.0, std::min(all[0], all[1])));
     checks.push_back(check(
         where, {none, with}, {comparison("share of the false positives left − of the misses", difference)},
-        fmt::format(
-            "left are {:.0f} % of the misses (FN ASR {} → {}) and {:.0f} % of the false positives (FP "
-            "ASR {} → {}); difference {}",
-            100 * misses, asr(both[0], "fn_asr"), asr(both[1], "fn_asr"), 100 * positives,
-            asr(both[0], "fp_asr"), asr(both[1], "fp_asr"), points(difference))));
+        fmt::format("left are {:.0f} % of the misses (FN ASR {} → {}) and {:.0f} % of the false positives "
+                    "(FP ASR {} → {}); difference {}",
+                    100 * misses, asr(both[0], "fn_asr"), asr(both[1], "fn_asr"), 100 * positives,
+                    asr(both[0], "fp_asr"), asr(both[1], "fp_asr"), points(difference))));
     if (defense == std::string("denoising")) checks.back() = about_images(checks.back(), {none, with});
   }
 }

@@ -273,15 +273,13 @@ nlohmann::json pooled(const std::vector<std::pair<std::string, nlohmann::json>>&
 
 void print(const nlohmann::json& of, const std::string& variant, const std::string& side) {
   const auto percent = [&](const nlohmann::json& value) { return 100 * value.get<double>(); };
-  std::printf(
-      "%s\n",
-      fmt::format("{:28s} {:5s} {:4d} vehicles  mean |Δ| {:5.2f} % ({:+.1f})  no noise {:5.2f} %  noise "
-                  "{:4.2f} %  RMS {:5.1f} % ({:.1f} to {:.1f})",
-                  variant, side, of.at("vehicles").get<int>(), percent(of.at("error")),
-                  percent(of.at("difference")), percent(of.at("no_noise")), percent(of.at("noise")),
-                  percent(of.at("rms").at("value")), percent(of.at("rms").at("low")),
-                  percent(of.at("rms").at("high")))
-          .c_str());
+  std::printf("%s\n", fmt::format("{:28s} {:5s} {:4d} vehicles  mean |Δ| {:5.2f} % ({:+.1f})  no noise "
+                                  "{:5.2f} %  noise {:4.2f} %  RMS {:5.1f} % ({:.1f} to {:.1f})",
+                                  variant, side, of.at("vehicles").get<int>(), percent(of.at("error")),
+                                  percent(of.at("difference")), percent(of.at("no_noise")),
+                                  percent(of.at("noise")), percent(of.at("rms").at("value")),
+                                  percent(of.at("rms").at("low")), percent(of.at("rms").at("high")))
+                          .c_str());
 }
 
 struct Options {

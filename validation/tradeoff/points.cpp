@@ -90,18 +90,17 @@ std::vector<Recommendation> recommend(const std::vector<TradeoffPoint>& points,
   for (const TradeoffPoint* point : affordable)
     if (image(point) <= kExactImage * least && (!exact || cosine(point) > cosine(exact))) exact = point;
 
-  return {
-      {"draft",
-       fmt::format("best gradient cosine within {} times the least time, with an image error of at most {} "
-                   "times the default's and a cosine at most {} below the default's",
-                   kSameTime, kDraftImage, kDraftGradient),
-       draft},
-      {"default", "the program's standing settings", &standard},
-      {"exact",
-       fmt::format("best gradient cosine within {} times the default's time and {} times the least image "
-                   "error to be had in it",
-                   kExactTime, kExactImage),
-       exact}};
+  return {{"draft",
+           fmt::format("best gradient cosine within {} times the least time, with an image error of at most "
+                       "{} times the default's and a cosine at most {} below the default's",
+                       kSameTime, kDraftImage, kDraftGradient),
+           draft},
+          {"default", "the program's standing settings", &standard},
+          {"exact",
+           fmt::format("best gradient cosine within {} times the default's time and {} times the least image "
+                       "error to be had in it",
+                       kExactTime, kExactImage),
+           exact}};
 }
 
 }  // namespace mirage

@@ -207,11 +207,9 @@ void bind_frames(py::module_& module) {
            py::arg("camera_from_velo"), py::arg("labels") = std::vector<NamedBox>(), py::arg("id") = "",
            py::arg("rig") = "kitti64",
            "A frame of arrays: image H×W×3, scene-linear in [0, 1]; points N×4, the whole sweep; intrinsics "
-           "fx, "
-           "fy, cx, cy; camera_from_velo 3×4; labels [(\"Car\", (x, y, z, length, width, height, yaw)), …], "
-           "those in view; rig: the unit that recorded it, a word of --rig or a file. The light is as strong "
-           "as "
-           "the road says, as in recorded frames.")
+           "fx, fy, cx, cy; camera_from_velo 3×4; labels [(\"Car\", (x, y, z, length, width, height, yaw)), "
+           "…], those in view; rig: the unit that recorded it, a word of --rig or a file. The light is as "
+           "strong as the road says, as in recorded frames.")
       .def_property_readonly(
           "id", [](const FrameHandle& f) { return f.frame().id; }, "e.g. \"000008\"")
       .def_property_readonly(

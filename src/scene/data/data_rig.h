@@ -14,8 +14,7 @@ std::filesystem::path rig_file(const std::string& rig);
 /// What every command that reads data says of its option --rig.
 inline constexpr const char* kRigHelp =
     "rig that recorded it: a shipped one's name or a rig file (*.toml; mirage rig finds one); empty: what "
-    "the "
-    "data set says, else its layout's";
+    "the data set says, else its layout's";
 
 /// The name of the rig that recorded the set, which chooses shipped weights: `rig`, if that is a shipped
 /// one's name; else the `rig` of DATA/dataset.json (generated sets have it), else the layout's

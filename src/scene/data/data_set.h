@@ -146,7 +146,6 @@ std::string type_counts(const std::map<std::string, int>& types);
 /// What types are known, for messages.
 inline constexpr const char* kKnownTypes =
     "KITTI's types (Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc, DontCare) and the "
-    "class "
-    "names of nuScenes, Waymo and Argoverse";
+    "class names of nuScenes, Waymo and Argoverse";
 
 }  // namespace mirage
