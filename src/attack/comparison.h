@@ -86,10 +86,9 @@ Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const 
 /// learns what both detectors, the frames and the objects are. Ranks but the first get nothing.
 Comparison compare(const ComparisonRequest& request, Provenance* made_of = nullptr);
 
-/// {detectors, objects, hosts, vehicles, clusters, difference, low, high, told, first, second, own?,
-/// bounds: [2 × to_json(HiddenBound)], detectable, needed: [{difference, vehicles}], parts: [{by, name,
-/// vehicles, first, second, difference, p}], worse: [{frame, label, object, range, first_score,
-/// second_clean_score}]}
+/// {detectors, objects, hosts, vehicles, clusters, difference, low, high, told, first, second, own?, bounds:
+/// [2 × to_json(HiddenBound)], detectable, needed: [{difference, vehicles}], parts: [{by, name, vehicles,
+/// first, second, difference, p}], worse: [{frame, label, object, range, first_score, second_clean_score}]}
 nlohmann::json to_json(const Comparison& comparison);
 
 }  // namespace mirage

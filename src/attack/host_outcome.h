@@ -44,8 +44,7 @@ class HostTruth {
   /// From above. `labels`: every labelled road user of the frame, the host among them.
   HostTruth(const BevBox& host, std::vector<ObjectBoxes> labels)
       : host_({ObjectBoxes(host)}), labels_(std::move(labels)) {}
-  /// Of a label of the frame. `object`: its carried_box(), of which Matching::in_picture alone takes
-  /// notice.
+  /// Of a label of the frame. `object`: its carried_box(), of which Matching::in_picture alone takes notice.
   HostTruth(const Frame& frame, const Label& host, Matching matching,
             const std::optional<PictureBox>& object = {});
   /// The same of a host whose box is another than the label's: `grown`, and in the picture the label's joined

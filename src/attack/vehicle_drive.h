@@ -161,9 +161,8 @@ struct DriveOutcome {
 /// Computes these figures from the vehicle's frames.
 DriveOutcome outcome_of(const VehicleDrive& vehicle, DriveVersion version);
 
-/// As in result.json, with all that read_vehicle_drive needs. strip, for those who draw it,
-/// says how long each frame stands (stands_s), and after which the vehicle is away (1, else 0), as gaps are
-/// counted.
+/// As in result.json, with all that read_vehicle_drive needs. strip, for those who draw it, says how long
+/// each frame stands (stands_s), and after which the vehicle is away (1, else 0), as gaps are counted.
 nlohmann::json to_json(const VehicleDrive& vehicle);
 /// Its inverse. InputError naming file and field for anything else.
 VehicleDrive read_vehicle_drive(const JsonFields& json);

@@ -56,8 +56,7 @@ void make_output_folder(const std::filesystem::path& folder);
 
 /// Bytes of the largest JSON that is read whole; for larger ones there is for_each_json_row.
 inline constexpr std::uintmax_t kLargestJson = std::uintmax_t{1} << 26;
-/// InputError naming file and byte when it is not JSON, or holds more than `most_values`; and
-/// as read_file.
+/// InputError naming file and byte when it is not JSON, or holds more than `most_values`; and as read_file.
 nlohmann::json read_json(const std::filesystem::path& path, std::uintmax_t most = kLargestJson,
                          std::size_t most_values = kLargestJson);
 /// Of a file `where` that has been read. Without what `keep` refuses, if it is given. InputError as

@@ -32,8 +32,7 @@ std::shared_ptr<CyclesRenderer> make_renderer(const AttackOptions& options, cons
 }
 
 /// What the gradient goes through: what the user gave, and beside Cycles' pictures otherwise that of pictures
-/// most like them. Through the default's the mesh descends half as far
-/// (src/guide/evidence.md, Light).
+/// most like them. Through the default's the mesh descends half as far (src/guide/evidence.md, Light).
 void apply_rasteriser(const AttackOptions& options, SimulationSettings& settings) {
   QualityOption quality = options.quality;
   if (options.renderer != kRasterRenderer) {

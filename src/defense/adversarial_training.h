@@ -112,9 +112,8 @@ void set_method(const std::string& method, DefenseSettings& settings);
 
 /// Trains, or goes on from the newest checkpoint in `out` (of the same settings, or InputError), to the same
 /// result. FieldError for settings out of range and for parts that the detector cannot have, InputError for
-/// data without a host. Writes out/training.jsonl (a
-/// line every 10 steps: step, seconds, rate, loss, score_loss, box_loss, hide, false_positive) and the last
-/// adversary, out/adversary.glb.
+/// data without a host. Writes out/training.jsonl (a line every 10 steps: step, seconds, rate, loss,
+/// score_loss, box_loss, hide, false_positive) and the last adversary, out/adversary.glb.
 DefenseResult train_defended(const DefenseSettings& settings);
 
 }  // namespace mirage

@@ -22,8 +22,7 @@ bool multiplies_bfloat16();
 void check_precision(const std::string& word);
 
 /// `asked`, or "float" where the processor has no instructions for bfloat16: elsewhere they are emulated,
-/// slower than float. Says so, once. Errors as
-/// check_precision's.
+/// slower than float. Says so, once. Errors as check_precision's.
 std::string usable_precision(const std::string& asked, bool has_bfloat16 = multiplies_bfloat16());
 
 // The words of DetectorOptions::defense: what a detector is defended by, joined by '+'.

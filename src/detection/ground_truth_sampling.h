@@ -21,8 +21,7 @@ struct CompactFrame {
   std::vector<LidarPoint> points;
   Calibration calibration;
   GroundTruth truth;
-  /// One a pixel, row-major: whether it shows a vehicle (is_vehicle). Empty where the data set does
-  /// not tell.
+  /// One a pixel, row-major: whether it shows a vehicle (is_vehicle). Empty where the data set does not tell.
   std::vector<bool> vehicle_mask = {};
   std::uint64_t picture_key = 0;  ///< TrainingSample::picture_key
 };

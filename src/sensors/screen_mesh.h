@@ -92,8 +92,7 @@ inline constexpr double kNoArea = 1e-12;
 
 /// What is drawn. Screen frame: x right, y up in NDC of the longer image side (pixel (u, v) has its centre at
 /// ((2u + 1 − W)/L, (H − 1 − 2v)/L), L = max(W, H)); z is depth in metres, > 0. A face with a coordinate that
-/// is not finite or a depth ≤ 0 is skipped.
-/// The grid says where the texels of each face that has some are.
+/// is not finite or a depth ≤ 0 is skipped. The grid says where the texels of each face that has some are.
 template <class S>
 struct ScreenMesh : TexelGrid {
   std::vector<std::array<Vec3<S>, 3>> faces;

@@ -10,8 +10,7 @@
 //     S_i  = 1 − Π_j (1 − D_ij)                                      silhouette         (eq. 4)
 // Faces outside which d² ≥ T = σ log(1/dist_eps − 1), and samples outside the face's bounding box grown by
 // √T, are skipped. The silhouette counts every face, whatever side it shows; colour only fragments of the
-// chosen sides with near ≤ z ≤ far. The enums of screen_mesh.h are the options of Liu et
-// al.'s public code.
+// chosen sides with near ≤ z ≤ far. The enums of screen_mesh.h are the options of Liu et al.'s public code.
 #pragma once
 
 #include "sensors/screen_mesh.h"

@@ -56,9 +56,8 @@ inline void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed,
 }
 
 // The part of the LiDAR's derivative that lies in what it sees at all. A ray's return moves with the face
-// that it meets; that it comes from the object, and no longer from what is
-// behind it, is decided where the object's silhouette passes the ray, and there the derivative of a sweep is
-// none.
+// that it meets; that it comes from the object, and no longer from what is behind it, is decided where the
+// object's silhouette passes the ray, and there the derivative of a sweep is none.
 //
 // The derivative here is that of the mean over all places of the unit's raster, each laser and firing moved
 // by up to half a pitch: what a vehicle meets that comes by twice. By Reynolds' theorem it is the inner part,

@@ -93,8 +93,7 @@ class BudgetRule {
   std::optional<int> always_;
 };
 
-// The budget of a validation: its rule (budget.h) tried on every scene, each time without the scene's
-// group.
+// The budget of a validation: its rule (budget.h) tried on every scene, each time without the scene's group.
 
 /// Of what an error is a share: the object's mean radiance under full Cycles, or the detector's score (which
 /// is in [0, 1] itself).

@@ -18,9 +18,8 @@ namespace mirage::fusion {
 class LocalNetwork {
  public:
   /// input: image H × W × 3 (where the network reads one) and points, float. `changed`: pixels outside are
-  /// those of the clean frame.
-  /// locality > 0: the pass ends so many metres around the changes of the sweep, and as many at the object's
-  /// range in the picture; what lies beyond is left as it was (an approximation).
+  /// those of the clean frame. locality > 0: the pass ends so many metres around the changes of the sweep,
+  /// and as many at the object's range in the picture; what lies beyond is left as it was (an approximation).
   LocalNetwork(Network network, std::shared_ptr<const CleanFrame> clean, const SensorTensors& input,
                const Window& changed, double locality = 0);
   LocalNetwork(const LocalNetwork&) = delete;

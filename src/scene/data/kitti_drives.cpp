@@ -29,9 +29,8 @@ std::string row_name(std::size_t row) {
 
 // KITTI's raw recordings (Geiger et al., IJRR 2013), synchronised and rectified: a folder for each day with
 // its calibration, in it one for each drive. Labels are the drive's tracklets: boxes in `velo`, which the
-// picture's boxes are projected from. A frame's id is DRIVE_FRAME,
-// "2011_09_26_drive_0009_sync_0000000012". Where the car stood says DRIVE/oxts/data/FRAME.txt, when
-// DRIVE/velodyne_points/timestamps.txt.
+// picture's boxes are projected from. A frame's id is DRIVE_FRAME, "2011_09_26_drive_0009_sync_0000000012".
+// Where the car stood says DRIVE/oxts/data/FRAME.txt, when DRIVE/velodyne_points/timestamps.txt.
 
 namespace fs = std::filesystem;
 using tinyxml2::XMLElement;
