@@ -60,6 +60,25 @@ Network make_network(const Options& options) {
   return Network();
 }
 
+using Functions = CFunctions<GuidedCompletion>;
+
+void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
+  return Functions::made(error, error_size, [&] {
+    const auto json = nlohmann::json::parse(options_json ? options_json : "{}");
+    Options options;
+    options.seed = json.value("seed", std::uint64_t{0});
+    options.threads = json.value("threads", 1);
+    return std::make_unique<GuidedCompletion>(options, weights);
+  });
+}
+
+int complete(void* completion, const MirageDepthInput* input, float* dense, char* error, size_t error_size) {
+  return guarded(error, error_size, [&] { Functions::of(completion).complete(*input, dense); });
+}
+
+const MirageDepthApi kApi = {MIRAGE_DEPTH_ABI,      "guided",       create, Functions::destroy, complete,
+                             Functions::train_step, Functions::save};
+
 }  // namespace
 
 GuidedCompletion::GuidedCompletion(const Options& options, const char* weights)
@@ -145,30 +164,6 @@ void GuidedCompletion::load(const std::string& file) {
 
 }  // namespace mirage::guided
 
-namespace {
-
-using mirage::guided::GuidedCompletion;
-using Functions = mirage::CFunctions<GuidedCompletion>;
-
-void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
-  return Functions::made(error, error_size, [&] {
-    const auto json = nlohmann::json::parse(options_json ? options_json : "{}");
-    mirage::guided::Options options;
-    options.seed = json.value("seed", std::uint64_t{0});
-    options.threads = json.value("threads", 1);
-    return std::make_unique<GuidedCompletion>(options, weights);
-  });
-}
-
-int complete(void* completion, const MirageDepthInput* input, float* dense, char* error, size_t error_size) {
-  return mirage::guarded(error, error_size, [&] { Functions::of(completion).complete(*input, dense); });
-}
-
-const MirageDepthApi kApi = {MIRAGE_DEPTH_ABI,      "guided",       create, Functions::destroy, complete,
-                             Functions::train_step, Functions::save};
-
-}  // namespace
-
 extern "C" __attribute__((visibility("default"))) const MirageDepthApi* mirage_depth_api(void) {
-  return &kApi;
+  return &mirage::guided::kApi;
 }

@@ -121,39 +121,16 @@ void add(const Cluster& cluster, const BevBox& box, Type type, double logit, flo
   found.push_back(made);
 }
 
-}  // namespace
-
-std::vector<MirageDetection> detect(const MirageFrame& frame, float score_threshold) {
-  std::vector<MirageDetection> found;
-  for (const Cluster& cluster : clusters_of(returns_of(frame))) {
-    double other = probability(thing_logit(cluster));
-    if (const auto car = car_of(cluster)) {
-      const double logit = car_logit(cluster, *car);
-      add(cluster, *car, kCar, logit, score_threshold, found);
-      other *= 1 - probability(logit);
-    }
-    add(cluster, cluster.seen.box(), kMisc, std::log(other / (1 - other)), score_threshold, found);
-  }
-  return found;
-}
-
-}  // namespace mirage::clusters
-
-namespace {
-
-using mirage::guarded;
-using namespace mirage::clusters;
-
 /// It has no state but its last answer.
 struct ClustersDetector {
   std::vector<MirageDetection> found;
 };
 
-using Functions = mirage::CFunctions<ClustersDetector>;
+using Functions = CFunctions<ClustersDetector>;
 
 void* create(const char* /*options_json*/, const char* weights, char* error, size_t error_size) {
   return Functions::made(error, error_size, [&] {
-    if (weights) mirage::bad("weights", "clusters has none", "leave --weights out");
+    if (weights) bad("weights", "clusters has none", "leave --weights out");
     return std::make_unique<ClustersDetector>();
   });
 }
@@ -175,7 +152,7 @@ int forward(void* detector, const MiragePass* pass, const MirageDetection** dete
   return guarded(error, error_size, [&] {
     auto& found = Functions::of(detector).found;
     found = detect(*pass->frame, pass->score_threshold);
-    mirage::give(found, detections, count);
+    give(found, detections, count);
   });
 }
 
@@ -198,6 +175,22 @@ const MirageDetectorApi kApi = {MIRAGE_DETECTOR_ABI,
 
 }  // namespace
 
+std::vector<MirageDetection> detect(const MirageFrame& frame, float score_threshold) {
+  std::vector<MirageDetection> found;
+  for (const Cluster& cluster : clusters_of(returns_of(frame))) {
+    double other = probability(thing_logit(cluster));
+    if (const auto car = car_of(cluster)) {
+      const double logit = car_logit(cluster, *car);
+      add(cluster, *car, kCar, logit, score_threshold, found);
+      other *= 1 - probability(logit);
+    }
+    add(cluster, cluster.seen.box(), kMisc, std::log(other / (1 - other)), score_threshold, found);
+  }
+  return found;
+}
+
+}  // namespace mirage::clusters
+
 extern "C" __attribute__((visibility("default"))) const MirageDetectorApi* mirage_detector_api(void) {
-  return &kApi;
+  return &mirage::clusters::kApi;
 }

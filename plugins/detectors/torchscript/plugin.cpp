@@ -112,6 +112,53 @@ Tensor from_memory(const float* values, std::vector<std::int64_t> shape) {
   return tensor;
 }
 
+constexpr const char* kNoTraining =
+    "a TorchScript detector is trained in PyTorch; train it there, export it and name it with --weights";
+
+using Functions = CFunctions<TorchScriptDetector>;
+
+void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
+  return Functions::made(error, error_size, [&] {
+    if (!weights) throw BadFile(kNoTraining);
+    const auto json = nlohmann::json::parse(options_json ? options_json : "{}");
+    if (json.value("start", false)) throw BadFile(kNoTraining);
+    return std::make_unique<TorchScriptDetector>(weights, json.value("threads", 1));
+  });
+}
+
+void region(void* detector, float out[4]) {
+  std::ranges::copy(Functions::of(detector).region(), out);
+}
+
+int train_step(void*, const MirageSample*, int64_t, float, float*, char* error, size_t error_size) {
+  return guarded(error, error_size, [] { throw BadFile(kNoTraining); });
+}
+
+int save(void*, const char*, int32_t, char* error, size_t error_size) {
+  return guarded(error, error_size, [] { throw BadFile(kNoTraining); });
+}
+
+uint32_t capabilities(void* detector) {
+  return Functions::of(detector).capabilities();
+}
+
+const MirageDetectorApi3 kApi = {MIRAGE_DETECTOR_ABI_3,
+                                 "torchscript",
+                                 create,
+                                 Functions::destroy,
+                                 region,
+                                 Functions::forward,
+                                 Functions::backward,
+                                 train_step,
+                                 save,
+                                 capabilities,
+                                 nullptr,
+                                 nullptr,
+                                 nullptr,
+                                 nullptr,
+                                 nullptr,
+                                 nullptr};
+
 }  // namespace
 
 TorchScriptDetector::TorchScriptDetector(const std::string& file, int threads) : threads_(threads) {
@@ -302,61 +349,6 @@ void TorchScriptDetector::probe() {
 
 }  // namespace mirage::torchscript
 
-namespace {
-
-using mirage::BadFile;
-using mirage::guarded;
-using mirage::torchscript::TorchScriptDetector;
-
-constexpr const char* kNoTraining =
-    "a TorchScript detector is trained in PyTorch; train it there, export it and name it with --weights";
-
-using Functions = mirage::CFunctions<TorchScriptDetector>;
-
-void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
-  return Functions::made(error, error_size, [&] {
-    if (!weights) throw BadFile(kNoTraining);
-    const auto json = nlohmann::json::parse(options_json ? options_json : "{}");
-    if (json.value("start", false)) throw BadFile(kNoTraining);
-    return std::make_unique<TorchScriptDetector>(weights, json.value("threads", 1));
-  });
-}
-
-void region(void* detector, float out[4]) {
-  std::ranges::copy(Functions::of(detector).region(), out);
-}
-
-int train_step(void*, const MirageSample*, int64_t, float, float*, char* error, size_t error_size) {
-  return guarded(error, error_size, [] { throw BadFile(kNoTraining); });
-}
-
-int save(void*, const char*, int32_t, char* error, size_t error_size) {
-  return guarded(error, error_size, [] { throw BadFile(kNoTraining); });
-}
-
-uint32_t capabilities(void* detector) {
-  return Functions::of(detector).capabilities();
-}
-
-const MirageDetectorApi3 kApi = {MIRAGE_DETECTOR_ABI_3,
-                                 "torchscript",
-                                 create,
-                                 Functions::destroy,
-                                 region,
-                                 Functions::forward,
-                                 Functions::backward,
-                                 train_step,
-                                 save,
-                                 capabilities,
-                                 nullptr,
-                                 nullptr,
-                                 nullptr,
-                                 nullptr,
-                                 nullptr,
-                                 nullptr};
-
-}  // namespace
-
 extern "C" __attribute__((visibility("default"))) const MirageDetectorApi3* mirage_detector_api(void) {
-  return &kApi;
+  return &mirage::torchscript::kApi;
 }
