@@ -46,6 +46,10 @@ class StreetSite {
   double yaw(double s) const { return heading_ + curvature_ * (s - behind_); }
   /// How far along the street from the ego vehicle, or behind it.
   double away(double s) const { return std::abs(s - behind_); }
+  /// A tree's detail at s: `near` within 22 m of the ego vehicle, `middle` within 40 m, else `distant`.
+  double detail(double s, double near, double middle, double distant) const {
+    return away(s) < 22 ? near : away(s) < 40 ? middle : distant;
+  }
   double road_z(double s, double d) const {
     const auto wave = [&](double t) { return wave_ * std::sin(2 * kPi * t / wave_length_ + wave_phase_); };
     return -height_ + slope_ * (s - behind_) + wave(s - behind_) - wave(0) -

@@ -9,6 +9,20 @@
 #include "sensors/coverage/outline.h"
 
 namespace mirage {
+
+struct ExactTape::State {
+  coverage::Visible visible;
+  coverage::Outline outline;
+  std::vector<coverage::Canvas> canvases;
+  std::vector<coverage::Limit> limits;  ///< of the window's pixels; empty: none within the object's reach
+  std::vector<coverage::Four> areas;    ///< scratch
+};
+
+ExactTape::ExactTape() : state(std::make_unique<State>()) {}
+ExactTape::~ExactTape() = default;
+ExactTape::ExactTape(ExactTape&&) noexcept = default;
+ExactTape& ExactTape::operator=(ExactTape&&) noexcept = default;
+
 namespace {
 
 using coverage::Areas;
@@ -25,23 +39,6 @@ Four colour_of(const ScreenMesh<double>& mesh, int texel) {
   const Vec3d& c = mesh.texels[static_cast<std::size_t>(texel)];
   return {c[0], c[1], c[2], 1};
 }
-
-}  // namespace
-
-struct ExactTape::State {
-  Visible visible;
-  Outline outline;
-  std::vector<coverage::Canvas> canvases;
-  std::vector<coverage::Limit> limits;  ///< of the window's pixels; empty: none within the object's reach
-  std::vector<coverage::Four> areas;    ///< scratch
-};
-
-ExactTape::ExactTape() : state(std::make_unique<State>()) {}
-ExactTape::~ExactTape() = default;
-ExactTape::ExactTape(ExactTape&&) noexcept = default;
-ExactTape& ExactTape::operator=(ExactTape&&) noexcept = default;
-
-namespace {
 
 void check_drawable(const ScreenMesh<double>& mesh) {
   if (mesh.texture != Texture::atlas)

@@ -457,10 +457,7 @@ void AmericanStreet::line_with_houses(int side) {
     const BevBox box{p.x(), p.y(), 1, 1, 0};
     if (!free(box)) continue;
     taken_.push_back(box);
-    stand(make_tree(actors_, away(s) < 22   ? 2.4
-                             : away(s) < 40 ? 1.2
-                                            : 0.5),
-          s, sign(side) * (edge + 2.5), u(0, 6));
+    stand(make_tree(actors_, detail(s, 2.4, 1.2, 0.5)), s, sign(side) * (edge + 2.5), u(0, 6));
   }
   add_woods(side, line + u(16, 24));
 }
@@ -500,10 +497,7 @@ void AmericanStreet::line_with_shops(int side) {
     for (double s = u(0, 6); s < 75 + ahead_; s += u(9, 14)) {
       const Vec2d p = xy(s, sign(side) * (edge + 0.8));
       if (in_cross(s, 4) || !free({p.x(), p.y(), 1, 1, 0})) continue;
-      stand(make_tree(actors_, away(s) < 22   ? 2.0
-                               : away(s) < 40 ? 1.0
-                                              : 0.4),
-            s, sign(side) * (edge + 0.8), u(0, 6));
+      stand(make_tree(actors_, detail(s, 2.0, 1.0, 0.4)), s, sign(side) * (edge + 0.8), u(0, 6));
     }
   add_woods(side, line + u(24, 40));
 }
@@ -522,10 +516,7 @@ void AmericanStreet::line_with_offices(int side) {
   if (chance(0.5))
     for (double s = u(2, 10); s < 70 + ahead_; s += u(9, 14))
       if (!in_cross(s, 4))
-        stand(make_tree(actors_, away(s) < 22   ? 2.0
-                                 : away(s) < 40 ? 1.0
-                                                : 0.4),
-              s, sign(side) * (half_[side] + 1.0), u(0, 6));
+        stand(make_tree(actors_, detail(s, 2.0, 1.0, 0.4)), s, sign(side) * (half_[side] + 1.0), u(0, 6));
 }
 
 void AmericanStreet::place_verge(int side) {
@@ -551,10 +542,8 @@ void AmericanStreet::place_verge(int side) {
     for (double s = u(2, 10); s < 75 + ahead_; s += u(9, 14)) {
       const Vec2d p = xy(s, sign(side) * (half_[side] + 0.5 * verge_[side]));
       if (!in_cross(s, 4) && free({p.x(), p.y(), 0.6, 0.6, 0}))
-        stand(make_tree(actors_, away(s) < 22   ? 2.4
-                                 : away(s) < 40 ? 1.2
-                                                : 0.5),
-              s, sign(side) * (half_[side] + 0.5 * verge_[side]), u(0, 6));
+        stand(make_tree(actors_, detail(s, 2.4, 1.2, 0.5)), s,
+              sign(side) * (half_[side] + 0.5 * verge_[side]), u(0, 6));
     }
 }
 

@@ -275,7 +275,7 @@ void EuropeanStreet::place_edges() {
     const bool row = chance(kind_ == Kind::avenue ? 0.75 : 0.35);
     for (double s = u(2, 12); s < 75 + ahead_; s += row ? u(7, 11) : u(12, 45)) {
       if (in_cross(s, 2)) continue;
-      Actor tree = make_tree(actors_, away(s) < 22 ? 3.0 : away(s) < 40 ? 1.5 : 0.6);
+      Actor tree = make_tree(actors_, detail(s, 3.0, 1.5, 0.6));
       const double d =
           sign * (row ? half_[side] + std::min(0.9, 0.5 * pavement_[side] + 0.4) : edge + u(0.5, 5));
       const Vec2d p = xy(s, d);
