@@ -90,17 +90,14 @@ bool same(const Comparison& c) {
   return c.verdict == Verdict::open && told(c.difference) == Told::same;
 }
 
-std::string in_words(const Comparison& c) {
-  return same(c) ? to_string(Told::same) : to_string(c.verdict);
-}
-
 void settle_check(Check& check) {
   check.verdict = verdict_of(check);
   if (check.comparisons.empty()) return;
   if (check.comparisons.size() > 1) {
     std::string list;
     for (const Comparison& c : check.comparisons)
-      list += fmt::format("{}{}: {}", list.empty() ? "" : ", ", c.what, in_words(c));
+      list += fmt::format("{}{}: {}", list.empty() ? "" : ", ", c.what,
+                          same(c) ? to_string(Told::same) : to_string(c.verdict));
     check.sentence += "; " + list;
   } else if (same(check.comparisons.front())) {
     check.sentence += "; " + to_string(Told::same);

@@ -3,6 +3,8 @@
 
 #include <torch/torch.h>
 
+#include <algorithm>
+
 #include "camera.h"
 #include "detection/detector_abi3.h"
 #include "sampling.h"
@@ -30,8 +32,23 @@ struct SensorTensors {
 
 /// Views of the host's memory, which lives until its next call. Without a picture where there is none, or
 /// none is wanted.
-SensorTensors view_input(const MirageSensorInput& input, bool with_image);
+inline SensorTensors view_input(const MirageSensorInput& input, bool with_image) {
+  SensorTensors tensors;
+  if (with_image && input.image && input.width > 0 && input.height > 0)
+    tensors.image = torch::from_blob(const_cast<float*>(input.image), {input.height, input.width, 3});
+  if (input.points && input.point_count > 0)
+    tensors.points = torch::from_blob(const_cast<float*>(input.points), {input.point_count, 4});
+  else
+    tensors.points = torch::empty({0, 4});
+  std::copy(std::begin(input.pixel_from_velo), std::end(input.pixel_from_velo), tensors.projection.begin());
+  return tensors;
+}
 /// Own copies: the host may free its memory while a graph lives on.
-SensorTensors copy_input(const MirageSensorInput& input, bool with_image);
+inline SensorTensors copy_input(const MirageSensorInput& input, bool with_image) {
+  SensorTensors tensors = view_input(input, with_image);
+  if (tensors.image.defined()) tensors.image = tensors.image.clone();
+  tensors.points = tensors.points.clone();
+  return tensors;
+}
 
 }  // namespace mirage::fusion
