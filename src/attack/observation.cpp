@@ -54,6 +54,21 @@ class Hash {
   std::array<std::uint64_t, kLanes> lanes_ = {1, 2, 3, 4, 5, 6, 7, 8};
 };
 
+/// The stages by their names in result.json.
+constexpr std::pair<const char*, double HostSeconds::*> kHostStages[] = {
+    {"simulation_forward", &HostSeconds::simulation_forward},
+    {"simulation_vjp", &HostSeconds::simulation_vjp},
+    {"detector_forward", &HostSeconds::detector_forward},
+    {"detector_backward", &HostSeconds::detector_backward},
+    {"worlds", &HostSeconds::worlds},
+    {"rendering", &HostSeconds::rendering},
+    {"rest", &HostSeconds::rest}};
+constexpr std::pair<const char*, double StageSeconds::*> kStages[] = {{"input", &StageSeconds::input},
+                                                                      {"hosts", &StageSeconds::hosts},
+                                                                      {"exchange", &StageSeconds::exchange},
+                                                                      {"optimiser", &StageSeconds::optimiser},
+                                                                      {"files", &StageSeconds::files}};
+
 }  // namespace
 
 bool has_moved(const TexturedMesh& from, const TexturedMesh& to, const Renewal& renewal) {
@@ -160,49 +175,28 @@ CleanView clean_view(const PreparedFrame& prepared, const PixelRect& changed) {
 }
 
 HostSeconds& HostSeconds::operator+=(const HostSeconds& other) {
-  simulation_forward += other.simulation_forward;
-  simulation_vjp += other.simulation_vjp;
-  detector_forward += other.detector_forward;
-  detector_backward += other.detector_backward;
-  worlds += other.worlds;
-  rendering += other.rendering;
-  rest += other.rest;
+  for (const auto& [name, stage] : kHostStages) this->*stage += other.*stage;
   return *this;
 }
 
 StageSeconds& StageSeconds::operator+=(const StageSeconds& other) {
-  input += other.input;
-  hosts += other.hosts;
-  exchange += other.exchange;
-  optimiser += other.optimiser;
-  files += other.files;
+  for (const auto& [name, stage] : kStages) this->*stage += other.*stage;
   threads += other.threads;
   return *this;
 }
 
 nlohmann::json to_json(const StageSeconds& stages, double seconds, long iterations, std::size_t workers) {
   const double n = iterations > 0 ? static_cast<double>(iterations) : 1;
-  const double known = stages.input + stages.hosts + stages.exchange + stages.optimiser + stages.files;
-  const HostSeconds& t = stages.threads;
+  double known = 0;
+  nlohmann::json wall, threads;
+  for (const auto& [name, stage] : kStages) known += stages.*stage, wall[name] = stages.*stage / n;
+  for (const auto& [name, stage] : kHostStages) threads[name] = stages.threads.*stage / n;
+  wall["rest"] = (seconds - known) / n, wall["total"] = seconds / n;
   return {{"iterations", iterations},
           {"threads", workers},
           {"ranks", rank_count()},
-          {"wall_seconds",
-           {{"input", stages.input / n},
-            {"hosts", stages.hosts / n},
-            {"exchange", stages.exchange / n},
-            {"optimiser", stages.optimiser / n},
-            {"files", stages.files / n},
-            {"rest", (seconds - known) / n},
-            {"total", seconds / n}}},
-          {"thread_seconds",
-           {{"simulation_forward", t.simulation_forward / n},
-            {"simulation_vjp", t.simulation_vjp / n},
-            {"detector_forward", t.detector_forward / n},
-            {"detector_backward", t.detector_backward / n},
-            {"worlds", t.worlds / n},
-            {"rendering", t.rendering / n},
-            {"rest", t.rest / n}}}};
+          {"wall_seconds", wall},
+          {"thread_seconds", threads}};
 }
 
 Observation::Observation(const StepHost& host, const TexturedMesh& adversary, const AttackSettings& settings)
