@@ -63,7 +63,7 @@ void read_held_out(const JsonFields& json, const AdversaryLimits& limits, Attack
   if (count == 0) json.fail("iterations", "is empty");
   long before = -1;
   for (const double at : json.numbers("iterations", count, 0, static_cast<double>(state.iteration))) {
-    if (!(at > before) || at != std::floor(at)) json.fail("iterations", "does not rise");
+    if (!(at > static_cast<double>(before)) || at != std::floor(at)) json.fail("iterations", "does not rise");
     held.iterations.push_back(before = static_cast<long>(at));
   }
   held.values = json.numbers("values", count, -kAny, kAny);

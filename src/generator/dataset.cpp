@@ -179,6 +179,12 @@ FrameRows write_drive_frame(const DriveFiles& files, const std::string& name, in
   return rows;
 }
 
+/// A rig's file without what recorded sweeps alone have.
+nlohmann::json drawing_rig(nlohmann::json rig) {
+  if (rig.contains("lidar") && rig["lidar"].is_object()) rig["lidar"].erase("recorded_effects");
+  return rig;
+}
+
 }  // namespace
 
 void record_frame(const fs::path& data, const std::string& id, Truth truth) {
@@ -231,7 +237,8 @@ void begin_dataset(const Rig& rig, const nlohmann::json& about, const std::files
                        "restore the file or choose another --out folder");
   }
   // Other commands need the very LiDAR, not its name; and frames of an edited rig are not this set's.
-  if (std::filesystem::exists(kept) && read_toml(kept) != parse_toml(rig.text, rig.name))
+  if (std::filesystem::exists(kept) &&
+      drawing_rig(read_toml(kept)) != drawing_rig(parse_toml(rig.text, rig.name)))
     throw InputError(kept.string(), "", "is not the rig " + rig.name + " as it is now",
                      "choose another --out folder, or restore the rig file");
   // The rig first: a set that was stopped between the two goes on, and one without its rig has lost it.

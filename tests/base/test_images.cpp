@@ -122,7 +122,7 @@ void write_with(const std::filesystem::path& file, int channels, const std::vect
 // Cameras of simulators write alpha 0.
 TEST(ImageFiles, ColoursAreTakenAsStoredWhateverTheAlpha) {
   const TemporaryFolder folder;
-  for (const std::uint8_t alpha : {0, 128, 255}) {
+  for (const std::uint8_t alpha : std::initializer_list<std::uint8_t>{0, 128, 255}) {
     write_with(folder / "a.png", 4, {200, 100, 50, alpha}, 0);
     const ImageF image = read_srgb(folder / "a.png");
     for (int c = 0; c < 3; ++c)

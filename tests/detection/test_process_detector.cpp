@@ -291,7 +291,7 @@ TEST_F(ProcessTest, SeveralRunAtOnce) {
     });
   for (std::thread& thread : threads) thread.join();
   for (std::size_t i = 0; i < logits.size(); ++i)
-    EXPECT_FLOAT_EQ(static_cast<float>(logits[i]), 2.f * i + 1.5f);
+    EXPECT_FLOAT_EQ(static_cast<float>(logits[i]), 2.f * static_cast<float>(i) + 1.5f);
 }
 
 TEST_F(ProcessTest, TheContentIsTheCommandsAndItsFiles) {

@@ -302,7 +302,7 @@ PackedFrame pack(const ViewFrame& view, std::size_t limit, PackSettings start) {
     }
     return bytes;
   };
-  while (4 * encode() / 3 > kPictureShare * static_cast<double>(limit) &&
+  while (static_cast<double>(4 * encode() / 3) > kPictureShare * static_cast<double>(limit) &&
          packed.settings.quality > kLowestQuality)
     packed.settings.quality -= 15;
   while (true) {

@@ -248,9 +248,10 @@ TEST(LocalNetwork, DoesAShareOfTheWork) {
         for (int k = 0; k < 10; ++k) d_logits[(row + k / 5) * kCellsY + column + k % 5] = 1.f;
       } else {
         const std::vector<Place> places = places_of(375, 1242);
+        const double middle = static_cast<double>(road.pixels.left + road.pixels.right) / 2;
+        const auto bottom = static_cast<float>(road.pixels.bottom);
         for (std::size_t p = 0, set = 0; p < places.size() && set < 10; ++p)
-          if (std::abs(places[p].x - (road.pixels.left + road.pixels.right) / 2.0) < 12 &&
-              places[p].y > road.pixels.bottom && places[p].y < road.pixels.bottom + 30)
+          if (std::abs(places[p].x - middle) < 12 && places[p].y > bottom && places[p].y < bottom + 30)
             d_logits[static_cast<std::int64_t>(p)] = 1.f, ++set;
       }
       local.backward(d_logits);
