@@ -165,7 +165,8 @@ TEST(ImageFiles, CompressedTextsAreRefusedBeforeTheyAreRead) {
                     plain = "a\0\0\0\0\0"s + std::string(1300, 'x');
   for (const auto& [type, body] : {std::pair("zTXt", packed), std::pair("iTXt", marked)}) {
     EXPECT_NO_THROW(read_srgb(with(type, body, 3))) << type;
-    EXPECT_THAT(error_text<InputError>([&] { read_srgb(with(type, body, 4)); }),
+    const std::filesystem::path four = with(type, body, 4);
+    EXPECT_THAT(error_text<InputError>([&] { read_srgb(four); }),
                 AllOf(HasSubstr("texts.png"), HasSubstr("4096 bytes of compressed texts")))
         << type;
   }
@@ -230,13 +231,14 @@ TEST(ImageFiles, AHeaderThatClaimsTooMuchIsRefusedBeforeDecoding) {
   for (const auto& [w, h, why] :
        {std::tuple{60000u, 60000u, "more than 67108864 pixels"}, std::tuple{1000000u, 1000000u, "claims"},
         std::tuple{8192u, 8192u, "bytes cannot hold"}}) {
-    write_file(folder / "huge.png", claiming_png(w, h));
+    const std::string huge = claiming_png(w, h);
+    write_file(folder / "huge.png", huge);
     EXPECT_THAT(limited([&] { read_srgb(folder / "huge.png"); }),
                 AllOf(HasSubstr("huge.png: header"), HasSubstr(why)));
     EXPECT_THAT(limited([&] { read_image_size(folder / "huge.png", width, height); }), HasSubstr(why));
     EXPECT_THAT(limited([&] { read_depth_png(folder / "huge.png"); }), HasSubstr(why));
     EXPECT_THAT(limited([&] { read_index_png(folder / "huge.png"); }), HasSubstr(why));
-    EXPECT_THAT(limited([&] { decode_srgb(claiming_png(w, h), "scene.glb", "photograph"); }),
+    EXPECT_THAT(limited([&] { decode_srgb(huge, "scene.glb", "photograph"); }),
                 AllOf(HasSubstr("scene.glb: photograph"), HasSubstr(why)));
   }
   write_srgb(folder / "small.png", noise(8, 4, 3));
@@ -283,7 +285,8 @@ TEST(ImageFiles, AFullDiskLeavesTheOldPictureAndSaysSo) {
     rlimit small = limit;
     small.rlim_cur = 8192;
     ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
-    const std::string text = error_text<Failure>([&] { write(folder / name); });
+    const std::function<void()> writing = std::bind(write, folder / name);
+    const std::string text = error_text<Failure>(writing);
     setrlimit(RLIMIT_FSIZE, &limit);
     std::signal(SIGXFSZ, handler);
     EXPECT_THAT(text, AllOf(HasSubstr(name), HasSubstr("cannot be written")));

@@ -294,15 +294,15 @@ PackedFrame pack(const ViewFrame& view, std::size_t limit, PackSettings start) {
   packed.settings = start;
   packed.points = view.frame.sweep.size();
   std::vector<std::string> photos(view.frame.cameras());
-  const auto encode = [&] {
+  const auto encode = [&] {  // bytes of the photographs as base64
     std::size_t bytes = 0;
     for (std::size_t k = 0; k < photos.size(); ++k) {
       photos[k] = encode_jpeg(view.frame.image_of(k), packed.settings.quality);
       bytes += photos[k].size();
     }
-    return bytes;
+    return 4 * bytes / 3;
   };
-  while (static_cast<double>(4 * encode() / 3) > kPictureShare * static_cast<double>(limit) &&
+  while (static_cast<double>(encode()) > kPictureShare * static_cast<double>(limit) &&
          packed.settings.quality > kLowestQuality)
     packed.settings.quality -= 15;
   while (true) {
