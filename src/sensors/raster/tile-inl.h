@@ -27,7 +27,7 @@ const char* InstructionSet() {
   return hwy::TargetName(HWY_TARGET);
 }
 
-inline constexpr int kBlocks = kSamples / kLanes;
+inline constexpr int kBlocks = kSamples / kLanes, kWords = (kBlocks + 63) / 64;  ///< of a bit for each block
 
 /// A field of the block whose first sample is `first`.
 HWY_INLINE float* At(TileSamples& samples, int first, int field) {
@@ -40,7 +40,7 @@ HWY_INLINE V Read(const TileSamples& samples, int first, int field) {
 /// Calls visit(block) for each bit.
 template <class Visit>
 HWY_INLINE void ForEachBit(const std::uint64_t* words, const Visit& visit) {
-  for (int w = 0; w < (kBlocks + 63) / 64; ++w)
+  for (int w = 0; w < kWords; ++w)
     for (std::uint64_t bits = words[w]; bits; bits &= bits - 1) visit(64 * w + std::countr_zero(bits));
 }
 
@@ -85,7 +85,7 @@ HWY_INLINE void TouchedBlocks(const TileJob& job, const LocalFace& local, const 
   const V radius =
       Set(-static_cast<float>(job.setup->reach) - kSlack - std::sqrt(kLastX * kLastX + kLastY * kLastY) / 2);
   // StoreMaskBits may write 8 bytes.
-  std::uint8_t bytes[(kBlocks + 63) / 64 * 8 + 8] = {};
+  std::uint8_t bytes[kWords * 8 + 8] = {};
   for (int i = 0; i < kBlocks; i += kLanes) {
     const V x = hn::Load(d, grid.x + i), y = hn::Load(d, grid.y + i);
     const V middle_x = hn::Add(x, Set(kLastX / 2)), middle_y = hn::Add(y, Set(kLastY / 2));
@@ -104,7 +104,7 @@ HWY_INLINE void TouchedBlocks(const TileJob& job, const LocalFace& local, const 
       bytes[i / 8] = static_cast<std::uint8_t>(bytes[i / 8] | (few[0] & ((1 << kLanes) - 1)) << i % 8);
     }
   }
-  std::memcpy(words, bytes, (kBlocks + 63) / 64 * 8);
+  std::memcpy(words, bytes, kWords * 8);
 }
 
 /// First pass over the face's blocks: fills `list`, and says how many there are. Blocks are passed over, or
@@ -117,12 +117,12 @@ HWY_INLINE int CoverBlocks(const TileJob& job, const LocalFace& local, const Gri
   const Constants& k = *job.constants;
   TileTape& tape = *job.tape;
   const bool hard = !kPlain && k.hard;
-  std::uint64_t words[(kBlocks + 63) / 64];
+  std::uint64_t words[kWords];
   TouchedBlocks(job, local, grid, words);
   const float behind = (face.front - k.reference_key) * k.inv_gamma + distance;
   const V enough = Set(kPlain ? kEnough * std::exp(std::min(behind, 80.f)) : kEnough);
   int count = 0;
-  for (int w = 0; !kVjp && w < (kBlocks + 63) / 64; ++w) tape.touched[w] |= words[w];
+  for (int w = 0; !kVjp && w < kWords; ++w) tape.touched[w] |= words[w];
   ForEachBit(
       words, [&](int block) HWY_ATTR __attribute__((always_inline)) {
         Covered& at = list[count];
