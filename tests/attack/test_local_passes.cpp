@@ -197,8 +197,7 @@ class LocalPasses : public testing::TestWithParam<const char*> {
       std::size_t close = 0;
       for (std::size_t i = 0; i < errors->local.size(); ++i)
         close += errors->local[i] < std::max(kTolerated, kTimesWhole * errors->whole[i]);
-      EXPECT_GT(2 * close, errors->local.size())
-          << what;  // some have five cases, and rounding is the machine's
+      EXPECT_GE(3 * close, 2 * errors->local.size()) << what;
     }
   }
 
