@@ -43,7 +43,10 @@ Reliance cached_reliance(const DetectorPool& detectors, const std::string& ident
       if (!progress) progress = std::make_unique<Progress>("use of the picture", total, quiet);
       progress->update(done);
     };
-    return measure_reliance(instances, recorded_frames(source, identity, "evaluate"), ids, tell, seen);
+    // Processes share the passes by what is kept of them.
+    const RecordedFrames frames =
+        rank_count() > 1 ? recorded_frames(source, identity, "evaluate") : recorded_frames(source);
+    return measure_reliance(instances, frames, ids, tell, seen);
   };
   const auto disk = DiskCache::from_environment();
   if (identity.empty() || !disk->on() || !reads_picture(*detectors.front())) return measure();
