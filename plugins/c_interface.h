@@ -11,6 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "base/sizes.h"
+
 namespace mirage {
 
 /// The user's file is to blame; its text says what and how to mend it.
@@ -75,14 +77,14 @@ struct CFunctions {
   static int backward(void* instance, const float* d_logits, std::int64_t count, float* d_image,
                       float* d_points, char* error, std::size_t error_size) {
     return guarded(error, error_size, [&] {
-      of(instance).backward({d_logits, static_cast<std::size_t>(count)}, d_image, d_points);
+      of(instance).backward({d_logits, as_size(count)}, d_image, d_points);
     });
   }
   template <class Sample>
   static int train_step(void* instance, const Sample* samples, std::int64_t count, float learning_rate,
                         float loss[3], char* error, std::size_t error_size) {
     return guarded(error, error_size, [&] {
-      const auto terms = of(instance).train_step({samples, static_cast<std::size_t>(count)}, learning_rate);
+      const auto terms = of(instance).train_step({samples, as_size(count)}, learning_rate);
       std::copy(terms.begin(), terms.end(), loss);
     });
   }

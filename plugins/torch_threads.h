@@ -1,5 +1,9 @@
-// How many threads LibTorch takes, and the BLAS under it. Include after the LibTorch headers.
+// How many threads LibTorch takes, and the BLAS under it.
 #pragma once
+
+#include <ATen/Parallel.h>
+#include <torch/types.h>
+#include <torch/utils.h>
 
 #include <algorithm>
 #include <array>
@@ -7,6 +11,8 @@
 #include <exception>
 #include <thread>
 #include <vector>
+
+#include "base/sizes.h"
 
 extern "C" {
 /// OpenBLAS's own, where that is the BLAS at hand; else null.
@@ -24,7 +30,7 @@ inline void set_torch_threads(int count) {
   if (openblas_set_num_threads && blas.exchange(count) != count) openblas_set_num_threads(count);
 }
 
-// One training sample a thread, in every plugin that trains. Include after the LibTorch headers.
+// One training sample a thread, in every plugin that trains.
 
 struct SampleResult {
   std::array<float, 3> loss{};
@@ -34,7 +40,7 @@ struct SampleResult {
 /// work(i) for every sample, each on one thread.
 template <class Work>
 void for_each_sample(std::size_t count, int threads, const Work& work) {
-  const std::size_t workers = std::min(count, static_cast<std::size_t>(std::max(1, threads)));
+  const std::size_t workers = std::min(count, as_size(std::max(1, threads)));
   std::vector<std::exception_ptr> problems(workers);
   const auto loop = [&](std::size_t first) {
     try {

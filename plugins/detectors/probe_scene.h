@@ -4,6 +4,8 @@
 #include <array>
 #include <vector>
 
+#include "base/sizes.h"
+
 namespace mirage {
 
 /// A grey picture and returns of a road and a wall ahead, all in its view.
@@ -15,9 +17,7 @@ struct ProbeScene {
 
   /// KITTI's size unless the network has one of its own.
   explicit ProbeScene(int its_width = 1242, int its_height = 375)
-      : width(its_width),
-        height(its_height),
-        image(static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * 3, 0.2f) {
+      : width(its_width), height(its_height), image(as_size(width) * as_size(height) * 3, 0.2f) {
     for (std::size_t i = 0; i < image.size(); i += 7) image[i] = 0.1f + static_cast<float>(i % 11) / 20;
     for (int i = 0; i < 40; ++i)
       for (int k = -20; k <= 20; ++k) {

@@ -62,7 +62,7 @@ void Adam::step(std::vector<Vec3d>& values, const std::vector<Vec3d>& gradient) 
   const double scale1 = 1 - std::pow(beta1, step_count), scale2 = 1 - std::pow(beta2, step_count);
   for (std::size_t i = 0; i < values.size(); ++i)
     for (int c = 0; c < 3; ++c) {
-      double &m = first[3 * i + c], &v = second[3 * i + c];
+      double &m = first[3 * i + as_size(c)], &v = second[3 * i + as_size(c)];
       const double g = gradient[i][c];
       m = beta1 * m + (1 - beta1) * g;
       v = beta2 * v + (1 - beta2) * g * g;

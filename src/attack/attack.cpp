@@ -16,6 +16,7 @@
 #include "base/logging.h"
 #include "base/ranks.h"
 #include "base/schedule.h"
+#include "base/sizes.h"
 #include "detection/detector_settings.h"
 #include "detection/process_detector.h"
 #include "exchange/gltf.h"
@@ -262,7 +263,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   };
   // What an earlier, shorter run left stays until this one's result takes its place: each file by itself.
   const long iterations = target == AttackTarget::random ? 0 : settings.iterations;
-  Progress progress("attack", static_cast<std::size_t>(iterations), settings.quiet);
+  Progress progress("attack", as_size(iterations), settings.quiet);
   StageSeconds stages;
   const auto start = Clock::now();
   CheckpointTimer timer(settings.checkpoint);
@@ -293,8 +294,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
                                     state.iteration, checkpoint_file.string()));
     }
     const LossRow row = step();
-    progress.update(static_cast<std::size_t>(state.iteration),
-                    progress_note(row, state.losses, settings.batch));
+    progress.update(as_size(state.iteration), progress_note(row, state.losses, settings.batch));
     Stopwatch clock;
     if (timer.due(state.iteration)) save();
     stages.files += clock.lap();

@@ -13,6 +13,7 @@
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "detection/detect.h"
 #include "scene/data/kitti.h"
@@ -106,8 +107,7 @@ ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t se
   RandomStream random(seed, "validation part");
   shuffle(frames, random);
   const auto most = std::clamp<std::size_t>(
-      static_cast<std::size_t>(std::lround(kHeldOutShare * static_cast<double>(frames.size()))), 1,
-      frames.size() - 1);
+      as_size(std::lround(kHeldOutShare * static_cast<double>(frames.size()))), 1, frames.size() - 1);
   std::set<std::string> held;
   std::size_t vehicles = 0;
   for (std::size_t i = 0; i < most && vehicles < at_most; ++i) {
@@ -129,7 +129,7 @@ HostOrder::HostOrder(std::span<const Host> hosts, int batch, std::uint64_t seed)
   shuffle(frames, random);
   std::stable_sort(frames.begin(), frames.end(),
                    [](const FrameHosts& a, const FrameHosts& b) { return a.size() > b.size(); });
-  std::size_t lanes = std::min(static_cast<std::size_t>(batch), frames.size());
+  std::size_t lanes = std::min(as_size(batch), frames.size());
   while (!even(lanes_ = deal(frames, lanes))) --lanes;  // one lane is even
 }
 
@@ -146,7 +146,7 @@ std::vector<std::size_t> HostOrder::drawn_order(std::size_t lane, long pass) con
       open.push_back(std::move(waiting.back()));
       waiting.pop_back();
     }
-    auto drawn = static_cast<std::size_t>(random.below(static_cast<int>(hosts_of(open))));
+    auto drawn = as_size(random.below(static_cast<int>(hosts_of(open))));
     auto frame = open.begin();
     for (; drawn >= frame->size(); ++frame) drawn -= frame->size();
     order.push_back((*frame)[drawn]);
@@ -157,7 +157,7 @@ std::vector<std::size_t> HostOrder::drawn_order(std::size_t lane, long pass) con
 }
 
 std::size_t HostOrder::places(std::size_t lane) const {
-  return (static_cast<std::size_t>(batch_) - lane + lanes_.size() - 1) / lanes_.size();
+  return (as_size(batch_) - lane + lanes_.size() - 1) / lanes_.size();
 }
 
 std::vector<std::size_t> HostOrder::order(std::size_t lane, long pass) const {
@@ -181,7 +181,7 @@ std::vector<std::size_t> HostOrder::order(std::size_t lane, long pass) const {
 
 std::vector<std::size_t> HostOrder::batch(long iteration) const {
   std::vector<std::size_t> indices;
-  const auto batch = static_cast<std::size_t>(batch_);
+  const auto batch = as_size(batch_);
   struct Pass {
     long number = -1;
     std::vector<std::size_t> hosts;
@@ -193,7 +193,7 @@ std::vector<std::size_t> HostOrder::batch(long iteration) const {
     const auto hosts = static_cast<long>(hosts_of(lanes_[lane]));
     Pass& pass = passes[lane];
     if (pass.number != position / hosts) pass = {position / hosts, order(lane, position / hosts)};
-    indices.push_back(pass.hosts[static_cast<std::size_t>(position % hosts)]);
+    indices.push_back(pass.hosts[as_size(position % hosts)]);
   }
   return indices;
 }

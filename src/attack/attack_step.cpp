@@ -8,13 +8,13 @@
 #include "attack/evaluation.h"
 #include "base/error.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 
 namespace mirage {
 
 std::vector<std::size_t> own_hosts(std::size_t n) {
   std::vector<std::size_t> own;
-  for (auto k = static_cast<std::size_t>(rank()); k < n; k += static_cast<std::size_t>(rank_count()))
-    own.push_back(k);
+  for (auto k = as_size(rank()); k < n; k += as_size(rank_count())) own.push_back(k);
   return own;
 }
 
@@ -27,9 +27,9 @@ void share_steps(std::vector<HostStep>& steps, const TexturedMesh& adversary) {
     for (std::size_t i = 0; i < points.size(); ++i)
       for (int c = 0; c < 3; ++c)
         if (out)
-          into[3 * i + static_cast<std::size_t>(c)] = points[i][c];
+          into[3 * i + as_size(c)] = points[i][c];
         else
-          points[i][c] = into[3 * i + static_cast<std::size_t>(c)];
+          points[i][c] = into[3 * i + as_size(c)];
   };
   const auto move = [&](bool out) {
     for (std::size_t k = 0; k < steps.size(); ++k) {

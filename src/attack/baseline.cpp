@@ -7,6 +7,7 @@
 #include "attack/adversary.h"
 #include "base/fields.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "geometry/solid.h"
 
 namespace mirage {
@@ -26,7 +27,7 @@ std::vector<std::vector<std::size_t>> neighbours(const Mesh& mesh) {
   for (const MeshEdge& edge : edges_of(mesh))
     for (const int a : edge.faces)
       for (const int b : edge.faces)
-        if (a != b) beside[static_cast<std::size_t>(a)].push_back(static_cast<std::size_t>(b));
+        if (a != b) beside[as_size(a)].push_back(as_size(b));
   return beside;
 }
 
@@ -153,9 +154,9 @@ Mesh divided_cuboid(const Vec3d& half, int n) {
           // (axis, u, v) is right-handed, so that u × v points along +axis.
           const auto corner = [&](int u, int v) {
             std::array<int, 3> at{};
-            at[static_cast<std::size_t>(axis)] = side;
-            at[static_cast<std::size_t>((axis + 1) % 3)] = i + u;
-            at[static_cast<std::size_t>((axis + 2) % 3)] = j + v;
+            at[as_size(axis)] = side;
+            at[as_size((axis + 1) % 3)] = i + u;
+            at[as_size((axis + 2) % 3)] = j + v;
             return vertex(at);
           };
           const int a = corner(0, 0), b = corner(1, 0), c = corner(1, 1), d = corner(0, 1);
@@ -183,16 +184,16 @@ void paint_patches(TexturedMesh& mesh, int patches, std::uint64_t seed) {
     colours.push_back({r, g, b});
   };
   while (static_cast<int>(colours.size()) < wanted) {
-    const auto face = static_cast<std::size_t>(random.below(static_cast<int>(faces)));
+    const auto face = as_size(random.below(static_cast<int>(faces)));
     if (patch[face] < 0) begin_patch(face);
   }
   for (std::size_t left = faces - colours.size(); left > 0;) {  // a face at a time joins a random neighbour's
     if (front.empty()) {  // the mesh has more parts than patches reached
-      begin_patch(static_cast<std::size_t>(std::find(patch.begin(), patch.end(), -1) - patch.begin()));
+      begin_patch(as_size(std::find(patch.begin(), patch.end(), -1) - patch.begin()));
       --left;
       continue;
     }
-    const auto at = static_cast<std::size_t>(random.below(static_cast<int>(front.size())));
+    const auto at = as_size(random.below(static_cast<int>(front.size())));
     std::vector<std::size_t> open;
     for (const std::size_t other : beside[front[at]])
       if (patch[other] < 0) open.push_back(other);
@@ -201,7 +202,7 @@ void paint_patches(TexturedMesh& mesh, int patches, std::uint64_t seed) {
       front.pop_back();
       continue;
     }
-    const std::size_t next = open[static_cast<std::size_t>(random.below(static_cast<int>(open.size())))];
+    const std::size_t next = open[as_size(random.below(static_cast<int>(open.size())))];
     patch[next] = patch[front[at]];
     front.push_back(next);
     --left;
@@ -210,7 +211,7 @@ void paint_patches(TexturedMesh& mesh, int patches, std::uint64_t seed) {
   mesh.atlas.texels.resize(faces * per_face);
   for (std::size_t f = 0; f < faces; ++f)
     for (std::size_t t = 0; t < per_face; ++t)
-      mesh.atlas.texels[f * per_face + t] = colours[static_cast<std::size_t>(patch[f])];
+      mesh.atlas.texels[f * per_face + t] = colours[as_size(patch[f])];
 }
 
 }  // namespace mirage

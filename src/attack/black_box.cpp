@@ -20,6 +20,7 @@
 #include "base/random.h"
 #include "base/ranks.h"
 #include "base/schedule.h"
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 
 namespace mirage {
@@ -157,7 +158,7 @@ constexpr double kLeastColour = 1e-3;
 std::array<double, kModeDegree + 1> legendre(double t) {
   std::array<double, kModeDegree + 1> p{1, t};
   for (int n = 1; n < kModeDegree; ++n) {
-    const auto i = static_cast<std::size_t>(n);
+    const auto i = as_size(n);
     p[i + 1] = ((2 * n + 1) * t * p[i] - n * p[i - 1]) / (n + 1);
   }
   return p;
@@ -196,7 +197,7 @@ class BlackBox {
         starts_(search_starts(settings_)),
         identity_(run.identity),
         timer_(settings_.checkpoint),
-        progress_("attack", static_cast<std::size_t>(settings_.queries), settings_.quiet) {
+        progress_("attack", as_size(settings_.queries), settings_.quiet) {
     identity_.json["recipe"] = kBlackBoxRecipe;
   }
 
@@ -226,7 +227,7 @@ class BlackBox {
              static_cast<std::uint64_t>(generation) * static_cast<std::uint64_t>(settings_.batch),
              fmt::format("generation {} of {}", generation + 1, meshes / plan_.samples));
       }
-      evolution.add(rows_[starts_.size() + static_cast<std::size_t>(i)].loss());
+      evolution.add(rows_[starts_.size() + as_size(i)].loss());
     }
     TexturedMesh arrived = made(evolution.centre());
     const double value = stepper.judge(arrived, sample_, kSampleWorlds, &stages_).loss();
@@ -273,7 +274,7 @@ class BlackBox {
       const JsonFields json(file_, known, kAgain);
       json.object("identity");
       check_identity(file_, known.at("identity"), identity_);
-      rows_ = read_losses(json, static_cast<std::size_t>(json.count("iteration", kMostIterations)));
+      rows_ = read_losses(json, as_size(json.count("iteration", kMostIterations)));
       if (known.value("program", nlohmann::json()) != program_identity())
         spdlog::warn("{}: {} meshes were looked at by another program or on another processor",
                      file_.string(), rows_.size());
@@ -304,7 +305,7 @@ class BlackBox {
     rows_.push_back(stepper.judge(mesh, hosts, first_world, &stages_));
     const LossRow& row = rows_.back();
     progress_.update(
-        static_cast<std::size_t>(queries(std::ssize(rows_))),
+        as_size(queries(std::ssize(rows_))),
         fmt::format("{}  loss {:.3f}  hidden {} of {} found", what, row.loss(), row.hidden, row.found));
     if (timer_.due(std::ssize(rows_))) save();
   }
@@ -358,8 +359,7 @@ MeshModes::MeshModes(const TexturedMesh& start, const AdversaryLimits& limits, A
       const Vec2d b = (triangle.corners[0] + triangle.corners[1] + triangle.corners[2]) / 3;
       const auto corners = start.mesh.corners(start.mesh.faces[f]);
       const Vec3d centre = b[0] * corners[0] + b[1] * corners[1] + (1 - b[0] - b[1]) * corners[2];
-      paint_[f * start.atlas.per_face() + static_cast<std::size_t>(triangle.texel)] =
-          modes(place(centre), Axis::colour);
+      paint_[f * start.atlas.per_face() + as_size(triangle.texel)] = modes(place(centre), Axis::colour);
     }
 }
 
@@ -376,7 +376,7 @@ TexturedMesh MeshModes::mesh(std::span<const double> numbers) const {
   }
   if (warps_)
     for (int c = 0; c < 3; ++c) {
-      const auto axis = static_cast<std::size_t>(c);
+      const auto axis = as_size(c);
       for (std::size_t i = 0; i < warp_.size(); ++i)
         made.mesh.vertices[i][c] += kWarp * limits_.half[c] * sum(at, warp_[i][axis]);
       at += std::ssize(warp_.front()[axis]);

@@ -12,6 +12,7 @@
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/names.h"
+#include "base/sizes.h"
 #include "geometry/solid.h"
 
 namespace mirage {
@@ -94,7 +95,7 @@ std::vector<Vec3d> patches_of_profile(const std::string& bytes, const fs::path& 
   std::vector<Vec3d> patches;
   for (int inks = 0; inks < 16; ++inks) {
     std::array<double, 4> cmyk;
-    for (int k = 0; k < 4; ++k) cmyk[static_cast<std::size_t>(k)] = inks >> k & 1 ? 100 : 0;
+    for (int k = 0; k < 4; ++k) cmyk[as_size(k)] = inks >> k & 1 ? 100 : 0;
     cmsCIEXYZ xyz{};
     cmsDoTransform(transform.get(), cmyk.data(), &xyz, 1);
     patches.emplace_back(xyz.X, xyz.Y, xyz.Z);
@@ -232,7 +233,7 @@ void print(TexturedMesh& adversary, const BuildableSettings& settings) {
 std::vector<int> offenders(const Mesh& mesh, double min_thickness) {
   std::vector<int> vertices;
   const auto add = [&](int face) {
-    const Face& f = mesh.faces[static_cast<std::size_t>(face)];
+    const Face& f = mesh.faces[as_size(face)];
     vertices.insert(vertices.end(), {f[0], f[1], f[2]});
   };
   for (const auto& pair : intersecting_faces(mesh)) {
@@ -266,8 +267,7 @@ double base_area(const Mesh& mesh) {
   double area = 0;
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
     const Face& face = mesh.faces[f];
-    if (std::ranges::all_of(face,
-                            [&](int v) { return mesh.vertices[static_cast<std::size_t>(v)].z() <= floor; }))
+    if (std::ranges::all_of(face, [&](int v) { return mesh.vertices[as_size(v)].z() <= floor; }))
       area += normals[f].norm() / 2;
   }
   return area;
@@ -283,9 +283,9 @@ void thicken(Mesh& mesh, const Mesh& before, double least, const AdversaryLimits
     for (std::size_t f = 0; f < face_walls.size(); ++f) {
       if (face_walls[f].thickness >= least) continue;
       thin = true;
-      for (const std::size_t side : {f, static_cast<std::size_t>(face_walls[f].opposite)})
+      for (const std::size_t side : {f, as_size(face_walls[f].opposite)})
         for (const int v : mesh.faces[side]) {
-          double& most = lack[static_cast<std::size_t>(v)];
+          double& most = lack[as_size(v)];
           most = std::max(most, least - face_walls[f].thickness);
         }
     }
@@ -293,7 +293,7 @@ void thicken(Mesh& mesh, const Mesh& before, double least, const AdversaryLimits
     std::vector<Vec3d> normals(mesh.vertices.size(), Vec3d::Zero());
     const std::vector<Vec3d> of_faces = face_normals(mesh);
     for (std::size_t f = 0; f < of_faces.size(); ++f)
-      for (const int v : mesh.faces[f]) normals[static_cast<std::size_t>(v)] += of_faces[f];
+      for (const int v : mesh.faces[f]) normals[as_size(v)] += of_faces[f];
     for (std::size_t i = 0; i < lack.size(); ++i)
       if (lack[i] > 0 && normals[i].norm() > 0)
         mesh.vertices[i] = (mesh.vertices[i] + 0.5 * lack[i] * normals[i].normalized())
@@ -310,7 +310,7 @@ void take_back(Mesh& mesh, const std::vector<Vec3d>& old, double min_thickness) 
   for (bool moved = true; moved;) {
     moved = false;
     for (const int i : offenders(mesh, min_thickness)) {
-      const auto k = static_cast<std::size_t>(i);
+      const auto k = as_size(i);
       if (returned[k] >= 2) continue;
       mesh.vertices[k] = returned[k]++ == 0 ? Vec3d((mesh.vertices[k] + old[k]) / 2) : old[k];
       moved = true;

@@ -12,6 +12,7 @@
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/provenance.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -59,7 +60,7 @@ void read_mesh(const JsonFields& json, const AdversaryLimits& limits, TexturedMe
 
 void read_held_out(const JsonFields& json, const AdversaryLimits& limits, AttackState& state) {
   HeldOutRecord& held = state.held_out;
-  const std::size_t count = json.list("iterations", static_cast<std::size_t>(state.iteration) + 1).size();
+  const std::size_t count = json.list("iterations", as_size(state.iteration) + 1).size();
   if (count == 0) json.fail("iterations", "is empty");
   long before = -1;
   for (const double at : json.numbers("iterations", count, 0, static_cast<double>(state.iteration))) {
@@ -69,7 +70,7 @@ void read_held_out(const JsonFields& json, const AdversaryLimits& limits, Attack
   held.values = json.numbers("values", count, -kAny, kAny);
   const auto lowest = std::min_element(held.values.begin(), held.values.end());
   held.best = *lowest;
-  held.best_iteration = held.iterations[static_cast<std::size_t>(lowest - held.values.begin())];
+  held.best_iteration = held.iterations[as_size(lowest - held.values.begin())];
   if (json.integer("best_iteration", 0, state.iteration) != held.best_iteration)
     json.fail("best_iteration", "is not that of the lowest value");
   held.mesh = state.adversary;
@@ -232,7 +233,7 @@ AttackState read_checkpoint(const std::filesystem::path& file, const RunIdentity
   read_adam(json.object("adam_vertices"), size_alone ? 3 : 3 * vertices.size(), state.iteration,
             state.vertices);
   read_adam(json.object("adam_texels"), 3 * texels.size(), state.iteration, state.texels);
-  state.losses = read_losses(json, static_cast<std::size_t>(state.iteration));  // one a step
+  state.losses = read_losses(json, as_size(state.iteration));  // one a step
   if (json.has("held_out")) read_held_out(json.object("held_out"), limits, state);
   if (json.has("rendered")) {
     const JsonFields rendered = json.object("rendered");

@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/names.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "frames/frame_store.h"
 #include "frames/made_of.h"
 #include "scene/data/read_frames.h"
@@ -72,8 +73,8 @@ std::vector<WorseVehicle> worse_of(const std::vector<Pair>& pairs, const std::ve
   std::vector<WorseVehicle> worse;
   for (const auto& [first, second] : pairs)
     if (vanished().finds(*first, false) && !vanished().finds(*second, false))
-      worse.push_back({first->id, objects.at(static_cast<std::size_t>(first->mesh)), first->range,
-                       first->attacked_score, second->clean_score});
+      worse.push_back({first->id, objects.at(as_size(first->mesh)), first->range, first->attacked_score,
+                       second->clean_score});
   std::stable_sort(worse.begin(), worse.end(),
                    [](const WorseVehicle& a, const WorseVehicle& b) { return a.range < b.range; });
   return worse;

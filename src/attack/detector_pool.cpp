@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/sizes.h"
 #include "detection/process_detector.h"
 
 namespace mirage {
@@ -9,7 +10,7 @@ namespace mirage {
 namespace {
 
 std::size_t wanted(int most) {
-  return static_cast<std::size_t>(std::min(most, thread_count()));
+  return as_size(std::min(most, thread_count()));
 }
 
 }  // namespace

@@ -15,6 +15,7 @@
 #include "base/files.h"
 #include "base/logging.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "detection/average_precision.h"
 #include "scene/data/kitti_rows.h"
@@ -108,7 +109,7 @@ struct Followed {
   std::vector<int> labels;          ///< by place in that frame
 
   const BevBox& box(const DriveScene& scene, std::size_t i) const {
-    return scene.frames()[frames[i]].labels[static_cast<std::size_t>(labels[i])].box.bev;
+    return scene.frames()[frames[i]].labels[as_size(labels[i])].box.bev;
   }
 };
 
@@ -372,9 +373,7 @@ void add_track_frames(const DriveScene& scene, const std::array<double, 4>& regi
     }
     frame.similarity = Eigen::MatrixXd::NullaryExpr(
         static_cast<Eigen::Index>(boxes.size()), static_cast<Eigen::Index>(tracks.size()),
-        [&](Eigen::Index t, Eigen::Index k) {
-          return iou(boxes[static_cast<std::size_t>(t)], tracks[static_cast<std::size_t>(k)]);
-        });
+        [&](Eigen::Index t, Eigen::Index k) { return iou(boxes[as_size(t)], tracks[as_size(k)]); });
     frames.push_back(std::move(frame));
   }
 }
@@ -383,7 +382,7 @@ void add_track_frames(const DriveScene& scene, const std::array<double, 4>& regi
 LeftOut left_out_of(const PlaceChoice& place, const DriveScene& scene, const Followed& vehicle) {
   for (std::size_t i = 0; i < vehicle.frames.size(); ++i) {
     const std::vector<Label>& labels = scene.frames()[vehicle.frames[i]].labels;
-    const Carrier carrier{.label = labels[static_cast<std::size_t>(vehicle.labels[i])]};
+    const Carrier carrier{.label = labels[as_size(vehicle.labels[i])]};
     const LeftOut why = placement_of(place, carrier, labels).left_out;
     if (why != LeftOut::no) return why;
   }
@@ -431,7 +430,7 @@ std::vector<Sights> DriveScene::see(const std::vector<Pass>& passes,
                                     const std::function<void()>& frame_done) const {
   std::vector<Sights> sights(passes.size(), Sights(frames_.size()));
   std::vector<std::vector<Lazy<Sweep>>> sweeps(passes.size());
-  const auto reach = static_cast<std::size_t>(request_.settings.sweeps);
+  const auto reach = as_size(request_.settings.sweeps);
   const auto sweep_of = [this](const Pass& pass, std::size_t i) {
     const auto prepared = store_.get(frames_[i].id);
     const Carrier* carrier = (*pass.riders)[i].carrier;
@@ -473,7 +472,7 @@ std::vector<Sights> DriveScene::see(const std::vector<Pass>& passes,
 
 /// Returns of the frame and of those before it, in its `velo`.
 Sweep DriveScene::merged(std::size_t i, const std::vector<Lazy<Sweep>>& sweeps) const {
-  const std::size_t first = i + 1 - std::min(i + 1, static_cast<std::size_t>(request_.settings.sweeps));
+  const std::size_t first = i + 1 - std::min(i + 1, as_size(request_.settings.sweeps));
   Sweep together;
   for (std::size_t k = first; k <= i; ++k) {
     const Transform moved = frames_[i].moment.world_from_ego.inverse() * frames_[k].moment.world_from_ego;

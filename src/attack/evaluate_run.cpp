@@ -11,6 +11,7 @@
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "detection/detector_settings.h"
 #include "frames/made_of.h"
 #include "scene/data/read_frames.h"
@@ -133,7 +134,7 @@ void check_request(const EvaluationRequest& request) {
 
 /// The outcomes of one of several meshes (evaluate() puts a mesh after the other).
 Evaluation of_mesh(const Evaluation& all, std::size_t mesh) {
-  const std::size_t count = all.hosts.size() / static_cast<std::size_t>(all.meshes);
+  const std::size_t count = all.hosts.size() / as_size(all.meshes);
   const auto begin = all.hosts.begin() + static_cast<std::ptrdiff_t>(mesh * count);
   std::vector<HostOutcome> hosts(begin, begin + static_cast<std::ptrdiff_t>(count));
   for (HostOutcome& host : hosts) host.mesh = 0;

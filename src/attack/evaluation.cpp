@@ -20,6 +20,7 @@
 #include "base/logging.h"
 #include "base/random.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "detection/detect.h"
 #include "frames/frame_cache.h"
 #include "frames/frame_store.h"
@@ -102,8 +103,8 @@ std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& da
     const std::vector<Label> labels = read_annotations(data, frame).labels;
     const auto vehicles = generator::true_vehicles(source->seed, *index, mount, source->look);
     for (const HostId* id : ids) {
-      if (id->label < 0 || static_cast<std::size_t>(id->label) >= labels.size()) continue;
-      const Label& label = labels[static_cast<std::size_t>(id->label)];
+      if (id->label < 0 || as_size(id->label) >= labels.size()) continue;
+      const Label& label = labels[as_size(id->label)];
       const auto* vehicle = generator::find_vehicle(vehicles, label.type, label.box);
       if (vehicle != nullptr && !vehicle->kind.empty()) kinds[host_name(*id)] = vehicle->kind;
     }
@@ -246,7 +247,7 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> c
   outcome.id = id;
   outcome.victim = boxes.victim.value_or(-1);
   const HostId judged{id.frame, boxes.victim.value_or(id.label)};
-  const Label& label = boxes.own ? *boxes.own : frame.labels[static_cast<std::size_t>(judged.label)];
+  const Label& label = boxes.own ? *boxes.own : frame.labels[as_size(judged.label)];
   const HostTruth recorded = boxes.plain ? HostTruth::of_object(frame, *boxes.plain, settings.matching)
                                          : HostTruth(frame, label, settings.matching);
   const HostTruth truth =
@@ -453,29 +454,28 @@ nlohmann::json to_json(const Evaluation& evaluation) {
   };
   add_curve("clean", evaluation.recall_clean);
   add_curve("attacked", evaluation.recall_attacked);
-  nlohmann::json json = {
-      {"vehicles", evaluation.vehicles},
-      {"hosts", evaluation.hosts.size() / static_cast<std::size_t>(std::max(1, evaluation.meshes))},
-      {"clusters", to_json(evaluation.clusters)},
-      {"rooftops", to_json(evaluation.rooftops)},
-      {"fn_asr", evaluation.fn_asr},
-      {"fp_asr", evaluation.fp_asr},
-      {"asr", evaluation.asr},
-      {"intervals",
-       {{"confidence", kConfidence},
-        {"fn_asr", to_json(evaluation.fn_interval)},
-        {"fp_asr", to_json(evaluation.fp_interval)},
-        {"asr", to_json(evaluation.asr_interval)}}},
-      {"at_iou_50",
-       {{"vehicles", evaluation.vehicles50},
-        {"fn_asr", to_json(evaluation.at50.fn_asr)},
-        {"fp_asr", to_json(evaluation.at50.fp_asr)},
-        {"asr", to_json(evaluation.at50.asr)}}},
-      {"hidden", to_json(evaluation.hiding)},
-      {"recall_iou", recall},
-      {"strata", to_json(evaluation.strata)},
-      {"false_positives", false_positives_json(evaluation.hosts)},
-      {"outcomes", outcomes_json(evaluation.hosts, evaluation.meshes)}};
+  nlohmann::json json = {{"vehicles", evaluation.vehicles},
+                         {"hosts", evaluation.hosts.size() / as_size(std::max(1, evaluation.meshes))},
+                         {"clusters", to_json(evaluation.clusters)},
+                         {"rooftops", to_json(evaluation.rooftops)},
+                         {"fn_asr", evaluation.fn_asr},
+                         {"fp_asr", evaluation.fp_asr},
+                         {"asr", evaluation.asr},
+                         {"intervals",
+                          {{"confidence", kConfidence},
+                           {"fn_asr", to_json(evaluation.fn_interval)},
+                           {"fp_asr", to_json(evaluation.fp_interval)},
+                           {"asr", to_json(evaluation.asr_interval)}}},
+                         {"at_iou_50",
+                          {{"vehicles", evaluation.vehicles50},
+                           {"fn_asr", to_json(evaluation.at50.fn_asr)},
+                           {"fp_asr", to_json(evaluation.at50.fp_asr)},
+                           {"asr", to_json(evaluation.at50.asr)}}},
+                         {"hidden", to_json(evaluation.hiding)},
+                         {"recall_iou", recall},
+                         {"strata", to_json(evaluation.strata)},
+                         {"false_positives", false_positives_json(evaluation.hosts)},
+                         {"outcomes", outcomes_json(evaluation.hosts, evaluation.meshes)}};
   if (!evaluation.against_grown.empty())
     json["grown"] = grown_json(evaluation.against_grown, evaluation.meshes);
   return json;

@@ -9,6 +9,7 @@
 #include <opencv2/core.hpp>
 
 #include "base/error.h"
+#include "base/sizes.h"
 #include "base/types.h"
 
 namespace mirage {
@@ -44,15 +45,13 @@ std::vector<int> clusters_of(const std::vector<Vec3d>& texels, int count) {
   cv::Mat colours(static_cast<int>(texels.size()), 3, CV_32F), labels(colours.rows, 1, CV_32S);
   std::vector<int> by_luminance(texels.size());
   for (int i = 0; i < colours.rows; ++i) {
-    by_luminance[static_cast<std::size_t>(i)] = i;
-    for (int c = 0; c < 3; ++c)
-      colours.at<float>(i, c) = static_cast<float>(texels[static_cast<std::size_t>(i)][c]);
+    by_luminance[as_size(i)] = i;
+    for (int c = 0; c < 3; ++c) colours.at<float>(i, c) = static_cast<float>(texels[as_size(i)][c]);
   }
-  std::stable_sort(by_luminance.begin(), by_luminance.end(), [&](int a, int b) {
-    return texels[static_cast<std::size_t>(a)].sum() < texels[static_cast<std::size_t>(b)].sum();
-  });
+  std::stable_sort(by_luminance.begin(), by_luminance.end(),
+                   [&](int a, int b) { return texels[as_size(a)].sum() < texels[as_size(b)].sum(); });
   for (int k = 0; k < colours.rows; ++k)
-    labels.at<int>(by_luminance[static_cast<std::size_t>(k)]) =
+    labels.at<int>(by_luminance[as_size(k)]) =
         static_cast<int>(static_cast<std::int64_t>(k) * count / colours.rows);
   constexpr int kRounds = 20;
   if (count > 1)
@@ -66,11 +65,11 @@ void average(const std::vector<int>& cluster, std::vector<Vec3d>& values) {
   std::vector<Vec3d> sum(cluster.size(), Vec3d::Zero());
   std::vector<double> count(cluster.size(), 0);
   for (std::size_t i = 0; i < values.size(); ++i) {
-    sum[static_cast<std::size_t>(cluster[i])] += values[i];
-    ++count[static_cast<std::size_t>(cluster[i])];
+    sum[as_size(cluster[i])] += values[i];
+    ++count[as_size(cluster[i])];
   }
   for (std::size_t i = 0; i < values.size(); ++i) {
-    const auto k = static_cast<std::size_t>(cluster[i]);
+    const auto k = as_size(cluster[i]);
     values[i] = sum[k] / count[k];
   }
 }

@@ -10,6 +10,7 @@
 #include "attack/evaluation.h"
 #include "base/error.h"
 #include "base/intervals.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -41,7 +42,7 @@ BoxHabits box_habits(const std::vector<CleanFrame>& frames) {
             return std::hypot(p.box.bev.x - label.x, p.box.bev.y - label.y) < kNear;
           });
       if (found == frame.proposals.end()) continue;
-      taken[static_cast<std::size_t>(found - frame.proposals.begin())] = true;
+      taken[as_size(found - frame.proposals.begin())] = true;
       const BevBox& box = found->box.bev;
       length.push_back(box.length), label_length.push_back(label.length);
       width.push_back(box.width), label_width.push_back(label.width);

@@ -10,6 +10,7 @@
 #include <numbers>
 #include <numeric>
 
+#include "base/sizes.h"
 #include "detection/average_precision.h"
 #include "scene/data/kitti_rows.h"
 
@@ -211,7 +212,7 @@ Distribution distribution(const std::vector<double>& values, std::vector<double>
   result.counts.assign(edges.size() - 1, 0);
   for (const double value : values) {
     const auto above = std::upper_bound(edges.begin(), edges.end() - 1, value);
-    ++result.counts[static_cast<std::size_t>(std::max<std::ptrdiff_t>(0, above - edges.begin() - 1))];
+    ++result.counts[as_size(std::max<std::ptrdiff_t>(0, above - edges.begin() - 1))];
   }
   if (!values.empty()) {
     result.median = quantile(values, 0.5);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/sizes.h"
+
 namespace mirage {
 namespace {
 
@@ -55,9 +57,7 @@ ObjectiveValue objective(std::span<const Detection> proposals, const HostTruth& 
     }
   }
   if (settings.fp_top_k > 0)
-    for (const std::size_t i :
-         top_background(proposals, truth, clean, static_cast<std::size_t>(settings.fp_top_k)))
-      reward(i);
+    for (const std::size_t i : top_background(proposals, truth, clean, as_size(settings.fp_top_k))) reward(i);
   return value;
 }
 

@@ -21,6 +21,7 @@
 #include "base/logging.h"
 #include "base/ranks.h"
 #include "base/schedule.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -63,7 +64,7 @@ class Portfolio {
         identity_(run.identity),
         sights_(run.sights),
         timer_(settings_.checkpoint),
-        progress_("attack", static_cast<std::size_t>(settings_.iterations), settings_.quiet) {
+        progress_("attack", as_size(settings_.iterations), settings_.quiet) {
     identity_.json["iterations"] = settings_.iterations;
     identity_.json["recipe"] = kRecipe;
     std::vector<HostId> held;
@@ -86,7 +87,7 @@ class Portfolio {
         [](const Candidate& a, const Candidate& b) { return a.state.held_out.best < b.state.held_out.best; });
     outcome.state = best->state;
     outcome.state.adversary = best->state.held_out.mesh;
-    outcome.report = report(static_cast<std::size_t>(best - candidates_.begin()));
+    outcome.report = report(as_size(best - candidates_.begin()));
     outcome.stages = stages_;
     outcome.steps = spent();
     spdlog::info("candidate {} is chosen: {}, {:.4f} on {} vehicles held out", best - candidates_.begin(),
@@ -168,7 +169,7 @@ class Portfolio {
     const TexturedMesh cuboid = filling_shape(Baseline::cuboid, settings_.limits, settings_.buildable);
     const MeshModes modes(cuboid, settings_.limits, AttackParts::shape, false);
     Evolution method(modes.size(), kShapesAGeneration, settings_.seed);
-    const auto total = static_cast<std::size_t>(budget_.generations) * kShapesAGeneration;
+    const auto total = as_size(budget_.generations) * kShapesAGeneration;
     const auto shape = [&](const std::vector<double>& numbers) {
       TexturedMesh mesh = modes.mesh(numbers);
       if (settings_.buildable.on) keep_buildable(mesh, cuboid, settings_.buildable, settings_.limits);
@@ -185,7 +186,7 @@ class Portfolio {
       lowest = std::min(lowest, shapes_[i]);
       method.add(shapes_[i]);
       spent_ = budget_.search * static_cast<long>(i + 1) / static_cast<long>(total);
-      progress_.update(static_cast<std::size_t>(spent_), fmt::format("search {:.4f}", lowest));
+      progress_.update(as_size(spent_), fmt::format("search {:.4f}", lowest));
       if ((i + 1) % kShapesAGeneration == 0)
         spdlog::info("search, generation {} of {}: the lowest objective so far is {:.4f}",
                      (i + 1) / kShapesAGeneration, budget_.generations, lowest);
@@ -270,7 +271,7 @@ class Portfolio {
       c.state.vertices.learning_rate = decay * c.settings.vertex_rate;
       c.state.texels.learning_rate = decay * c.settings.texel_rate;
       const LossRow row = c.stepper->step(c.state, &stages_);
-      progress_.update(static_cast<std::size_t>(spent()),
+      progress_.update(as_size(spent()),
                        fmt::format("{} loss {:.3f} (hide {:.3f})", c.start, row.loss(), row.hide));
       if (timer_.due(c.state.iteration)) save(c);
     }

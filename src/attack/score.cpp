@@ -12,6 +12,7 @@
 #include "base/files.h"
 #include "base/logging.h"
 #include "base/names.h"
+#include "base/sizes.h"
 #include "detection/audit.h"
 #include "generator/dataset.h"
 #include "scene/data/data_rig.h"
@@ -134,10 +135,10 @@ std::vector<std::string> answer_of(const Score& score, std::size_t levels) {
 void generate(const std::string& rig, std::uint64_t seed, int frames, const char* field,
               const ScoreRequest& request, const fs::path& folder) {
   if (frames < 2) throw FieldError(field, std::to_string(frames), "is too few", "use at least 2");
-  Progress progress("generate", static_cast<std::size_t>(frames), request.quiet);
+  Progress progress("generate", as_size(frames), request.quiet);
   generate_dataset(read_rig(rig_file(rig)), seed, 0, frames, folder,
                    [&](std::size_t done) { progress.update(done); });
-  if (const std::size_t there = list_frames(folder).size(); there != static_cast<std::size_t>(frames))
+  if (const std::size_t there = list_frames(folder).size(); there != as_size(frames))
     throw FieldError(field, std::to_string(frames), fmt::format("but {} holds {}", folder.string(), there),
                      "ask for as many, or use another --out");
 }
@@ -229,7 +230,7 @@ Score score_outcomes(std::span<const HostOutcome> hosts, const std::vector<Score
     std::vector<HostOutcome> of_row;
     std::vector<const HostOutcome*> by_each;
     for (const HostOutcome& host : hosts)
-      if (objects.at(static_cast<std::size_t>(host.mesh)).row == object.row) {
+      if (objects.at(as_size(host.mesh)).row == object.row) {
         of_row.push_back(host);
         by_each.push_back(&host);
       }
@@ -254,7 +255,7 @@ Score score_outcomes(std::span<const HostOutcome> hosts, const std::vector<Score
         more = std::max(more, static_cast<double>(*cell.needed) / cell.bound.vehicles);
   }
   if (more > 0) score.frames_needed = planned(more * static_cast<double>(frames));
-  if (!adaptive) levels = std::min<std::size_t>(levels, static_cast<std::size_t>(ObjectLevel::learned));
+  if (!adaptive) levels = std::min<std::size_t>(levels, as_size(ObjectLevel::learned));
   if (adaptive) score.grade = grade_of(levels);
   score.answer = answer_of(score, levels);
   return score;

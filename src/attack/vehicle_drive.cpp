@@ -34,8 +34,7 @@ Transform usual_roof(const std::vector<RideFrame>& frames) {
   for (const auto& [moment, carrier] : frames) {
     if (carrier.from_box && !none) continue;
     const Transform roof = velo_from_box(carrier.label.box).inverse() * carrier.velo_from_roof;
-    for (int axis = 0; axis < 3; ++axis)
-      values[static_cast<std::size_t>(axis)].push_back(roof.translation()[axis]);
+    for (int axis = 0; axis < 3; ++axis) values[as_size(axis)].push_back(roof.translation()[axis]);
     values[3].push_back(heading_of(roof));
   }
   std::array<double, 4> usual{};
@@ -376,7 +375,7 @@ VehicleDrive read_vehicle_drive(const JsonFields& json) {
   const JsonFields roof = json.object("roof"), strip = json.object("strip");
   vehicle.roof.fitted = roof.count("fitted", kMostOfDrive);
   for (const auto& [key, number] : kRideNumbers) vehicle.roof.*number = roof.number(key, 0, Range::kMost);
-  const auto count = static_cast<std::size_t>(json.count("frames", kMostOfDrive));
+  const auto count = as_size(json.count("frames", kMostOfDrive));
   vehicle.frames.resize(count);
   const std::vector<double> index = strip.numbers("index", count, 0, kMostOfDrive);
   for (std::size_t i = 0; i < count; ++i) vehicle.frames[i].index = static_cast<int>(index[i]);

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "base/json_fields.h"
+#include "base/sizes.h"
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
 #include "scene/carrier.h"
@@ -81,9 +82,9 @@ template <class T>
 struct ByVersion : std::array<T, kDriveVersions.size()> {
   using std::array<T, kDriveVersions.size()>::operator[];
   /// The version's value.
-  T& operator[](DriveVersion version) { return (*this)[static_cast<std::size_t>(version)]; }
+  T& operator[](DriveVersion version) { return (*this)[as_size(version)]; }
   /// The same, to read.
-  const T& operator[](DriveVersion version) const { return (*this)[static_cast<std::size_t>(version)]; }
+  const T& operator[](DriveVersion version) const { return (*this)[as_size(version)]; }
 };
 /// {clean, attacked, random} of of(version).
 template <class Of>

@@ -7,6 +7,7 @@
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/names.h"
+#include "base/sizes.h"
 #include "exchange/mesh_files.h"
 
 namespace mirage {
@@ -142,9 +143,9 @@ TexturedMesh resampled(const TexturedMesh& mesh, int resolution) {
       const Vec2d b = (sample.corners[0] + sample.corners[1] + sample.corners[2]) / 3;
       const Vec2d at =
           b.x() * target.corners[0] + b.y() * target.corners[1] + (1 - b.x() - b.y()) * target.corners[2];
-      const auto from = static_cast<std::size_t>(texel_index(at.x(), at.y(), atlas.resolution));
+      const auto from = as_size(texel_index(at.x(), at.y(), atlas.resolution));
       for (std::size_t f = 0; f < faces; ++f)
-        result.texels[f * result.per_face() + static_cast<std::size_t>(target.texel)] +=
+        result.texels[f * result.per_face() + as_size(target.texel)] +=
             atlas.texels[f * atlas.per_face() + from] / static_cast<double>(within.size());
     }
   return {mesh.mesh, std::move(result)};

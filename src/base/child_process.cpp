@@ -22,6 +22,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/schedule.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -199,7 +200,7 @@ bool ChildProcess::write_line(const std::string& line) {
     const ssize_t n = ::send(socket_, bytes.data() + sent, bytes.size() - sent, MSG_NOSIGNAL);
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) return false;
-    sent += static_cast<std::size_t>(n);
+    sent += as_size(n);
   }
   return true;
 }
@@ -229,7 +230,7 @@ ChildProcess::Read ChildProcess::read_line(std::string& line, double seconds, do
     const ssize_t n = ::recv(socket_, chunk, sizeof chunk, 0);
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) return Read::lost;
-    buffer_.append(chunk, static_cast<std::size_t>(n));
+    buffer_.append(chunk, as_size(n));
   }
 }
 

@@ -11,6 +11,7 @@
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/names.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -46,7 +47,7 @@ class AsciiWriter {
 
   [[noreturn]] void refuse(const std::string& problem) const {
     const auto line = 1 + std::count(text_.begin(), text_.begin() + static_cast<std::ptrdiff_t>(at_), '\n');
-    refuse_toml(name_, static_cast<std::size_t>(line), problem);
+    refuse_toml(name_, as_size(line), problem);
   }
 
   void copy(std::size_t count) {

@@ -31,6 +31,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/sizes.h"
 #include "base/types.h"
 
 namespace mirage {
@@ -122,7 +123,7 @@ concept NumberVector = std::same_as<T, Vec2d> || std::same_as<T, Vec3d>;
 /// The value's word.
 template <HasWords E>
 const char* to_word(E value) {
-  return words_of(value)[static_cast<std::size_t>(value)];
+  return words_of(value)[as_size(value)];
 }
 
 /// The place of `word` among `words`. FieldError that names them all if it is none.

@@ -21,6 +21,7 @@
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/sizes.h"
 
 namespace mirage {
 
@@ -56,7 +57,7 @@ void OpenFile::check(std::uintmax_t bytes, std::uintmax_t most) const {
 std::size_t OpenFile::read(char* to, std::size_t size) const {
   for (;;) {
     const ssize_t got = ::read(file_, to, size);
-    if (got >= 0) return static_cast<std::size_t>(got);
+    if (got >= 0) return as_size(got);
     if (errno != EINTR) fail("cannot be read to its end: ");
   }
 }
@@ -97,7 +98,7 @@ std::string read_text(const fs::path& path, std::uintmax_t most) {
 std::string read_head(const fs::path& path, std::size_t most) {
   const OpenFile file(path);
   const std::uintmax_t told = file.size();
-  most = told > 0 ? static_cast<std::size_t>(std::min<std::uintmax_t>(most, told)) : most;
+  most = told > 0 ? as_size(std::min<std::uintmax_t>(most, told)) : most;
   std::string bytes(most, '\0');
   std::size_t size = 0;
   for (std::size_t got = 1; got != 0 && size < most; size += got)
@@ -228,7 +229,7 @@ std::string own_words() {
 std::string holder(int descriptor) {
   std::array<char, 512> text{};
   const ssize_t size = ::pread(descriptor, text.data(), text.size(), 0);
-  std::string words(text.data(), size > 0 ? static_cast<std::size_t>(size) : 0);
+  std::string words(text.data(), size > 0 ? as_size(size) : 0);
   while (!words.empty() && words.back() == '\n') words.pop_back();
   return words.empty() ? "another process" : printable(words);
 }
@@ -302,7 +303,7 @@ void write_file(const fs::path& path, std::string_view bytes) {
     const ssize_t n = ::write(file, bytes.data() + written, bytes.size() - written);
     if (n < 0 && errno == EINTR) continue;
     if (n < 0) fail(file, errno);
-    written += static_cast<std::size_t>(n);
+    written += as_size(n);
   }
   if (::fsync(file) != 0 && errno != EINVAL) fail(file, errno);
   if (::close(file) != 0) fail(-1, errno);

@@ -75,7 +75,8 @@ std::string exr_claim(File& file) {
     const std::size_t type = name == 0 || name == text.npos ? text.npos : text.find('\0', name + 1);
     if (type == text.npos || type + 5 > text.size()) return "";
     std::uint32_t claimed = 0;
-    for (int i = 3; i >= 0; --i) claimed = claimed << 8 | static_cast<unsigned char>(text[type + 1 + i]);
+    for (int i = 3; i >= 0; --i)
+      claimed = claimed << 8 | static_cast<unsigned char>(text[type + 1 + as_size(i)]);
     at += type + 5;
     if (claimed > size - at)
       return fmt::format("an attribute claims {} bytes, of {} that are left", claimed, size - at);
@@ -173,7 +174,7 @@ class Picture {
   }
 
   const OIIO::ImageSpec& spec() const { return input_->spec(); }
-  std::size_t pixels() const { return static_cast<std::size_t>(spec().width) * spec().height; }
+  std::size_t pixels() const { return as_size(spec().width) * as_size(spec().height); }
   bool is_grey16() const { return spec().nchannels == 1 && spec().format == OIIO::TypeDesc::UINT16; }
   /// All of them, converted; `values` has room for pixels() × channels. OpenImageIO's own conversion sets 16
   /// MB or more aside, however small the picture, so it is left to what needs it: tiles, and channels of
@@ -182,7 +183,7 @@ class Picture {
     const OIIO::ImageSpec& is = spec();
     if (is.tile_width > 0 || !is.channelformats.empty())
       return check(input_->read_image(0, 0, 0, is.nchannels, type, values));
-    const std::size_t count = pixels() * static_cast<std::size_t>(is.nchannels);
+    const std::size_t count = pixels() * as_size(is.nchannels);
     std::vector<std::byte> raw(is.format == type ? 0 : count * is.format.size());
     check(
         input_->read_native_scanlines(0, 0, is.y, is.y + is.height, is.z, raw.empty() ? values : raw.data()));
@@ -223,7 +224,7 @@ class Picture {
     const int width = spec().width, height = spec().height, channels = spec().nchannels;
     const std::string claims = fmt::format("claims {}×{} pixels", width, height);
     if (width < 1 || height < 1 || channels < 1 || pixels() > kMostPixels ||
-        pixels() * static_cast<std::size_t>(channels) > 4 * kMostPixels)
+        pixels() * as_size(channels) > 4 * kMostPixels)
       bad(fmt::format("{}, {} channels; more than {} pixels are not read", claims, channels, kMostPixels),
           "give a smaller picture");
     if (expected.width > 0 && (width != expected.width || height != expected.height))
@@ -256,12 +257,12 @@ class Picture {
 ImageF read_linear(Picture picture) {
   const OIIO::ImageSpec& spec = picture.spec();
   const int channels = spec.nchannels;
-  std::vector<std::uint8_t> bytes(picture.pixels() * channels);
+  std::vector<std::uint8_t> bytes(picture.pixels() * as_size(channels));
   picture.read(OIIO::TypeDesc::UINT8, bytes.data());
   ImageF image(spec.width, spec.height, 3);
   for (std::size_t i = 0; i < picture.pixels(); ++i)
-    for (int c = 0; c < 3; ++c)
-      image.data[3 * i + c] = linear_level(bytes[i * channels + (channels >= 3 ? c : 0)]);
+    for (std::size_t c = 0; c < 3; ++c)
+      image.data[3 * i + c] = linear_level(bytes[i * as_size(channels) + (channels >= 3 ? c : 0)]);
   return image;
 }
 

@@ -13,6 +13,8 @@
 #include <string_view>
 #include <vector>
 
+#include "base/sizes.h"
+
 namespace mirage {
 
 /// A picture, row by row from the top, `channels` values a pixel.
@@ -27,14 +29,12 @@ struct Image {
       : width(width_),
         height(height_),
         channels(channels_),
-        data(static_cast<std::size_t>(width_) * height_ * channels_, fill) {}
+        data(as_size(width_) * as_size(height_) * as_size(channels_), fill) {}
 
   /// The channels of column u, row v; not checked.
-  T* pixel(int u, int v) { return data.data() + (static_cast<std::size_t>(v) * width + u) * channels; }
+  T* pixel(int u, int v) { return data.data() + (as_size(v) * as_size(width) + as_size(u)) * as_size(channels); }
   /// The channels of column u, row v; not checked.
-  const T* pixel(int u, int v) const {
-    return data.data() + (static_cast<std::size_t>(v) * width + u) * channels;
-  }
+  const T* pixel(int u, int v) const { return data.data() + (as_size(v) * as_size(width) + as_size(u)) * as_size(channels); }
   /// Channel c of column u, row v; not checked.
   T& at(int u, int v, int c = 0) { return pixel(u, v)[c]; }
   /// Channel c of column u, row v; not checked.

@@ -36,6 +36,7 @@
 
 #include "base/fields.h"
 #include "base/json_fields.h"
+#include "base/sizes.h"
 
 namespace mirage {
 
@@ -157,12 +158,11 @@ T lower_quantile(std::vector<T> values, double p) {
 template <class Item, class GroupOf>
 std::vector<int> group_together(std::vector<Item>& items, std::size_t groups, const GroupOf& group_of) {
   std::vector<int> first(groups + 1, 0);
-  for (const Item& item : items) ++first[static_cast<std::size_t>(group_of(item)) + 1];
+  for (const Item& item : items) ++first[as_size(group_of(item)) + 1];
   for (std::size_t i = 1; i < first.size(); ++i) first[i] += first[i - 1];
   std::vector<Item> grouped(items.size());
   std::vector<int> next(first.begin(), first.end() - 1);
-  for (const Item& item : items)
-    grouped[static_cast<std::size_t>(next[static_cast<std::size_t>(group_of(item))]++)] = item;
+  for (const Item& item : items) grouped[as_size(next[as_size(group_of(item))]++)] = item;
   items = std::move(grouped);
   return first;
 }

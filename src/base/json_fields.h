@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "base/fields.h"
+#include "base/sizes.h"
 
 namespace mirage {
 
@@ -317,7 +318,7 @@ class JsonReader {
       value = field.endless && json.is_null(name) ? std::numeric_limits<T>::infinity()
                                                   : static_cast<T>(json.number(name, low, high));
     } else if constexpr (NumberVector<T>) {
-      value = T(json.numbers(name, static_cast<std::size_t>(value.size()), low, high).data());
+      value = T(json.numbers(name, as_size(value.size()), low, high).data());
     } else if constexpr (kIsList<T>) {
       value.clear();
       for (const nlohmann::json& entry : json.list(name, kMostListed)) {

@@ -13,6 +13,7 @@
 #include <fstream>
 
 #include "base/error.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -58,8 +59,7 @@ int scalable_allocation_mode(int mode, std::intptr_t value) __attribute__((weak)
 namespace mirage {
 
 std::size_t machine_memory() {
-  std::size_t bytes =
-      static_cast<std::size_t>(::sysconf(_SC_PHYS_PAGES)) * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+  std::size_t bytes = as_size(::sysconf(_SC_PHYS_PAGES)) * as_size(::sysconf(_SC_PAGESIZE));
   // "0::/path" of the second version of control groups; each folder above it may have a limit as well.
   std::ifstream groups("/proc/self/cgroup");
   for (std::string line; std::getline(groups, line);) {

@@ -3,6 +3,8 @@
 #include <tbb/global_control.h>
 #include <tbb/info.h>
 
+#include "base/sizes.h"
+
 namespace mirage {
 namespace {
 std::unique_ptr<tbb::global_control> control;
@@ -13,8 +15,8 @@ void set_thread_count(int threads) {
   threads_in_use = threads;
   control.reset();
   if (threads > 0)
-    control = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
-                                                    static_cast<std::size_t>(threads));
+    control =
+        std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism, as_size(threads));
 }
 
 int thread_count() {

@@ -24,7 +24,7 @@ std::uint32_t RandomStream::next_u32() {
     const r123::Philox4x32::ctr_type counter = {{counter_[0], counter_[1], counter_[2], counter_[3]}};
     const r123::Philox4x32::key_type key = {{key_[0], key_[1]}};
     const auto block = r123::Philox4x32()(counter, key);
-    for (int i = 0; i < 4; ++i) block_[i] = block[i];
+    for (std::size_t i = 0; i < 4; ++i) block_[i] = block[i];
     if (++counter_[0] == 0) ++counter_[1];
     used_ = 0;
   }

@@ -8,6 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/sizes.h"
+
 namespace mirage {
 
 // 64-bit FNV-1a: the same on every platform, unlike std::hash. Tells contents apart; no protection against
@@ -51,7 +53,7 @@ class RandomStream {
 template <class T>
 void shuffle(std::vector<T>& list, RandomStream& random) {
   for (std::size_t i = list.size(); i > 1; --i)
-    std::swap(list[i - 1], list[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
+    std::swap(list[i - 1], list[as_size(random.below(static_cast<int>(i)))]);
 }
 
 }  // namespace mirage

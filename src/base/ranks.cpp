@@ -9,6 +9,7 @@
 #include <cstdlib>
 
 #include "base/random.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -57,7 +58,7 @@ int rank_count() {
 }
 
 std::size_t ranks_here() {
-  return static_cast<std::size_t>(on_this_machine);
+  return as_size(on_this_machine);
 }
 
 AloneAmongRanks::AloneAmongRanks() {
@@ -104,14 +105,12 @@ void share_blocks(std::vector<std::vector<double>>& blocks) {
   if (rank_count() == 1) return;
   for (std::size_t k = 0; k < blocks.size(); ++k)
     MPI_Bcast(blocks[k].data(), static_cast<int>(blocks[k].size()), MPI_DOUBLE,
-              static_cast<int>(k % static_cast<std::size_t>(ranks)), MPI_COMM_WORLD);
+              static_cast<int>(k % as_size(ranks)), MPI_COMM_WORLD);
 }
 
 std::vector<std::size_t> order_among_ranks(std::size_t count,
                                            const std::function<bool(std::size_t)>& goes_on) {
-  const auto first = [&](int r) {
-    return count * static_cast<std::size_t>(r) / static_cast<std::size_t>(rank_count());
-  };
+  const auto first = [&](int r) { return count * as_size(r) / as_size(rank_count()); };
   std::vector<std::vector<std::size_t>> own, others;  // runs that stay together
   auto* part = &own;
   for (std::size_t i = 0; i < count; ++i) {

@@ -10,6 +10,7 @@
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/provenance.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -126,13 +127,13 @@ double TrainingLoop::run(const TrainingWork& work) {
   const auto start = Clock::now();
   CheckpointTimer timer(schedule_.checkpoint);
   {
-    Progress shown(work.name, static_cast<std::size_t>(schedule_.steps), schedule_.quiet);
+    Progress shown(work.name, as_size(schedule_.steps), schedule_.quiet);
     while (progress() < 1) {
       const double rate = one_cycle(schedule_.learning_rate, progress());
       follow_losses(state_, work.learn(state_.step, rate), work.follow);
       ++state_.step;
       state_.seconds = seconds_before + seconds_since(start);
-      shown.update(static_cast<std::size_t>(state_.step), work.note());
+      shown.update(as_size(state_.step), work.note());
       if (state_.step % work.tell_every == 0) work.tell(rate);
       const bool stop = schedule_.stop();
       const bool validate =

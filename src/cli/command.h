@@ -21,6 +21,7 @@
 #include "base/names.h"
 #include "base/provenance.h"
 #include "base/schedule.h"
+#include "base/sizes.h"
 #include "detection/reliance.h"
 
 namespace mirage::cli {
@@ -122,8 +123,7 @@ inline void print_table(const Rows& rows) {
 
 /// Letters of UTF-8, each a column.
 inline std::size_t columns(const std::string& text) {
-  return static_cast<std::size_t>(
-      std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xC0) != 0x80; }));
+  return as_size(std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xC0) != 0x80; }));
 }
 
 /// Rows of cells, the first row the heads.

@@ -12,6 +12,7 @@
 #include "base/files.h"
 #include "base/names.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "cli/command.h"
 #include "cli/options.h"
 #include "detection/process_detector.h"
@@ -56,7 +57,7 @@ nlohmann::json detections_json(const DetectionRun& run, const Capabilities& can)
       if (proposal.velocity)
         entry["velocity"] = {proposal.velocity->x(), proposal.velocity->y(), proposal.velocity->z()};
       if (can.types.size() > 1 || can.types.front() != kCars)
-        entry["type"] = can.types.at(static_cast<std::size_t>(proposal.type));
+        entry["type"] = can.types.at(as_size(proposal.type));
       if (proposal.identity >= 0) entry["identity"] = proposal.identity;
       if (!run.matching.in_picture() && area(proposal.picture) > 0)
         entry["picture"] = box_json(proposal.picture);

@@ -21,6 +21,7 @@
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/help.h"
@@ -67,7 +68,7 @@ void check_names(const std::vector<std::string>& arguments, const CLI::App& comm
       throw InputError(command.get_name(), name, "no such option", use_one_of(name, known));
     }
     if (name.size() == arguments[i].size())  // its values follow
-      i += static_cast<std::size_t>(std::max(0, option->get_items_expected_min()));
+      i += as_size(std::max(0, option->get_items_expected_min()));
   }
 }
 

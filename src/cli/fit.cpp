@@ -15,6 +15,7 @@
 #include "base/parallel.h"
 #include "base/provenance.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "exchange/mesh_files.h"
@@ -167,8 +168,7 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   settings.min_points = options.min_points;
   const ShapeRoofFinder finder(read_shape_model(model_file), lidar, settings);
   std::vector<std::string> ids = list_frames(options.data);
-  if (options.frames > 0 && ids.size() > static_cast<std::size_t>(options.frames))
-    ids.resize(static_cast<std::size_t>(options.frames));
+  if (options.frames > 0 && ids.size() > as_size(options.frames)) ids.resize(as_size(options.frames));
   const auto source = generator::source_of(options.data);
   FitFrameSettings frame_settings = options.frame;
   for (std::string& type : frame_settings.types) type = kitti_type(type);

@@ -7,6 +7,7 @@
 #include "base/fields.h"
 #include "base/logging.h"
 #include "base/names.h"
+#include "base/sizes.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "frames/frame_cache.h"
@@ -62,7 +63,7 @@ nlohmann::json run(const GenerateOptions& options, const Common& common) {
     throw InputError("--drives", options.truth ? "--truth" : "--depth", "is of single frames",
                      "leave it out: a drive's truth is in training/motion_02");
   const int frames = options.drives > 0 ? options.drives * frames_of_drive(options.seconds) : options.frames;
-  Progress progress("generate", static_cast<std::size_t>(frames), common.quiet);
+  Progress progress("generate", as_size(frames), common.quiet);
   const auto tell = [&](std::size_t done) { progress.update(done); };
   const auto first = static_cast<std::uint64_t>(options.start);
   const DatasetSummary sum =

@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/names.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
@@ -87,7 +88,7 @@ FoundUnit find_in(const DataSet& set, const std::vector<std::string>& ids, std::
 nlohmann::json run(const RigOptions& options, const Common& common) {
   const auto set = open_data_set(options.data);
   const std::vector<std::string> ids = set->frames();
-  const std::size_t count = std::min(ids.size(), static_cast<std::size_t>(options.sweeps));
+  const std::size_t count = std::min(ids.size(), as_size(options.sweeps));
   const auto [width, height] = set->picture_size(ids.front());
   const Calibration calibration = set->annotations(ids.front(), width, height).calibration;
   const FoundUnit found = find_in(*set, ids, count, options.data);

@@ -13,6 +13,7 @@
 #include "base/json_fields.h"
 #include "base/logging.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "base/training_loop.h"
 #include "detection/detector_settings.h"
 #include "exchange/gltf.h"
@@ -106,7 +107,7 @@ class DefenseTraining {
     const auto batch = order_->batch(step);
     const bool random = settings_.carried == Carried::random;
     const auto attacked = random || settings_.adversary_updates > 0
-                              ? static_cast<std::size_t>(std::lround(settings_.attacked * settings_.batch))
+                              ? as_size(std::lround(settings_.attacked * settings_.batch))
                               : 0;
     std::vector<PreparedSample> result(batch.size());
     parallel_for(batch.size(), [&](std::size_t i) {

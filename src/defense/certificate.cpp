@@ -12,6 +12,7 @@
 #include "base/logging.h"
 #include "base/random.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "detection/detect.h"
 #include "simulation/render_scene.h"
 
@@ -377,7 +378,7 @@ AttackedIou attacked_iou(const DetectorPool& detectors, FrameStore& store, const
   for (const HostOutcome& outcome : outcomes) {
     std::vector<double>& of = attacked[outcome.id];
     of.resize(count, -1);
-    of.at(static_cast<std::size_t>(outcome.mesh)) = outcome.attacked_iou;
+    of.at(as_size(outcome.mesh)) = outcome.attacked_iou;
   }
   for (const HostId& id : hosts)
     if (!attacked.contains(id) || std::ranges::count(attacked.at(id), -1) > 0)
@@ -489,7 +490,7 @@ CertificateResult certify(const DetectorPool& detectors, FrameStore& store, cons
           return fits(adversary, limits_of_size(settings.sizes[s]));
         }));
     if (settings.objects > 0)
-      shares.objects = result.hosts.size() * static_cast<std::size_t>(settings.objects + shares.adversaries);
+      shares.objects = result.hosts.size() * as_size(settings.objects + shares.adversaries);
     std::size_t masks = 0;
     for (const FrameWork& frame : frames) {
       shares.violations += frame.violations[s];

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/sizes.h"
+
 namespace mirage {
 namespace {
 
@@ -94,18 +96,18 @@ void fill(ImageF& image, const PixelRect& rect) {
   const auto inside = [&](int u, int v) {
     return u >= rect.u0 && u < rect.u1 && v >= rect.v0 && v < rect.v1;
   };
-  std::vector<double> sum(static_cast<std::size_t>(image.channels), 0);
+  std::vector<double> sum(as_size(image.channels), 0);
   int count = 0;
   for (int v = v0; v < v1; ++v)
     for (int u = u0; u < u1; ++u) {
       if (inside(u, v)) continue;
-      for (int c = 0; c < image.channels; ++c) sum[static_cast<std::size_t>(c)] += image.at(u, v, c);
+      for (int c = 0; c < image.channels; ++c) sum[as_size(c)] += image.at(u, v, c);
       ++count;
     }
   for (int v = rect.v0; v < rect.v1; ++v)
     for (int u = rect.u0; u < rect.u1; ++u)
       for (int c = 0; c < image.channels; ++c)
-        image.at(u, v, c) = count > 0 ? static_cast<float>(sum[static_cast<std::size_t>(c)] / count) : 0.18f;
+        image.at(u, v, c) = count > 0 ? static_cast<float>(sum[as_size(c)] / count) : 0.18f;
 }
 
 }  // namespace

@@ -18,6 +18,7 @@
 #include "base/parallel.h"
 #include "base/random.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "detection/car_in_picture.h"
 #include "scene/data/read_frames.h"
@@ -86,7 +87,7 @@ std::vector<LidarPoint> thinned(std::span<const LidarPoint> points, const LidarM
   std::vector<int> drawn(all.begin(), all.end());
   std::erase(drawn, -1);
   shuffle(drawn, random);
-  drawn.resize(std::min<std::size_t>(drawn.size(), static_cast<std::size_t>(count)));
+  drawn.resize(std::min<std::size_t>(drawn.size(), as_size(count)));
   std::vector<LidarPoint> result;
   for (std::size_t i = 0; i < points.size(); ++i)
     if (std::find(drawn.begin(), drawn.end(), beam[i]) != drawn.end()) result.push_back(points[i]);

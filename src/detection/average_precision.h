@@ -42,7 +42,7 @@ struct TruthBoxes {
   std::vector<double> distance = {};          ///< m from the `velo` origin to each of `boxes`
   std::vector<int> tracks = {};               ///< identity of each of `boxes` (Label::track); empty: unknown
   /// In `labels`: a vehicle that ground-truth sampling pasted.
-  static constexpr std::size_t kPasted = static_cast<std::size_t>(-1);
+  static constexpr std::size_t kPasted = std::numeric_limits<std::size_t>::max();
 };
 
 /// What must be found in space, and what in the picture.

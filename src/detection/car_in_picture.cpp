@@ -72,7 +72,7 @@ std::array<double, 12> pixel_from_velo(const Calibration& calibration) {
   const Eigen::Matrix<double, 3, 4> matrix = intrinsics * calibration.camera_from_velo.matrix().topRows<3>();
   std::array<double, 12> values{};
   for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 4; ++c) values[4 * r + c] = matrix(r, c);
+    for (int c = 0; c < 4; ++c) values[as_size(4 * r + c)] = matrix(r, c);
   return values;
 }
 

@@ -9,6 +9,7 @@
 #include <span>
 #include <vector>
 
+#include "base/sizes.h"
 #include "detection/matching.h"
 #include "geometry/box.h"
 #include "scene/frame.h"
@@ -32,7 +33,7 @@ class LowestReturns {
       : region_(region),
         rows_(static_cast<int>(region.x_max - region.x_min)),
         columns_(static_cast<int>(region.y_max - region.y_min)),
-        lowest_(static_cast<std::size_t>(rows_) * static_cast<std::size_t>(columns_), kNone) {
+        lowest_(as_size(rows_) * as_size(columns_), kNone) {
     for (std::size_t i = 0; i + 3 < points.size(); i += 4) {
       const double x = points[i] - region.x_min, y = points[i + 1] - region.y_min;
       if (!(x >= 0 && x < rows_ && y >= 0 && y < columns_ && points[i + 2] > region.z_min)) continue;
@@ -58,10 +59,7 @@ class LowestReturns {
  private:
   static constexpr float kNone = 1e9f;
   static constexpr double kGround = -1.7, kNearby = 1;
-  float& at(int row, int column) {
-    return lowest_[static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) +
-                   static_cast<std::size_t>(column)];
-  }
+  float& at(int row, int column) { return lowest_[as_size(row) * as_size(columns_) + as_size(column)]; }
   float at(int row, int column) const { return const_cast<LowestReturns*>(this)->at(row, column); }
 
   LowestReturnsRegion region_;

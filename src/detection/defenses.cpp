@@ -6,6 +6,7 @@
 
 #include "base/error.h"
 #include "base/image.h"
+#include "base/sizes.h"
 #include "detection/detector_settings.h"
 
 namespace mirage {
@@ -154,7 +155,7 @@ class ShadowDetector : public DetectorAround {
       for (std::size_t b = 0; b < bodies.size(); ++b)
         if (same_place(proposal.box.bev, bodies[b])) {
           stands = true;
-          if (loudest[b] < 0 || found[static_cast<std::size_t>(loudest[b])].logit < proposal.logit)
+          if (loudest[b] < 0 || found[as_size(loudest[b])].logit < proposal.logit)
             loudest[b] = static_cast<std::ptrdiff_t>(i);
         }
       if (stands) {
@@ -169,7 +170,7 @@ class ShadowDetector : public DetectorAround {
     }
     for (std::size_t b = 0; b < bodies.size(); ++b) {
       if (loudest[b] < 0) continue;
-      const auto i = static_cast<std::size_t>(loudest[b]);
+      const auto i = as_size(loudest[b]);
       if (found[i].logit >= kBodyLogit) continue;  // is found as it is
       Detection own = found[i];
       own.box.bev = bodies[b];
@@ -261,7 +262,7 @@ class Cells {
       : size_(size),
         rows_(static_cast<int>(kRows / size)),
         columns_(static_cast<int>(kColumns / size)),
-        cell_(static_cast<std::size_t>(rows_) * static_cast<std::size_t>(columns_), kEmpty) {}
+        cell_(as_size(rows_) * as_size(columns_), kEmpty) {}
   void touch(const Vec2d& p) {
     const auto [row, column] = place(p);
     for (int r = std::max(row - 1, 0); r <= std::min(row + 1, rows_ - 1); ++r)
@@ -292,8 +293,7 @@ class Cells {
   }
   int of(const Vec2d& p) const {
     const auto [row, column] = place(p);
-    return cell_[static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) +
-                 static_cast<std::size_t>(column)];
+    return cell_[as_size(row) * as_size(columns_) + as_size(column)];
   }
 
  private:
@@ -302,10 +302,7 @@ class Cells {
     return {std::clamp(static_cast<int>(p.x() / size_), 0, rows_ - 1),
             std::clamp(static_cast<int>((p.y() + kColumns / 2.0) / size_), 0, columns_ - 1)};
   }
-  int& at(int row, int column) {
-    return cell_[static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) +
-                 static_cast<std::size_t>(column)];
-  }
+  int& at(int row, int column) { return cell_[as_size(row) * as_size(columns_) + as_size(column)]; }
 
   double size_;
   int rows_, columns_;
@@ -355,8 +352,7 @@ std::unique_ptr<Detector> behind_jpeg(std::unique_ptr<Detector> inner, int quali
   return std::make_unique<JpegDetector>(std::move(inner), quality);
 }
 
-RoadSurface::RoadSurface(std::span<const LidarPoint> points)
-    : lowest_(static_cast<std::size_t>(kRows) * kColumns, kNone) {
+RoadSurface::RoadSurface(std::span<const LidarPoint> points) : lowest_(as_size(kRows) * kColumns, kNone) {
   constexpr float kDeepest = -4;  // m; below it mirrored returns
   for (const LidarPoint& p : points) {
     const double y = p.y + kColumns / 2.0;
@@ -372,7 +368,7 @@ RoadSurface::RoadSurface(std::span<const LidarPoint> points)
     int used = 0;
     for (int row = 0; row < kRows; ++row)
       for (int column = 0; column < kColumns; ++column) {
-        const double z = lowest_[static_cast<std::size_t>(row) * kColumns + static_cast<std::size_t>(column)];
+        const double z = lowest_[as_size(row) * kColumns + as_size(column)];
         const Vec3d at(1, row + 0.5, column + 0.5 - kColumns / 2.0);
         const double over = z - at.dot(plane_);
         if (!(over < reach && over > -2 * reach)) continue;
@@ -392,8 +388,7 @@ double RoadSurface::height(double x, double y) const {
   float lowest = kNone;
   for (int r = std::max(row - 1, 0); r <= std::min(row + 1, kRows - 1); ++r)
     for (int c = std::max(column - 1, 0); c <= std::min(column + 1, kColumns - 1); ++c)
-      lowest =
-          std::min(lowest, lowest_[static_cast<std::size_t>(r) * kColumns + static_cast<std::size_t>(c)]);
+      lowest = std::min(lowest, lowest_[as_size(r) * kColumns + as_size(c)]);
   const double road = plane(x, y);
   return std::abs(lowest - road) < kStep ? lowest : road;
 }
@@ -455,9 +450,9 @@ std::vector<BevBox> BodyEvidence::bodies() const {
     double tallest = 0;
     Eigen::AlignedBox2d around;
   };
-  std::vector<Joined> joined(static_cast<std::size_t>(cells.number()));
+  std::vector<Joined> joined(as_size(cells.number()));
   for (const auto& [place, over] : low) {
-    Joined& its = joined[static_cast<std::size_t>(cells.of(place))];
+    Joined& its = joined[as_size(cells.of(place))];
     its.places.push_back(place);
     its.tallest = std::max(its.tallest, over);
     its.around.extend(place);

@@ -15,6 +15,7 @@
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "scene/data/layouts.h"
 #include "scene/data/read_frames.h"
@@ -338,7 +339,7 @@ std::vector<KittiDetection> kitti_detections(std::span<const Detection> proposal
   for (const Detection& proposal : proposals) {
     KittiDetection detection;
     detection.score = proposal.score();
-    detection.type = types.at(static_cast<std::size_t>(proposal.type));
+    detection.type = types.at(as_size(proposal.type));
     if (!matching.in_picture()) detection.box = upright(proposal, frame.sweep);
     if (area(proposal.picture) > 0) detection.picture = proposal.picture;
     result.push_back(detection);

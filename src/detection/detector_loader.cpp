@@ -13,6 +13,7 @@
 #include "base/memory.h"
 #include "base/parallel.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "detection/consistent_detector.h"
 #include "detection/defenses.h"
 #include "detection/detector.h"
@@ -87,7 +88,7 @@ class AskedDetector : public DetectorAround {
     places_.clear();
     count_ = found.size();
     for (std::size_t i = 0; i < count_; ++i) {
-      const int type = types_.at(static_cast<std::size_t>(found[i].type));
+      const int type = types_.at(as_size(found[i].type));
       if (type < 0) continue;
       places_.push_back(i);
       asked.push_back(found[i]);

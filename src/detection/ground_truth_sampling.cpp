@@ -8,6 +8,7 @@
 #include "base/image.h"
 #include "base/logging.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
@@ -84,17 +85,19 @@ struct Span {
 
 /// Spans by column; gaps of up to two columns between spans are closed.
 std::vector<Span> car_spans(const std::vector<Seen>& car, const Columns& columns) {
-  std::vector<Span> spans(columns.count());
-  for (const Seen& p : car) spans[columns.of(p.azimuth)].add({p.elevation, p.elevation, p.range});
+  std::vector<Span> spans(as_size(columns.count()));
+  for (const Seen& p : car) spans[as_size(columns.of(p.azimuth))].add({p.elevation, p.elevation, p.range});
   std::vector<Span> closed = spans;
   for (int c = 1; c + 1 < columns.count(); ++c) {
-    if (!spans[c].empty()) continue;
+    if (!spans[as_size(c)].empty()) continue;
     for (int left = 1; left <= 2; ++left)
       for (int right = 1; right <= 2; ++right) {
         if (c - left < 0 || c + right >= columns.count() || left + right > 3) continue;
-        if (spans[c - left].empty() || spans[c + right].empty() || !closed[c].empty()) continue;
-        closed[c].add(spans[c - left]);
-        closed[c].add(spans[c + right]);
+        if (spans[as_size(c - left)].empty() || spans[as_size(c + right)].empty() ||
+            !closed[as_size(c)].empty())
+          continue;
+        closed[as_size(c)].add(spans[as_size(c - left)]);
+        closed[as_size(c)].add(spans[as_size(c + right)]);
       }
   }
   return closed;
@@ -157,7 +160,7 @@ bool others_stay(const CompactFrame& frame, const std::vector<char>& removed, do
 /// rect.
 std::vector<char> hidden_pixels(const CompactFrame& frame, const PixelRect& rect,
                                 const std::vector<char>& nearer, const SamplingUnit& unit) {
-  std::vector<char> hidden(static_cast<std::size_t>(rect.width()) * rect.height(), 0);
+  std::vector<char> hidden(as_size(rect.width()) * as_size(rect.height()), 0);
   const PinholeCamera& camera = frame.calibration.camera;
   const int across = static_cast<int>(std::ceil(camera.fx * unit.azimuth_step / 2)) + 1;
   const int down = static_cast<int>(std::ceil(camera.fy * unit.beam_gap / 2)) + 1;
@@ -169,15 +172,15 @@ std::vector<char> hidden_pixels(const CompactFrame& frame, const PixelRect& rect
     const int v = static_cast<int>(std::lround(pixel.y())) - rect.v0;
     for (int y = std::max(0, v - down); y <= std::min(rect.height() - 1, v + down); ++y)
       for (int x = std::max(0, u - across); x <= std::min(rect.width() - 1, u + across); ++x)
-        hidden[static_cast<std::size_t>(y) * rect.width() + x] = 1;
+        hidden[as_size(y) * as_size(rect.width()) + as_size(x)] = 1;
   }
   // Panes give no returns: short gaps in a column are closed.
   for (int x = 0; x < rect.width(); ++x) {
     int last = -1000;
     for (int y = 0; y < rect.height(); ++y) {
-      if (!hidden[static_cast<std::size_t>(y) * rect.width() + x]) continue;
+      if (!hidden[as_size(y) * as_size(rect.width()) + as_size(x)]) continue;
       if (y - last > 1 && y - last <= 4 * down)
-        for (int k = last + 1; k < y; ++k) hidden[static_cast<std::size_t>(k) * rect.width() + x] = 1;
+        for (int k = last + 1; k < y; ++k) hidden[as_size(k) * as_size(rect.width()) + as_size(x)] = 1;
       last = y;
     }
   }
@@ -223,21 +226,21 @@ void paste_picture(CompactFrame& frame, const CutOut& car, const std::vector<cha
   const std::vector<char> hidden = hidden_pixels(frame, rect, nearer, unit);
   const auto is_car = [&](int x, int y) {
     return x >= 0 && y >= 0 && x < rect.width() && y < rect.height() &&
-           car.mask[static_cast<std::size_t>(y) * rect.width() + x] != 0;
+           car.mask[as_size(y) * as_size(rect.width()) + as_size(x)] != 0;
   };
   for (int y = 0; y < rect.height(); ++y)
     for (int x = 0; x < rect.width(); ++x) {
       const int u = rect.u0 + x, v = rect.v0 + y;
-      const std::size_t from = static_cast<std::size_t>(y) * rect.width() + x;
+      const std::size_t from = as_size(y) * as_size(rect.width()) + as_size(x);
       if (!is_car(x, y) || hidden[from] || u < 0 || v < 0 || u >= frame.width || v >= frame.height) continue;
       // The outline is mixed with the background, as an anti-aliased one is.
       int around = 0;
       for (int dy = -1; dy <= 1; ++dy)
         for (int dx = -1; dx <= 1; ++dx) around += is_car(x + dx, y + dy);
-      const std::size_t pixel = static_cast<std::size_t>(v) * frame.width + u;
+      const std::size_t pixel = as_size(v) * as_size(frame.width) + as_size(u);
       if (!frame.vehicle_mask.empty()) frame.vehicle_mask[pixel] = true;
       std::uint8_t* to = &frame.srgb[pixel * 3];
-      for (int c = 0; c < 3; ++c)
+      for (std::size_t c = 0; c < 3; ++c)
         to[c] = static_cast<std::uint8_t>((car.srgb[3 * from + c] * around + to[c] * (9 - around)) / 9);
     }
 }
@@ -327,15 +330,15 @@ bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit) {
   for (const Span& span : spans) whole.add(span);
 
   std::vector<char> behind(frame.points.size(), 0), nearer(frame.points.size(), 0);
-  std::vector<std::vector<Seen>> nearer_by_column(columns.count());
+  std::vector<std::vector<Seen>> nearer_by_column(as_size(columns.count()));
   for (std::size_t i = 0; i < frame.points.size(); ++i) {
     const Seen p = seen_from(unit.origin, frame.points[i]);
     const int c = columns.of(p.azimuth);
-    const Span& span = spans[c];
+    const Span& span = spans[as_size(c)];
     const double reach = span.empty() ? whole.range : span.range;
     if (p.range < reach - kNearer && frame.points[i].z > bottom + kOffGround) {
       nearer[i] = 1;
-      nearer_by_column[c].push_back(p);
+      nearer_by_column[as_size(c)].push_back(p);
     } else if (!span.empty() && p.range > reach && p.elevation > span.low - unit.beam_gap / 2 &&
                p.elevation < span.high + unit.beam_gap / 2) {
       behind[i] = 1;
@@ -347,10 +350,12 @@ bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit) {
     const int column = columns.of(p.azimuth);
     bool hidden = false;
     for (int c = std::max(0, column - 1); c <= std::min(columns.count() - 1, column + 1) && !hidden; ++c)
-      hidden = std::any_of(nearer_by_column[c].begin(), nearer_by_column[c].end(), [&](const Seen& s) {
-        return s.range < p.range - kNearer && std::abs(s.azimuth - p.azimuth) < 0.75 * unit.azimuth_step &&
-               std::abs(s.elevation - p.elevation) < 0.6 * unit.beam_gap;
-      });
+      hidden = std::any_of(nearer_by_column[as_size(c)].begin(), nearer_by_column[as_size(c)].end(),
+                           [&](const Seen& s) {
+                             return s.range < p.range - kNearer &&
+                                    std::abs(s.azimuth - p.azimuth) < 0.75 * unit.azimuth_step &&
+                                    std::abs(s.elevation - p.elevation) < 0.6 * unit.beam_gap;
+                           });
     if (!hidden) visible.push_back(points[k]);
   }
   const double most_hidden = kMostHidden * static_cast<double>(points.size());
@@ -410,8 +415,7 @@ int GroundTruthSampler::augment(CompactFrame& frame, std::uint64_t index) {
   for (double product = 1; product > std::exp(-mean_); ++wanted) product *= random.uniform();
   int pasted = 0;
   for (int attempt = 0; pasted < wanted && attempt < kAttempts * wanted; ++attempt) {
-    const auto& cars =
-        cars_of(candidates_[static_cast<std::size_t>(random.below(static_cast<int>(candidates_.size())))]);
+    const auto& cars = cars_of(candidates_[as_size(random.below(static_cast<int>(candidates_.size())))]);
     const double choice = random.uniform();
     if (cars.empty()) continue;
     pasted += paste(frame, cars[static_cast<std::size_t>(choice * static_cast<double>(cars.size()))], unit_);

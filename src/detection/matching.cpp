@@ -34,7 +34,7 @@ double Matching::intersection(const ObjectBoxes& a, const ObjectBoxes& b) const 
 std::string describe(Matching matching) {
   const auto words = std::to_array<const char*>(
       {"", "bird's-eye view", "boxes in 3-D", "boxes in the picture", "distance of the centres"});
-  return words[static_cast<std::size_t>(matching.by)];
+  return words[as_size(matching.by)];
 }
 
 }  // namespace mirage

@@ -5,6 +5,7 @@
 #include <array>
 #include <string>
 
+#include "base/sizes.h"
 #include "geometry/box.h"
 
 namespace mirage {
@@ -57,7 +58,7 @@ struct Matching {
   /// Whether boxes are compared in the picture.
   bool in_picture() const { return by == MatchBy::picture; }
   /// "bev", "3d", "picture", "centre".
-  std::string name() const { return words_of(by)[static_cast<std::size_t>(by)]; }
+  std::string name() const { return words_of(by)[as_size(by)]; }
 };
 
 /// The matching by that way.

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "scene/data/data_set.h"
 
@@ -61,7 +62,7 @@ class RawFrame {
   const MirageSensor& at(std::size_t i) const { return raw_.at(i); }
   std::size_t values(std::size_t i) const {
     const auto& shape = raw_.at(i).shape;
-    return static_cast<std::size_t>(shape[0] * shape[1] * shape[2]);
+    return as_size(shape[0] * shape[1] * shape[2]);
   }
 
  private:
@@ -177,7 +178,7 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
       return plugin_.api->forward(plugin_.instance, &pass, &found, &count, error, kPluginErrorSize);
     });
     kept_ = {};
-    kept_.watched = static_cast<std::size_t>(pass.watched_count);
+    kept_.watched = as_size(pass.watched_count);
     for (const SensorData& other : view.others) kept_.others.push_back(other.name);
     kept_.points = view.points.size();
     if (view.image) kept_.width = view.image->width, kept_.height = view.image->height;
@@ -285,7 +286,7 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
                 "give an index into the classes of its capabilities");
     made.picture = {found.left, found.top, found.right, found.bottom};
     if (!capabilities_.finds_picture || area(made.picture) == 0) return made;
-    const auto camera = static_cast<std::size_t>(found.camera);
+    const auto camera = as_size(found.camera);
     if (found.camera < 0 || camera >= frame.places().size() || frame.at(camera).kind != MIRAGE_CAMERA)
       throw bad(fmt::format("sensor {} is no camera", found.camera),
                 "give an index into the frame's sensors");

@@ -17,6 +17,7 @@
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "scene/data/data_set.h"
 
@@ -195,7 +196,7 @@ class ProcessDetector : public Detector {
     std::vector<std::size_t> shape() const {
       if (kind == Kind::lidar) return {points, 4};
       if (kind == Kind::other) return {other.begin(), other.end() - (other[2] == 0)};
-      return {static_cast<std::size_t>(height), static_cast<std::size_t>(width), 3};
+      return {as_size(height), as_size(width), 3};
     }
     /// In a job's and an answer's words.
     const char* group() const {
@@ -518,7 +519,7 @@ std::vector<Detection> BoxRows::proposals(const RawBoxes& raw, const Capabilitie
   std::vector<Detection> kept;
   for (std::size_t i = 0; i < count_; ++i) {
     const int type = raw.classes.empty() ? 0 : raw.classes[i];
-    if (type < 0 || static_cast<std::size_t>(type) >= can.types.size())
+    if (type < 0 || as_size(type) >= can.types.size())
       throw InputError(who, fmt::format("box {} of {}", i, count_),
                        fmt::format("is of class {}, and {} are named", type, can.types.size()),
                        "name all classes in the order of their numbers");

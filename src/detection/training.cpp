@@ -219,7 +219,8 @@ std::size_t TrainingData::frame_of(std::uint64_t index) const {
   std::vector<std::size_t> order(count);
   std::iota(order.begin(), order.end(), std::size_t{0});
   RandomStream random(seed_, "training order", epoch);
-  for (std::size_t i = count; i-- > 1;) std::swap(order[i], order[random.below(static_cast<int>(i) + 1)]);
+  for (std::size_t i = count; i-- > 1;)
+    std::swap(order[i], order[as_size(random.below(static_cast<int>(i) + 1))]);
   return order[index % count];
 }
 
@@ -236,7 +237,7 @@ const CompactFrame& TrainingData::frame(std::size_t number) {
 std::vector<PreparedSample> TrainingData::prepare(std::int64_t step, int batch) {
   std::vector<PreparedSample> samples;
   for (int i = 0; i < batch; ++i) {
-    const auto index = static_cast<std::uint64_t>(step) * batch + i;
+    const auto index = static_cast<std::uint64_t>(step) * as_size(batch) + as_size(i);
     const CompactFrame& kept = frame(frame_of(index));
     CompactFrame changed;  // a copy: the frame in memory stays as it was
     const bool changes = sampler_ || thinned_ > 0;

@@ -10,6 +10,7 @@
 #include "base/files.h"
 #include "base/image.h"
 #include "base/names.h"
+#include "base/sizes.h"
 #include "exchange/gltf_document.h"
 #include "exchange/gltf_model.h"
 #include "scene/recorded_light.h"
@@ -87,9 +88,9 @@ class SceneReader {
 
   void read_photograph(const tinygltf::Value& value, const std::string& field, SceneCamera& scene) const {
     const int image = value.GetNumberAsInt();
-    if (image < 0 || static_cast<std::size_t>(image) >= model_.images.size())
+    if (image < 0 || as_size(image) >= model_.images.size())
       gltf_.fail(field, fmt::format("image {} of {}", image, model_.images.size()));
-    const auto [data, size] = gltf_.view(model_.images[image].bufferView, field);
+    const auto [data, size] = gltf_.view(model_.images[as_size(image)].bufferView, field);
     const PictureSize camera{scene.camera.width, scene.camera.height};
     scene.photograph =
         decode_srgb({reinterpret_cast<const char*>(data), size}, gltf_.file().string(), field, camera);
@@ -100,8 +101,8 @@ class SceneReader {
     RenderScene::Thing result{node.name, "", {}};
     if (node.extras.IsObject() && node.extras.Has("mirage_role") && node.extras.Get("mirage_role").IsString())
       result.role = node.extras.Get("mirage_role").Get<std::string>();
-    if (static_cast<std::size_t>(node.mesh) >= model_.meshes.size()) gltf_.fail(field + ".mesh", "missing");
-    const tinygltf::Mesh& mesh = model_.meshes[node.mesh];
+    if (as_size(node.mesh) >= model_.meshes.size()) gltf_.fail(field + ".mesh", "missing");
+    const tinygltf::Mesh& mesh = model_.meshes[as_size(node.mesh)];
     if (mesh.extras.IsObject() && mesh.extras.Has("mirage")) {
       result.textured =
           gltf_.exact(mesh.extras.Get("mirage"), fmt::format("meshes[{}].extras.mirage", node.mesh));
@@ -151,7 +152,7 @@ class SceneReader {
     const auto rows = gltf_.numbers(from, "velo_from_camera", 12, field);
     Transform velo_from_camera = Transform::Identity();
     for (int r = 0; r < 3; ++r)
-      for (int c = 0; c < 4; ++c) velo_from_camera.matrix()(r, c) = rows[4 * r + c];
+      for (int c = 0; c < 4; ++c) velo_from_camera.matrix()(r, c) = rows[as_size(4 * r + c)];
     check_pose(velo_from_camera, field + ".velo_from_camera");
     scene.camera_from_velo = velo_from_camera.inverse();
   }
@@ -172,9 +173,8 @@ class SceneReader {
     const auto enter = [&](const tinygltf::Node& node, const std::string& field,
                            const Eigen::Affine3d& placed) {
       if (found || node.camera < 0) return;
-      if (static_cast<std::size_t>(node.camera) >= model_.cameras.size())
-        gltf_.fail(field + ".camera", "missing");
-      const tinygltf::Camera& camera = model_.cameras[node.camera];
+      if (as_size(node.camera) >= model_.cameras.size()) gltf_.fail(field + ".camera", "missing");
+      const tinygltf::Camera& camera = model_.cameras[as_size(node.camera)];
       const std::string name = fmt::format("cameras[{}]", node.camera);
       if (camera.type != "perspective") gltf_.fail(name + ".type", camera.type, "give a perspective camera");
       if (camera.extras.IsObject() && camera.extras.Has("fx")) {
@@ -208,8 +208,8 @@ class SceneReader {
       const auto extension = node.extensions.find("KHR_lights_punctual");
       if (found || extension == node.extensions.end() || !extension->second.Has("light")) return;
       const int index = extension->second.Get("light").GetNumberAsInt();
-      if (index < 0 || static_cast<std::size_t>(index) >= model_.lights.size()) return;
-      const tinygltf::Light& light = model_.lights[index];
+      if (index < 0 || as_size(index) >= model_.lights.size()) return;
+      const tinygltf::Light& light = model_.lights[as_size(index)];
       if (light.type != "directional") return;
       const Vec3d color =
           light.color.size() == 3 ? Vec3d(light.color[0], light.color[1], light.color[2]) : Vec3d::Ones();
@@ -261,7 +261,7 @@ int add_picture(GltfBuilder& gltf, const std::string& name, const ImageF& linear
 int add_texture(GltfBuilder& gltf, const TexelAtlas& atlas, const TextureLayout& layout) {
   ImageF picture(layout.width, layout.height, 3, 1.0f);
   for (std::size_t t = 0; t < atlas.texels.size(); ++t)
-    for (int c = 0; c < 3; ++c) picture.data[3 * t + c] = static_cast<float>(atlas.texels[t][c]);
+    for (int c = 0; c < 3; ++c) picture.data[3 * t + as_size(c)] = static_cast<float>(atlas.texels[t][c]);
   const int image = add_picture(gltf, "texels", picture);
   const int sampler = gltf.add(
       "samplers",
@@ -300,10 +300,9 @@ int add_adversary(GltfBuilder& gltf, const TexturedMesh& textured) {
   const auto triangles = atlas_triangles(colored ? atlas.resolution : 1);
   std::vector<float> positions, uvs;
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-    const Vec3d &v0 = mesh.vertices[mesh.faces[f][0]], &v1 = mesh.vertices[mesh.faces[f][1]],
-                &v2 = mesh.vertices[mesh.faces[f][2]];
+    const auto [v0, v1, v2] = mesh.corners(mesh.faces[f]);
     for (const AtlasTriangle& triangle : triangles) {
-      const Vec2d uv = layout.centre(f * atlas.per_face() + triangle.texel);
+      const Vec2d uv = layout.centre(f * atlas.per_face() + as_size(triangle.texel));
       for (const Vec2d& b : triangle.corners) {
         append_position(positions, b.x() * v0 + b.y() * v1 + (1 - b.x() - b.y()) * v2);
         if (colored) uvs.insert(uvs.end(), {static_cast<float>(uv.x()), static_cast<float>(uv.y())});

@@ -16,6 +16,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/sizes.h"
 #include "base/types.h"
 
 namespace mirage {
@@ -36,13 +37,13 @@ std::string read_regular_file(const fs::path& file, std::size_t most) {
     if (handle >= 0) ::close(handle);
     throw InputError(file.string(), "", reason, kCheckPath);
   }
-  std::string bytes(std::min(most, static_cast<std::size_t>(about.st_size)), '\0');
+  std::string bytes(std::min(most, as_size(about.st_size)), '\0');
   std::size_t done = 0;
   while (done < bytes.size()) {
     const ssize_t n = ::read(handle, bytes.data() + done, bytes.size() - done);
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) break;
-    done += static_cast<std::size_t>(n);
+    done += as_size(n);
   }
   const int reason = errno;
   ::close(handle);

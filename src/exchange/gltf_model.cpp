@@ -14,12 +14,12 @@ namespace mirage {
 TextureLayout::TextureLayout(std::size_t texels) {
   const std::size_t count = std::max<std::size_t>(1, texels);
   width = static_cast<int>(std::ceil(std::sqrt(static_cast<double>(count))));
-  height = static_cast<int>((count + width - 1) / width);
+  height = static_cast<int>((count + as_size(width) - 1) / as_size(width));
 }
 
 Vec2d TextureLayout::centre(std::size_t texel) const {
-  return {(static_cast<double>(texel % width) + 0.5) / width,
-          (static_cast<double>(texel / width) + 0.5) / height};
+  return {(static_cast<double>(texel % as_size(width)) + 0.5) / width,
+          (static_cast<double>(texel / as_size(width)) + 0.5) / height};
 }
 
 namespace {
@@ -109,14 +109,14 @@ int GltfBuilder::add_floats(const std::vector<float>& values, int components, bo
   static const char* const kTypes[] = {"", "SCALAR", "VEC2", "VEC3", "VEC4"};
   nlohmann::json accessor = {{"bufferView", add_view(values, kArrayBuffer)},
                              {"componentType", kFloat},
-                             {"count", values.size() / components},
+                             {"count", values.size() / as_size(components)},
                              {"type", kTypes[components]}};
   if (with_bounds) {
-    std::vector<float> low(components, std::numeric_limits<float>::max()), high(components);
+    std::vector<float> low(as_size(components), std::numeric_limits<float>::max()), high(as_size(components));
     for (float& value : high) value = std::numeric_limits<float>::lowest();
     for (std::size_t i = 0; i < values.size(); ++i) {
-      low[i % components] = std::min(low[i % components], values[i]);
-      high[i % components] = std::max(high[i % components], values[i]);
+      low[i % as_size(components)] = std::min(low[i % as_size(components)], values[i]);
+      high[i % as_size(components)] = std::max(high[i % as_size(components)], values[i]);
     }
     accessor["min"] = low;
     accessor["max"] = high;
@@ -180,12 +180,12 @@ void GltfModel::fail(const std::string& field, const std::string& problem, const
 }
 
 std::pair<const unsigned char*, std::size_t> GltfModel::view(int index, const std::string& field) const {
-  if (index < 0 || static_cast<std::size_t>(index) >= model_.bufferViews.size())
+  if (index < 0 || as_size(index) >= model_.bufferViews.size())
     fail(field, fmt::format("buffer view {} of {}", index, model_.bufferViews.size()));
-  const tinygltf::BufferView& view = model_.bufferViews[index];
-  if (view.buffer < 0 || static_cast<std::size_t>(view.buffer) >= model_.buffers.size())
+  const tinygltf::BufferView& view = model_.bufferViews[as_size(index)];
+  if (view.buffer < 0 || as_size(view.buffer) >= model_.buffers.size())
     fail(field, fmt::format("buffer {} is missing", view.buffer));
-  const auto& data = model_.buffers[view.buffer].data;
+  const auto& data = model_.buffers[as_size(view.buffer)].data;
   if (view.byteOffset > data.size() || view.byteLength > data.size() - view.byteOffset)
     fail(field, fmt::format("buffer view {} runs past its buffer ({} bytes)", index, data.size()));
   return {data.data() + view.byteOffset, view.byteLength};
@@ -244,7 +244,7 @@ struct GltfModel::Column {
   double at(std::size_t row, int column) const {
     const unsigned char* p = data + row * stride;
     const auto load = [&]<class T>(T value) {
-      std::memcpy(&value, p + column * sizeof(T), sizeof(T));
+      std::memcpy(&value, p + as_size(column) * sizeof(T), sizeof(T));
       return static_cast<double>(value);
     };
     switch (type) {
@@ -262,9 +262,9 @@ struct GltfModel::Column {
 
 GltfModel::Column GltfModel::column(int index, int components, bool floating,
                                     const std::string& field) const {
-  if (index < 0 || static_cast<std::size_t>(index) >= model_.accessors.size())
+  if (index < 0 || as_size(index) >= model_.accessors.size())
     fail(field, fmt::format("accessor {} of {}", index, model_.accessors.size()));
-  const tinygltf::Accessor& accessor = model_.accessors[index];
+  const tinygltf::Accessor& accessor = model_.accessors[as_size(index)];
   if (accessor.sparse.isSparse)
     fail(field, "sparse accessors are not read", "export without sparse accessors");
   const int type = accessor.componentType;
@@ -272,11 +272,13 @@ GltfModel::Column GltfModel::column(int index, int components, bool floating,
   const bool is_index = type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT ||
                         type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT ||
                         type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE;
-  if (tinygltf::GetNumComponentsInType(accessor.type) != components || (floating ? !is_float : !is_index))
+  if (tinygltf::GetNumComponentsInType(static_cast<std::uint32_t>(accessor.type)) != components ||
+      (floating ? !is_float : !is_index))
     fail(field, "has an unexpected type", "export positions as float32 and indices as unsigned integers");
   const auto [data, size] = view(accessor.bufferView, field);
-  const std::size_t element = components * tinygltf::GetComponentSizeInBytes(type);
-  const std::size_t step = model_.bufferViews[accessor.bufferView].byteStride;
+  const std::size_t element =
+      as_size(components * tinygltf::GetComponentSizeInBytes(static_cast<std::uint32_t>(type)));
+  const std::size_t step = model_.bufferViews[as_size(accessor.bufferView)].byteStride;
   const std::size_t stride = step != 0 ? step : element;
   if (accessor.byteOffset > size ||
       (accessor.count > 0 && (accessor.count - 1 > (size - accessor.byteOffset) / stride ||
@@ -303,8 +305,8 @@ Eigen::Affine3d GltfModel::transform(const tinygltf::Node& node) {
 void GltfModel::append_mesh(const tinygltf::Node& node, const std::string& field,
                             const Eigen::Affine3d& gltf_from_node, TexturedMesh& out) const {
   if (node.mesh < 0) return;
-  if (static_cast<std::size_t>(node.mesh) >= model_.meshes.size()) fail(field + ".mesh", "missing");
-  const auto& primitives = model_.meshes[node.mesh].primitives;
+  if (as_size(node.mesh) >= model_.meshes.size()) fail(field + ".mesh", "missing");
+  const auto& primitives = model_.meshes[as_size(node.mesh)].primitives;
   for (std::size_t p = 0; p < primitives.size(); ++p)
     append_primitive(primitives[p], fmt::format("meshes[{}].primitives[{}]", node.mesh, p), gltf_from_node,
                      out);
@@ -320,7 +322,7 @@ void GltfModel::append_primitive(const tinygltf::Primitive& primitive, const std
   const Eigen::Affine3d velo_from_node = Eigen::Affine3d(gltf_from_velo().transpose()) * gltf_from_node;
   for (std::size_t i = 0; i < points.count; ++i)
     out.mesh.vertices.push_back(velo_from_node * Vec3d(points.at(i, 0), points.at(i, 1), points.at(i, 2)));
-  check_reach(out.mesh, static_cast<std::size_t>(first), field + ".attributes.POSITION");
+  check_reach(out.mesh, as_size(first), field + ".attributes.POSITION");
   Column indices;
   if (primitive.indices >= 0) indices = column(primitive.indices, 1, false, field + ".indices");
   const std::size_t corners = primitive.indices >= 0 ? indices.count : points.count;
@@ -331,8 +333,8 @@ void GltfModel::append_primitive(const tinygltf::Primitive& primitive, const std
     return first + static_cast<int>(at);
   };
   Vec3d color = Vec3d::Ones();
-  if (primitive.material >= 0 && static_cast<std::size_t>(primitive.material) < model_.materials.size()) {
-    const auto& factor = model_.materials[primitive.material].pbrMetallicRoughness.baseColorFactor;
+  if (primitive.material >= 0 && as_size(primitive.material) < model_.materials.size()) {
+    const auto& factor = model_.materials[as_size(primitive.material)].pbrMetallicRoughness.baseColorFactor;
     if (factor.size() >= 3) color = Vec3d(factor[0], factor[1], factor[2]);
   }
   const bool mirrored = gltf_from_node.linear().determinant() < 0;
@@ -388,8 +390,8 @@ void GltfModel::warn_of_what_is_left_out() const {
         if (name.starts_with("COLOR_")) names.insert("vertex colours (" + name + ")");
       if (primitive.mode >= TINYGLTF_MODE_POINTS && primitive.mode <= TINYGLTF_MODE_LINE_STRIP)
         names.insert("points and lines");
-      if (primitive.material >= 0 && static_cast<std::size_t>(primitive.material) < model_.materials.size())
-        look_at(model_.materials[static_cast<std::size_t>(primitive.material)]);
+      if (primitive.material >= 0 && as_size(primitive.material) < model_.materials.size())
+        look_at(model_.materials[as_size(primitive.material)]);
     }
   }
   if (!model_.animations.empty()) names.insert("animations");

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "geometry/mesh.h"
 
@@ -119,13 +120,13 @@ class GltfModel {
  private:
   struct Column;
 
-  std::size_t scene_index() const { return model_.defaultScene >= 0 ? model_.defaultScene : 0; }
+  std::size_t scene_index() const { return as_size(std::max(0, model_.defaultScene)); }
   static Eigen::Affine3d transform(const tinygltf::Node& node);
   /// Each node has one parent and the tree's depth is bounded: open_gltf has looked.
   template <class Enter>
   void walk(int index, const Eigen::Affine3d& parent, const Enter& enter) const {
     throw_if_interrupted("nothing was written");
-    const tinygltf::Node& node = model_.nodes.at(static_cast<std::size_t>(index));
+    const tinygltf::Node& node = model_.nodes.at(as_size(index));
     const Eigen::Affine3d gltf_from_node = parent * transform(node);
     enter(node, fmt::format("nodes[{}]", index), gltf_from_node);
     for (int child : node.children) walk(child, gltf_from_node, enter);

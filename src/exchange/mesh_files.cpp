@@ -217,13 +217,12 @@ void write_obj(const std::filesystem::path& file, const TexturedMesh& textured) 
   }
   const auto triangles = atlas_triangles(colored ? atlas.resolution : 1);
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-    const Vec3d &v0 = mesh.vertices[mesh.faces[f][0]], &v1 = mesh.vertices[mesh.faces[f][1]],
-                &v2 = mesh.vertices[mesh.faces[f][2]];
+    const auto [v0, v1, v2] = mesh.corners(mesh.faces[f]);
     for (const AtlasTriangle& triangle : triangles) {
       faces += "f";
       for (const Vec2d& b : triangle.corners) {
         faces += fmt::format(" {}", vertex(b.x() * v0 + b.y() * v1 + (1 - b.x() - b.y()) * v2));
-        if (colored) faces += fmt::format("/{}", f * atlas.per_face() + triangle.texel + 1);
+        if (colored) faces += fmt::format("/{}", f * atlas.per_face() + as_size(triangle.texel) + 1);
       }
       faces += "\n";
     }
@@ -231,7 +230,7 @@ void write_obj(const std::filesystem::path& file, const TexturedMesh& textured) 
   if (colored) {
     ImageF picture(layout.width, layout.height, 3, 1.0f);
     for (std::size_t t = 0; t < atlas.texels.size(); ++t)
-      for (int c = 0; c < 3; ++c) picture.data[3 * t + c] = static_cast<float>(atlas.texels[t][c]);
+      for (int c = 0; c < 3; ++c) picture.data[3 * t + as_size(c)] = static_cast<float>(atlas.texels[t][c]);
     write_file(beside(".png"), encode_srgb_png(picture));
   }
   write_file(beside(".mtl"),

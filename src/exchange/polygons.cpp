@@ -15,6 +15,7 @@
 #include <tuple>
 
 #include "base/error.h"
+#include "base/sizes.h"
 #include "exchange/gltf_document.h"
 
 namespace mirage {
@@ -65,7 +66,7 @@ void Polygons::add_face(std::span<const int> corners) {
 }
 
 void Polygons::finish() const {
-  if (largest_ >= 0 && static_cast<std::size_t>(largest_) >= vertex_count_)
+  if (largest_ >= 0 && as_size(largest_) >= vertex_count_)
     fail(fmt::format("face {}", largest_of_), fmt::format("names vertex {} of {}", largest_, vertex_count_));
 }
 
@@ -93,10 +94,9 @@ Mesh triangulated(const Polygons& polygons) {
     }
     throw_if_interrupted("nothing was written");
     corners.clear();
-    for (const int corner : polygon) corners.push_back(mesh.vertices[static_cast<std::size_t>(corner)]);
+    for (const int corner : polygon) corners.push_back(mesh.vertices[as_size(corner)]);
     for (const auto& [a, b, c] : cut_polygon(corners))
-      mesh.faces.push_back({polygon[static_cast<std::size_t>(a)], polygon[static_cast<std::size_t>(b)],
-                            polygon[static_cast<std::size_t>(c)]});
+      mesh.faces.push_back({polygon[as_size(a)], polygon[as_size(b)], polygon[as_size(c)]});
   }
   return mesh;
 }
@@ -116,7 +116,7 @@ Mesh joined(const Mesh& mesh) {
   std::vector<int> number(mesh.vertices.size(), -1);
   for (const Face& face : mesh.faces) {
     std::array<std::size_t, 3> corners;
-    for (std::size_t k = 0; k < 3; ++k) corners[k] = first[static_cast<std::size_t>(face[k])];
+    for (std::size_t k = 0; k < 3; ++k) corners[k] = first[as_size(face[k])];
     if (corners[0] == corners[1] || corners[1] == corners[2] || corners[2] == corners[0]) continue;
     Face& kept = result.faces.emplace_back();
     for (std::size_t k = 0; k < 3; ++k) {

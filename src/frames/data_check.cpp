@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/logging.h"
+#include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
@@ -49,7 +50,7 @@ void look_at_frame(const DataSet& set, const std::string& id, const LidarModel& 
   look.on_rays += SweepIndex(sweep, lidar).assigned_share() * static_cast<double>(sweep.size());
   look.returns += sweep.size();
   for (const int beam : beams_of(sweep, lidar))
-    if (beam >= 0) ++returns[static_cast<std::size_t>(beam)];
+    if (beam >= 0) ++returns[as_size(beam)];
   for (const LidarPoint& point : sweep) {
     look.odd_reflectance += !(point.reflectance >= 0 && point.reflectance <= 1);
     look.highest = std::max(look.highest, point.reflectance);

@@ -7,6 +7,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "scene/shape/shape_fit.h"
 
 namespace mirage {
@@ -110,7 +111,7 @@ Mesh decode_mesh(Reader& reader) {
   for (Face& f : mesh.faces) {
     reader.get_all(std::span<int>(f));
     for (const int i : f)
-      if (i < 0 || static_cast<std::size_t>(i) >= mesh.vertices.size()) throw std::out_of_range("face");
+      if (i < 0 || as_size(i) >= mesh.vertices.size()) throw std::out_of_range("face");
   }
   return mesh;
 }

@@ -6,6 +6,7 @@
 
 #include "base/files.h"
 #include "base/parallel.h"
+#include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "frames/data_check.h"
 #include "geometry/mesh.h"
@@ -41,13 +42,12 @@ namespace {
 
 /// What a frame takes in memory at most, nearly: the index keeps some 48 bytes a return and a cell a ray.
 std::size_t bytes_of(const PreparedFrame& prepared, const std::vector<Carrier>& carriers) {
-  std::size_t bytes =
-      sizeof(float) * (prepared.frame.image.data.size() + prepared.depth.data.size()) +
-      (sizeof(LidarPoint) + 48) * prepared.frame.sweep.size() +
-      sizeof(int) * prepared.lidar.beams.size() * static_cast<std::size_t>(prepared.index.firing_count());
+  std::size_t bytes = sizeof(float) * (prepared.frame.image.data.size() + prepared.depth.data.size()) +
+                      (sizeof(LidarPoint) + 48) * prepared.frame.sweep.size() +
+                      sizeof(int) * prepared.lidar.beams.size() * as_size(prepared.index.firing_count());
   for (const SideCamera& camera : prepared.frame.others)  // picture and depth, once they are asked for
-    bytes += 4 * sizeof(float) * static_cast<std::size_t>(camera.calibration.camera.width) *
-             static_cast<std::size_t>(camera.calibration.camera.height);
+    bytes += 4 * sizeof(float) * as_size(camera.calibration.camera.width) *
+             as_size(camera.calibration.camera.height);
   for (const Measurement& measured : prepared.frame.measurements)
     bytes += sizeof(float) * measured.data.size();
   for (const Carrier& carrier : carriers)
@@ -214,8 +214,7 @@ std::shared_ptr<const PreparedFrame> FrameStore::get(const std::string& id) {
 Placement FrameStore::placement(const HostId& host) {
   const auto entry = at(host.frame);
   label_of(entry->prepared.frame, host);
-  return placement_of(place_, entry->carriers[static_cast<std::size_t>(host.label)],
-                      entry->prepared.frame.labels);
+  return placement_of(place_, entry->carriers[as_size(host.label)], entry->prepared.frame.labels);
 }
 
 Provenance FrameStore::made_of(const HostId& host) const {

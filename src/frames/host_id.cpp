@@ -4,6 +4,7 @@
 
 #include "base/error.h"
 #include "base/names.h"
+#include "base/sizes.h"
 #include "scene/data/data_set.h"
 
 namespace mirage {
@@ -13,10 +14,10 @@ std::string host_name(const HostId& id) {
 }
 
 const Label& label_of(const Frame& frame, const HostId& id) {
-  if (id.label < 0 || static_cast<std::size_t>(id.label) >= frame.labels.size())
+  if (id.label < 0 || as_size(id.label) >= frame.labels.size())
     throw InputError("run.json", "host " + host_name(id), "is not in the data set",
                      "give the --data folder that the run was made with");
-  const Label& label = frame.labels[static_cast<std::size_t>(id.label)];
+  const Label& label = frame.labels[as_size(id.label)];
   if ((!is_vehicle_type(label.type) && !is_sought(label)) || !has_box(label))
     throw InputError(
         "run.json", "host " + host_name(id),
@@ -29,7 +30,7 @@ const Label& vehicle_of(const Frame& frame, int label, const std::string& option
   const auto carries = [](const Label& of) {
     return (is_vehicle_type(of.type) || is_sought(of)) && has_box(of);
   };
-  const auto index = static_cast<std::size_t>(label);
+  const auto index = as_size(label);
   const bool known = label >= 0 && index < frame.labels.size();
   if (known && carries(frame.labels[index])) return frame.labels[index];
   std::string vehicles;

@@ -13,13 +13,14 @@
 #include "base/parallel.h"
 #include "base/random.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
 
 int track_of(const std::filesystem::path& data, const HostId& host) {
   const auto tracks = read_tracks(data, host.frame);
-  const auto label = static_cast<std::size_t>(host.label);
+  const auto label = as_size(host.label);
   return tracks && label < tracks->size() ? (*tracks)[label] : -1;
 }
 
@@ -114,7 +115,7 @@ void split_frames(std::vector<std::string> frames, std::uint64_t seed, std::vect
   std::sort(frames.begin(), frames.end());
   RandomStream random(seed, "train test split");
   shuffle(frames, random);
-  std::size_t n = static_cast<std::size_t>(std::lround(0.7 * static_cast<double>(frames.size())));
+  std::size_t n = as_size(std::lround(0.7 * static_cast<double>(frames.size())));
   if (frames.size() >= 2) n = std::clamp<std::size_t>(n, 1, frames.size() - 1);
   train.assign(frames.begin(), frames.begin() + static_cast<std::ptrdiff_t>(n));
   test.assign(frames.begin() + static_cast<std::ptrdiff_t>(n), frames.end());

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/sizes.h"
 #include "generator/car_body.h"
 #include "generator/looks/american_parts.h"
 #include "generator/parts.h"
@@ -143,11 +144,11 @@ void strew(Mesh& leaves, const Mesh& mesh, int count, RandomStream& random) {
   for (const Vec3d& n : face_normals(mesh)) until.push_back(sum += n.norm());
   for (int i = 0; i < count; ++i) {
     const auto at = std::lower_bound(until.begin(), until.end(), random.uniform() * sum);
-    const Face& f =
-        mesh.faces[std::min<std::size_t>(static_cast<std::size_t>(at - until.begin()), until.size() - 1)];
+    const Face& f = mesh.faces[std::min<std::size_t>(as_size(at - until.begin()), until.size() - 1)];
     double b1 = random.uniform(), b2 = random.uniform();
     if (b1 + b2 > 1) b1 = 1 - b1, b2 = 1 - b2;
-    const Vec3d p = (1 - b1 - b2) * mesh.vertices[f[0]] + b1 * mesh.vertices[f[1]] + b2 * mesh.vertices[f[2]];
+    const auto [v0, v1, v2] = mesh.corners(f);
+    const Vec3d p = (1 - b1 - b2) * v0 + b1 * v1 + b2 * v2;
     add_leaves(leaves, p, {0.05, 0.05, 0.05}, 1, 0.07, random);
   }
 }

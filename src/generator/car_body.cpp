@@ -5,6 +5,8 @@
 #include <limits>
 #include <numbers>
 
+#include "base/sizes.h"
+
 namespace mirage::generator {
 namespace {
 
@@ -153,11 +155,11 @@ Mesh part_of(const Mesh& all, const std::vector<Face>& faces) {
   std::vector<int> place(all.vertices.size(), -1);
   for (Face f : faces) {
     for (int& v : f) {
-      if (place[v] < 0) {
-        place[v] = static_cast<int>(part.vertices.size());
-        part.vertices.push_back(all.vertices[v]);
+      if (place[as_size(v)] < 0) {
+        place[as_size(v)] = static_cast<int>(part.vertices.size());
+        part.vertices.push_back(all.vertices[as_size(v)]);
       }
-      v = place[v];
+      v = place[as_size(v)];
     }
     part.faces.push_back(f);
   }
@@ -181,7 +183,7 @@ Hull loft(const BodyShape& shape) {
     const double end = u < 0.5 ? smoothstep(0.05, 0, u) : -smoothstep(0.95, 1, u);
     for (int i = 0; i < ring; ++i) {
       const int j = i < kHalf ? i : ring - i;
-      const Vec2d& p = s.points[j];
+      const Vec2d& p = s.points[as_size(j)];
       const double z = p.y() / shape.height;
       const double lean = end * 0.035 * shape.length * std::pow(std::abs(z - 0.33) / 0.33, 2.0);
       all.vertices.push_back({x0 - lean, i < kHalf ? p.x() : -p.x(), p.y()});
@@ -194,7 +196,8 @@ Hull loft(const BodyShape& shape) {
       const int i2 = (i + 1) % ring;
       const int a = k * ring + i, b = k * ring + i2, c = (k + 1) * ring + i2, d = (k + 1) * ring + i;
       const int row = i < kHalf - 1 ? i : ring - 1 - i;
-      const auto kind = body.kind(0.5 * (us[k] + us[k + 1]), row, 0.5 * (rises[k] + rises[k + 1]));
+      const auto kind = body.kind(0.5 * (us[as_size(k)] + us[as_size(k + 1)]), row,
+                                  0.5 * (rises[as_size(k)] + rises[as_size(k + 1)]));
       auto& list = kind == Loft::Kind::paint ? paint : kind == Loft::Kind::glass ? glass : trim;
       list.insert(list.end(), {{a, c, b}, {a, d, c}});
       all.faces.insert(all.faces.end(), {{a, c, b}, {a, d, c}});
@@ -231,25 +234,25 @@ double top_at(const Mesh& hull, double x, double y) {
 Mesh patch(const Mesh& hull, int axis, int side, const Vec2d& low, const Vec2d& high, double lift,
            int columns, int rows) {
   const int across = 1 - axis;
-  const int count = (columns + 1) * (rows + 1);
-  std::vector<double> depth(static_cast<std::size_t>(count), -1e9);
+  const std::size_t count = as_size((columns + 1) * (rows + 1));
+  std::vector<double> depth(count, -1e9);
   std::vector<Vec2d> grid;
   for (int r = 0; r <= rows; ++r)
     for (int c = 0; c <= columns; ++c)
       grid.push_back({std::lerp(low.x(), high.x(), static_cast<double>(c) / columns),
                       std::lerp(low.y(), high.y(), static_cast<double>(r) / rows)});
   for (const Face& f : hull.faces) {
-    const Vec3d &a = hull.vertices[f[0]], &b = hull.vertices[f[1]], &d = hull.vertices[f[2]];
+    const auto [a, b, d] = hull.corners(f);
     const Vec2d pa(a[across], a.z()), pb(b[across], b.z()), pd(d[across], d.z());
     const Vec2d least = pa.cwiseMin(pb).cwiseMin(pd), most = pa.cwiseMax(pb).cwiseMax(pd);
     if ((least.array() > high.array() + 1e-9).any() || (most.array() < low.array() - 1e-9).any()) continue;
     const double area = cross(pb - pa, pd - pa);
     if (std::abs(area) < 1e-12) continue;
-    for (int i = 0; i < count; ++i) {  // grid points in the triangle projected along the axis
-      const Vec2d& p = grid[static_cast<std::size_t>(i)];
+    for (std::size_t i = 0; i < count; ++i) {  // grid points in the triangle projected along the axis
+      const Vec2d& p = grid[i];
       const double b1 = cross(p - pa, pd - pa) / area, b2 = cross(pb - pa, p - pa) / area;
       if (b1 < -1e-9 || b2 < -1e-9 || b1 + b2 > 1 + 1e-9) continue;
-      double& best = depth[static_cast<std::size_t>(i)];
+      double& best = depth[i];
       best = std::max(best, side * ((1 - b1 - b2) * a[axis] + b1 * b[axis] + b2 * d[axis]));
     }
   }
@@ -263,7 +266,7 @@ Mesh patch(const Mesh& hull, int axis, int side, const Vec2d& low, const Vec2d& 
   Mesh mesh;
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < columns; ++c) {
-      const std::size_t i = static_cast<std::size_t>(r) * (columns + 1) + c, j = i + columns + 1;
+      const std::size_t i = as_size(r) * as_size((columns + 1)) + as_size(c), j = i + as_size(columns) + 1;
       if (std::isnan(depth[i] + depth[i + 1] + depth[j] + depth[j + 1])) continue;
       add_quad(mesh, points[i], points[i + 1], points[j + 1], points[j]);
     }
@@ -330,11 +333,11 @@ constexpr double kTyreWidth = 0.2;  // m
 }  // namespace
 
 std::string_view name_of(BodyStyle style) {
-  return kStyles[static_cast<std::size_t>(style)].name;
+  return kStyles[as_size(style)].name;
 }
 
 generator::BodyShape draw_body(BodyStyle style, RandomStream& random) {
-  const Style& s = kStyles[static_cast<std::size_t>(style)];
+  const Style& s = kStyles[as_size(style)];
   generator::BodyShape b;
   b.length = s.length.draw(random);
   // Long cars are wide: half of the width's place in its range follows the length.
@@ -387,7 +390,7 @@ std::vector<ShapeSample> family_samples(int each, std::uint64_t seed) {
   std::vector<ShapeSample> samples;
   for (BodyStyle style : kBodyStyles)
     for (int i = 0; i < each; ++i) {
-      RandomStream random(seed, "car family", 1000000 * static_cast<std::uint64_t>(style) + i);
+      RandomStream random(seed, "car family", 1000000 * static_cast<std::uint64_t>(style) + as_size(i));
       samples.push_back({car_mesh(draw_body(style, random)), std::string(name_of(style))});
     }
   return samples;

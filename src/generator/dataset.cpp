@@ -15,6 +15,7 @@
 #include "base/logging.h"
 #include "base/parallel.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "generator/street.h"
 #include "scene/data/kitti.h"
@@ -155,11 +156,11 @@ FrameRows write_drive_frame(const DriveFiles& files, const std::string& name, in
     generator::Waypoint at;
     std::string role = "stands";
     if (label.track >= standing) {
-      const generator::Mover& mover = street.movers[static_cast<std::size_t>(label.track - standing)];
+      const generator::Mover& mover = street.movers[as_size(label.track - standing)];
       at = mover.way[street.step(number * kDriveStep)];
       role = mover.role;
     } else {
-      const Box3& box = street.standing.placed[static_cast<std::size_t>(label.track)].box;
+      const Box3& box = street.standing.placed[as_size(label.track)].box;
       at.position = Vec3d(box.bev.x, box.bev.y, box.bottom);
       at.yaw = box.bev.yaw;
     }
@@ -255,7 +256,7 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
   DatasetSummary sum;
   std::mutex mutex;
   std::size_t done = 0;
-  const std::vector<std::size_t> order = order_among_ranks(static_cast<std::size_t>(count));
+  const std::vector<std::size_t> order = order_among_ranks(as_size(count));
   parallel_for(order.size(), [&](std::size_t k) {
     if (interrupted()) return;
     const std::uint64_t index = first + order[k];
@@ -309,7 +310,7 @@ DatasetSummary generate_drives(const Rig& rig, std::uint64_t seed, std::uint64_t
     const generator::MovingStreet street = generator::make_moving_street(
         seed, index, rig.lidar.height, rig.look, seconds + 2 * generator::kWayStep);
     const RayScene standing(street.standing.surfaces);
-    std::vector<FrameRows> rows(static_cast<std::size_t>(frames));
+    std::vector<FrameRows> rows(as_size(frames));
     std::mutex mutex;
     const std::vector<std::size_t> order = order_among_ranks(rows.size());
     parallel_for(order.size(), [&](std::size_t k) {

@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/intervals.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "generator/dataset.h"
 #include "generator/street.h"
 #include "sensors/ray_caster.h"
@@ -22,8 +23,7 @@ std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, 
   std::vector<TrueVehicle> vehicles;
   for (const Placed& placed : street.placed) vehicles.push_back({placed.type, placed.box, {}, placed.kind});
   for (const Surface& surface : street.surfaces)
-    if (const auto k = static_cast<std::size_t>(surface.object);
-        surface.object >= 0 && !on_roof(surface, street.placed[k]))
+    if (const auto k = as_size(surface.object); surface.object >= 0 && !on_roof(surface, street.placed[k]))
       append(vehicles[k].mesh, surface.mesh, Transform::Identity());
   return vehicles;
 }

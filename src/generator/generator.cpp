@@ -18,6 +18,7 @@
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "generator/street.h"
 #include "geometry/box.h"
@@ -32,11 +33,11 @@ FrameTruth make_truth(const generator::Street& street, const std::vector<int>& l
   FrameTruth truth{picture.depth, {picture.object.width, picture.object.height, 1}, {}};
   for (std::size_t i = 0; i < picture.object.data.size(); ++i)
     if (const int object = picture.object.data[i]; object >= 0)
-      truth.instance.data[i] = static_cast<std::uint16_t>(line[static_cast<std::size_t>(object)] + 1);
+      truth.instance.data[i] = static_cast<std::uint16_t>(line[as_size(object)] + 1);
   for (int object : objects) {
     std::uint32_t word = 0;
     if (object >= 0) {
-      const auto k = static_cast<std::size_t>(object);
+      const auto k = as_size(object);
       word = static_cast<std::uint32_t>(line[k] + 1) << 16 | semantic_class(street.placed[k].type);
     }
     truth.returns.push_back(word);
@@ -63,7 +64,7 @@ void look_around(const Rig& rig, const generator::Street& street, const RayScene
         {side.name, side.calibration, Lazy<ImageF>([image = std::move(picture.color)] { return image; })});
     for (std::size_t i = 0; i < unseen.size(); ++i) {
       if (line[i] >= 0 || seen.line[i] < 0) continue;
-      Label& label = seen.labels[static_cast<std::size_t>(seen.line[i])];
+      Label& label = seen.labels[as_size(seen.line[i])];
       if (unseen[i] && unseen[i]->truncated <= label.truncated) continue;
       label.camera = static_cast<int>(frame.others.size());
       unseen[i] = std::move(label);
@@ -93,7 +94,7 @@ Calibration read_camera(const std::filesystem::path& file, const std::string& ke
   camera.cx = table.number("cx", 0, camera.width - 1);
   camera.cy = table.number("cy", 0, camera.height - 1);
   const auto pose = table.numbers("camera_from_velo", 12, -100, 100);
-  for (int i = 0; i < 12; ++i) calibration.camera_from_velo.matrix()(i / 4, i % 4) = pose[i];
+  for (int i = 0; i < 12; ++i) calibration.camera_from_velo.matrix()(i / 4, i % 4) = pose[as_size(i)];
   table.check_all_known();
   const Eigen::Matrix3d r = calibration.camera_from_velo.linear();
   if ((r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() > 1e-3 || r.determinant() < 0)
@@ -175,8 +176,7 @@ Frame generate_drive_frame(const Rig& rig, const generator::MovingStreet& street
   frame.calibration = rig.calibration;
   generator::StreetLabels labelled = generator::label_street(now, placed, picture.object, objects);
   for (std::size_t k = 0; k < labelled.line.size(); ++k)
-    if (labelled.line[k] >= 0)
-      labelled.labels[static_cast<std::size_t>(labelled.line[k])].track = static_cast<int>(k);
+    if (labelled.line[k] >= 0) labelled.labels[as_size(labelled.line[k])].track = static_cast<int>(k);
   for (Label& label : labelled.labels) {
     BevBox& bev = label.box.bev;
     const Vec3d p = world_from_velo.inverse() * Vec3d(bev.x, bev.y, label.box.bottom);
@@ -251,7 +251,7 @@ void add_sensor_noise(ImageF& image, std::uint64_t seed, std::uint64_t index, st
   RandomStream level(seed, "sensor noise level", index);
   const double shot = level.uniform(2e-5, 1.2e-4), read = level.uniform(0.5e-3, 2e-3);
   for (int v = 0; v < image.height; ++v) {
-    RandomStream random(seed, "sensor noise", moment * 100003 + v);
+    RandomStream random(seed, "sensor noise", moment * 100003 + as_size(v));
     for (int i = 0; i < image.width * 3; ++i) {
       float& x = image.pixel(0, v)[i];
       x = std::max(0.f, x + static_cast<float>(random.normal() * noise_sigma(x, shot, read)));
@@ -312,9 +312,9 @@ StreetLabels label_street(const Street& street, const Calibration& calibration, 
   for (int v = 0; v < object.height; ++v)
     for (int u = 0; u < object.width; ++u)
       if (const int id = object.at(u, v); id >= 0)
-        ++visible[id], first[id] = std::min(first[id], v), last[id] = v;
+        ++visible[as_size(id)], first[as_size(id)] = std::min(first[as_size(id)], v), last[as_size(id)] = v;
   for (int id : returned)
-    if (id >= 0) ++returns[id];
+    if (id >= 0) ++returns[as_size(id)];
 
   std::vector<Label> labels(count);
   parallel_for(count, [&](std::size_t i) {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/sizes.h"
 #include "generator/looks/american.h"
 #include "generator/looks/european.h"
 #include "generator/parts.h"
@@ -232,7 +233,7 @@ Transform Waypoint::pose() const {
 }
 
 std::size_t MovingStreet::step(double time) const {
-  const auto k = static_cast<std::size_t>(std::lround(std::max(0.0, time) / kWayStep));
+  const auto k = as_size(std::lround(std::max(0.0, time) / kWayStep));
   return std::min(k, own.size() - 1);
 }
 
@@ -261,7 +262,7 @@ Street MovingStreet::at(double time) const {
 }
 
 Way StreetSite::way_of(const Course& course, double seconds, double lift) const {
-  const auto steps = static_cast<std::size_t>(std::lround(seconds / kWayStep)) + 1;
+  const auto steps = as_size(std::lround(seconds / kWayStep)) + 1;
   Way way(steps);
   double s = course.s, speed = course.speed;
   for (std::size_t k = 0; k < steps; ++k) {

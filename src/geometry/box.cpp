@@ -23,7 +23,7 @@ std::array<Vec2d, 4> corners(const BevBox& box) {
 std::array<Vec3d, 8> corners(const Box3& box) {
   std::array<Vec3d, 8> result;
   const auto flat = corners(box.bev);
-  for (int i = 0; i < 4; ++i) {
+  for (std::size_t i = 0; i < 4; ++i) {
     result[i] = Vec3d(flat[i].x(), flat[i].y(), box.bottom);
     result[i + 4] = Vec3d(flat[i].x(), flat[i].y(), box.bottom + box.height);
   }
@@ -36,7 +36,7 @@ double intersection_area(const BevBox& a, const BevBox& b) {
   const auto subject = corners(BevBox{0, 0, a.length, a.width, a.yaw}),
              clip = corners(BevBox{b.x - a.x, b.y - a.y, b.length, b.width, b.yaw});
   std::vector<Vec2d> polygon(subject.begin(), subject.end());
-  for (int i = 0; i < 4 && !polygon.empty(); ++i) {
+  for (std::size_t i = 0; i < 4 && !polygon.empty(); ++i) {
     const Vec2d from = clip[i], edge = clip[(i + 1) % 4] - clip[i];
     std::vector<Vec2d> kept;
     for (std::size_t k = 0; k < polygon.size(); ++k) {

@@ -5,6 +5,8 @@
 #include <limits>
 #include <set>
 
+#include "base/sizes.h"
+
 namespace mirage {
 namespace {
 
@@ -44,9 +46,7 @@ std::pair<int, double> farthest(std::span<const Vec3d> points, const Measure& me
 
 std::optional<ConvexPolytope::Facet> ConvexPolytope::facet(std::span<const Vec3d> points,
                                                            const std::array<int, 3>& corners) {
-  const auto at = [&](int k) -> const Vec3d& {
-    return points[static_cast<std::size_t>(corners[static_cast<std::size_t>(k)])];
-  };
+  const auto at = [&](int k) -> const Vec3d& { return points[as_size(corners[as_size(k)])]; };
   const Vec3d across = (at(1) - at(0)).cross(at(2) - at(0));
   const double length = across.norm();
   if (!(length > 0)) return std::nullopt;
@@ -62,7 +62,7 @@ std::optional<ConvexPolytope> ConvexPolytope::hull(std::span<const Vec3d> points
         return p.allFinite() && p.cwiseAbs().maxCoeff() < 1e6;
       }))
     return std::nullopt;
-  const auto at = [&](int i) -> const Vec3d& { return points[static_cast<std::size_t>(i)]; };
+  const auto at = [&](int i) -> const Vec3d& { return points[as_size(i)]; };
   const int a = farthest(points, [](const Vec3d& p) { return -p.x(); }).first;
   const Vec3d& start = at(a);
   const auto [b, length] = farthest(points, [&](const Vec3d& p) { return (p - start).norm(); });
@@ -92,7 +92,7 @@ std::optional<ConvexPolytope> ConvexPolytope::hull(std::span<const Vec3d> points
     if (const double out = facets[f].beyond(points[i]); out > far[i]) far[i] = out, worst[i] = f;
   };
   std::vector<bool> used(points.size(), false);
-  for (const int i : {a, b, c, d}) used[static_cast<std::size_t>(i)] = true;
+  for (const int i : {a, b, c, d}) used[as_size(i)] = true;
   for (std::size_t i = 0; i < points.size(); ++i)
     for (std::size_t f = 0; f < facets.size(); ++f) look(i, f);
   for (;;) {
@@ -132,7 +132,7 @@ std::optional<ConvexPolytope> ConvexPolytope::hull(std::span<const Vec3d> points
       if (f.beyond(p) > kLeftOut) return std::nullopt;
   std::vector<int> place(points.size(), -1);
   for (const Facet& f : facets)
-    for (const int i : f.corners) place[static_cast<std::size_t>(i)] = 0;
+    for (const int i : f.corners) place[as_size(i)] = 0;
   std::vector<Vec3d> corners;
   for (std::size_t i = 0; i < points.size(); ++i)
     if (place[i] == 0) {
@@ -140,7 +140,7 @@ std::optional<ConvexPolytope> ConvexPolytope::hull(std::span<const Vec3d> points
       corners.push_back(points[i]);
     }
   for (Facet& f : facets)
-    for (int& i : f.corners) i = place[static_cast<std::size_t>(i)];
+    for (int& i : f.corners) i = place[as_size(i)];
   return ConvexPolytope(std::move(corners), std::move(facets));
 }
 
@@ -161,7 +161,7 @@ std::optional<ConvexPolytope> ConvexPolytope::within(const Eigen::AlignedBox3d& 
         for (std::size_t k = 0; k < 3; ++k) {
           const int i = f.corners[k], j = f.corners[(k + 1) % 3];
           if (i > j) continue;  // the neighbour has it the other way round
-          const Vec3d &p = corners[static_cast<std::size_t>(i)], &q = corners[static_cast<std::size_t>(j)];
+          const Vec3d &p = corners[as_size(i)], &q = corners[as_size(j)];
           const double from = beyond(p), to = beyond(q);
           if (from <= 0 ? !(to > 0) : !(to < 0)) continue;
           Vec3d cut = p + from / (from - to) * (q - p);
@@ -184,9 +184,7 @@ Vec3d ConvexPolytope::nearest(const Vec3d& point) const {
   double least = std::numeric_limits<double>::infinity();
   for (const Facet& f : facets_) {
     if (!(f.beyond(point) > 0)) continue;
-    const auto corner = [&](std::size_t k) -> const Vec3d& {
-      return corners_[static_cast<std::size_t>(f.corners[k])];
-    };
+    const auto corner = [&](std::size_t k) -> const Vec3d& { return corners_[as_size(f.corners[k])]; };
     const Vec3d candidate = nearest_of_triangle(point, corner(0), corner(1), corner(2));
     if (const double far = (candidate - point).squaredNorm(); far < least) least = far, best = candidate;
   }

@@ -13,7 +13,7 @@ std::vector<AtlasTriangle> atlas_triangles(int resolution) {
   const int n = resolution;
   const auto at = [&](int x, int y) { return Vec2d(static_cast<double>(x) / n, static_cast<double>(y) / n); };
   std::vector<AtlasTriangle> triangles;
-  triangles.reserve(static_cast<std::size_t>(n) * n);
+  triangles.reserve(as_size(n) * as_size(n));
   for (int y = 0; y < n; ++y)
     for (int x = 0; x + y < n; ++x) {
       triangles.push_back({{at(x, y), at(x + 1, y), at(x, y + 1)}, y * n + x});
@@ -30,7 +30,7 @@ void check_mesh(const TexturedMesh& textured, const std::string& where) {
       throw InputError(where, fmt::format("vertex {}", i), "not finite", "repair the mesh before using it");
   for (std::size_t f = 0; f < mesh.faces.size(); ++f)
     for (int index : mesh.faces[f])
-      if (index < 0 || static_cast<std::size_t>(index) >= mesh.vertices.size())
+      if (index < 0 || as_size(index) >= mesh.vertices.size())
         throw InputError(where, fmt::format("face {}", f),
                          fmt::format("vertex index {} of {}", index, mesh.vertices.size()),
                          "repair the mesh before using it");
@@ -47,23 +47,26 @@ void check_mesh(const TexturedMesh& textured, const std::string& where) {
 std::vector<Vec3d> face_normals(const Mesh& mesh) {
   std::vector<Vec3d> normals;
   normals.reserve(mesh.faces.size());
-  for (const Face& f : mesh.faces)
-    normals.push_back(
-        (mesh.vertices[f[1]] - mesh.vertices[f[0]]).cross(mesh.vertices[f[2]] - mesh.vertices[f[0]]));
+  for (const Face& f : mesh.faces) {
+    const auto [a, b, c] = mesh.corners(f);
+    normals.push_back((b - a).cross(c - a));
+  }
   return normals;
 }
 
 double signed_volume(const Mesh& mesh) {
   double six = 0;
-  for (const Face& f : mesh.faces)
-    six += mesh.vertices[f[0]].dot(mesh.vertices[f[1]].cross(mesh.vertices[f[2]]));
+  for (const Face& f : mesh.faces) {
+    const auto [a, b, c] = mesh.corners(f);
+    six += a.dot(b.cross(c));
+  }
   return six / 6;
 }
 
 bool is_watertight(const Mesh& mesh) {
   std::map<std::pair<int, int>, int> edges;
   for (const Face& f : mesh.faces)
-    for (int k = 0; k < 3; ++k) ++edges[{f[k], f[(k + 1) % 3]}];
+    for (std::size_t k = 0; k < 3; ++k) ++edges[{f[k], f[(k + 1) % 3]}];
   for (const auto& [edge, count] : edges) {
     const auto opposite = edges.find({edge.second, edge.first});
     if (count != 1 || opposite == edges.end() || opposite->second != 1) return false;
@@ -74,7 +77,7 @@ bool is_watertight(const Mesh& mesh) {
 std::vector<std::size_t> used_vertices(const Mesh& mesh) {
   std::vector<bool> used(mesh.vertices.size(), false);
   for (const Face& f : mesh.faces)
-    for (const int corner : f) used[static_cast<std::size_t>(corner)] = true;
+    for (const int corner : f) used[as_size(corner)] = true;
   std::vector<std::size_t> indices;
   indices.reserve(used.size());
   for (std::size_t i = 0; i < used.size(); ++i)
@@ -85,7 +88,7 @@ std::vector<std::size_t> used_vertices(const Mesh& mesh) {
 Eigen::AlignedBox3d bounds(const Mesh& mesh) {
   Eigen::AlignedBox3d box;
   for (const Face& f : mesh.faces)
-    for (const int corner : f) box.extend(mesh.vertices[static_cast<std::size_t>(corner)]);
+    for (const int corner : f) box.extend(mesh.vertices[as_size(corner)]);
   if (mesh.faces.empty()) box.extend(Vec3d::Zero());
   return box;
 }
@@ -106,7 +109,7 @@ Mesh icosphere(int subdivisions) {
       const auto key = std::minmax(a, b);
       const auto [place, added] = middles.try_emplace(key, static_cast<int>(mesh.vertices.size()));
       if (added) {
-        const Vec3d point = (mesh.vertices[a] + mesh.vertices[b]).normalized();
+        const Vec3d point = (mesh.vertices[as_size(a)] + mesh.vertices[as_size(b)]).normalized();
         mesh.vertices.push_back(point);
       }
       return place->second;
@@ -148,9 +151,9 @@ void append(Mesh& mesh, const Mesh& part, const Transform& mesh_from_part) {
 
 Laplacian::Laplacian(const Mesh& mesh) : neighbours_(mesh.vertices.size()) {
   for (const Face& f : mesh.faces)
-    for (int k = 0; k < 3; ++k) {
-      neighbours_[f[k]].push_back(f[(k + 1) % 3]);
-      neighbours_[f[(k + 1) % 3]].push_back(f[k]);
+    for (std::size_t k = 0; k < 3; ++k) {
+      neighbours_[as_size(f[as_size(k)])].push_back(f[(k + 1) % 3]);
+      neighbours_[as_size(f[(k + 1) % 3])].push_back(f[k]);
     }
   for (auto& list : neighbours_) {
     std::sort(list.begin(), list.end());
@@ -165,12 +168,12 @@ double Laplacian::energy(const std::vector<Vec3d>& vertices, double weight,
     const auto& around = neighbours_[i];
     if (around.empty()) continue;
     Vec3d mean = Vec3d::Zero();
-    for (int j : around) mean += vertices[j];
+    for (int j : around) mean += vertices[as_size(j)];
     mean /= static_cast<double>(around.size());
     const Vec3d delta = vertices[i] - mean;
     energy += delta.squaredNorm();
     gradient[i] += 2 * weight * delta;
-    for (int j : around) gradient[j] -= 2 * weight / static_cast<double>(around.size()) * delta;
+    for (int j : around) gradient[as_size(j)] -= 2 * weight / static_cast<double>(around.size()) * delta;
   }
   return energy;
 }
@@ -200,11 +203,11 @@ class Ring {
       after_.push_back((i + 1) % n);
     }
   }
-  int before(int i) const { return before_[static_cast<std::size_t>(i)]; }
-  int after(int i) const { return after_[static_cast<std::size_t>(i)]; }
+  int before(int i) const { return before_[as_size(i)]; }
+  int after(int i) const { return after_[as_size(i)]; }
   void take(int i) {
-    after_[static_cast<std::size_t>(before(i))] = after(i);
-    before_[static_cast<std::size_t>(after(i))] = before(i);
+    after_[as_size(before(i))] = after(i);
+    before_[as_size(after(i))] = before(i);
   }
   /// Whether the corner turns left and no other lies within the triangle with its neighbours.
   bool is_ear(int i) const {
@@ -221,7 +224,7 @@ class Ring {
   }
 
  private:
-  const Vec2d& at(int i) const { return places_[static_cast<std::size_t>(i)]; }
+  const Vec2d& at(int i) const { return places_[as_size(i)]; }
 
   std::vector<Vec2d> places_;
   std::vector<int> before_, after_;

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/sizes.h"
 #include "base/types.h"
 
 namespace mirage {
@@ -35,12 +36,12 @@ struct TexelGrid {
   int resolution_of(std::size_t face) const { return resolutions.empty() ? resolution : resolutions[face]; }
   /// How many texels it has.
   std::size_t texels_of(std::size_t face) const {
-    const auto c = static_cast<std::size_t>(resolution_of(face));
+    const auto c = as_size(resolution_of(face));
     return c * c;
   }
   /// Where they start.
   std::size_t first_texel(std::size_t face) const {
-    return resolutions.empty() ? face * texels_of(face) : static_cast<std::size_t>(first[face]);
+    return resolutions.empty() ? face * texels_of(face) : as_size(first[face]);
   }
   /// How many faces so many texels are of.
   std::size_t faces_with(std::size_t texels) const {
@@ -78,7 +79,7 @@ struct Mesh {
 
   /// The face's three vertices.
   std::array<Vec3d, 3> corners(const Face& face) const {
-    const auto at = [&](std::size_t k) { return vertices[static_cast<std::size_t>(face[k])]; };
+    const auto at = [&](std::size_t k) { return vertices[as_size(face[k])]; };
     return {at(0), at(1), at(2)};
   }
 };
@@ -92,7 +93,7 @@ struct TexelAtlas {
   std::vector<Vec3d> texels;  ///< faces × C × C, face-major
 
   /// C².
-  std::size_t per_face() const { return static_cast<std::size_t>(resolution) * resolution; }
+  std::size_t per_face() const { return as_size(resolution) * as_size(resolution); }
 };
 
 /// A mesh with the texels of its faces; the adversary is one.

@@ -15,8 +15,8 @@ GridCell cell_at(const GridLayout& layout, const Vec3d& p) {
   Vec3d away = Vec3d::Zero();
   for (int a = 0; a < 3; ++a) {
     const double place = (p[a] - layout.origin[a]) / layout.spacing[a];
-    const double kept = std::clamp(place, 0.0, static_cast<double>(layout.count[a] - 1));
-    low[a] = std::min(static_cast<int>(kept), layout.count[a] - 2);
+    const double kept = std::clamp(place, 0.0, static_cast<double>(layout.count[as_size(a)] - 1));
+    low[a] = std::min(static_cast<int>(kept), layout.count[as_size(a)] - 2);
     t[a] = kept - low[a];
     moved[a] = kept != place;
     away[a] = (place - kept) * layout.spacing[a];
@@ -29,10 +29,11 @@ GridCell cell_at(const GridLayout& layout, const Vec3d& p) {
       w[a] = high ? t[a] : 1 - t[a];
       slope[a] = moved[a] ? 0 : (high ? 1 : -1) / layout.spacing[a];
     }
-    cell.nodes[corner] =
+    cell.nodes[as_size(corner)] =
         layout.index(low[0] + (corner & 1), low[1] + (corner >> 1 & 1), low[2] + (corner >> 2 & 1));
-    cell.weights[corner] = w[0] * w[1] * w[2];
-    cell.gradients[corner] = {slope[0] * w[1] * w[2], w[0] * slope[1] * w[2], w[0] * w[1] * slope[2]};
+    cell.weights[as_size(corner)] = w[0] * w[1] * w[2];
+    cell.gradients[as_size(corner)] = {slope[0] * w[1] * w[2], w[0] * slope[1] * w[2],
+                                       w[0] * w[1] * slope[2]};
   }
   return cell;
 }
@@ -40,7 +41,8 @@ GridCell cell_at(const GridLayout& layout, const Vec3d& p) {
 double DistanceGrid::at(const Vec3d& p) const {
   const GridCell cell = cell_at(layout, p);
   double value = cell.outside;
-  for (int corner = 0; corner < 8; ++corner) value += cell.weights[corner] * values[cell.nodes[corner]];
+  for (std::size_t corner = 0; corner < 8; ++corner)
+    value += cell.weights[corner] * values[cell.nodes[corner]];
   return value;
 }
 
@@ -66,7 +68,7 @@ namespace {
 using Triangle = std::array<Vec3d, 3>;
 
 Triangle corners(const Mesh& mesh, int face) {
-  return mesh.corners(mesh.faces[static_cast<std::size_t>(face)]);
+  return mesh.corners(mesh.faces[as_size(face)]);
 }
 
 /// Where the line a + t · d meets the triangle's inside (Möller and Trumbore, 1997); NaN where it does not.
@@ -89,9 +91,9 @@ bool passes(const Triangle& triangle, const Vec3d& a, const Vec3d& b) {
 /// For each corner of `first` the index of the same vertex in `second`, or −1.
 std::array<int, 3> common(const Face& first, const Face& second) {
   std::array<int, 3> same = {-1, -1, -1};
-  for (int i = 0; i < 3; ++i)
+  for (std::size_t i = 0; i < 3; ++i)
     for (int k = 0; k < 3; ++k)
-      if (first[i] == second[k]) same[static_cast<std::size_t>(i)] = k;
+      if (first[i] == second[as_size(k)]) same[i] = k;
   return same;
 }
 
@@ -104,14 +106,13 @@ bool folded(const Triangle& first, const Triangle& second) {
 
 bool cut(const Mesh& mesh, int first, int second) {
   const Triangle a = corners(mesh, first), b = corners(mesh, second);
-  const std::array<int, 3> same =
-      common(mesh.faces[static_cast<std::size_t>(first)], mesh.faces[static_cast<std::size_t>(second)]);
+  const std::array<int, 3> same = common(mesh.faces[as_size(first)], mesh.faces[as_size(second)]);
   int shared = 0;
   std::array<bool, 3> in_b = {};
   for (const int k : same)
     if (k >= 0) {
       ++shared;
-      in_b[static_cast<std::size_t>(k)] = true;
+      in_b[as_size(k)] = true;
     }
   if (shared >= 2) return folded(a, b);
   for (std::size_t i = 0; i < 3; ++i) {
@@ -147,13 +148,15 @@ std::array<Edge, 12> cube_edges() {
   std::array<Edge, 12> edges{};
   for (int a = 0; a < 3; ++a)
     for (int c = 0, n = 0; c < 8; ++c)
-      if (!(c >> a & 1)) edges[4 * a + n++] = {c, a};
+      if (!(c >> a & 1)) edges[as_size(4 * a + n++)] = {c, a};
   return edges;
 }
 
 int edge_between(const std::array<Edge, 12>& edges, int c, int d) {
   for (int e = 0; e < 12; ++e)
-    if (edges[e].from == std::min(c, d) && (edges[e].from | 1 << edges[e].axis) == std::max(c, d)) return e;
+    if (edges[as_size(e)].from == std::min(c, d) &&
+        (edges[as_size(e)].from | 1 << edges[as_size(e)].axis) == std::max(c, d))
+      return e;
   return -1;
 }
 
@@ -174,9 +177,9 @@ struct Case {
 class CaseTable {
  public:
   CaseTable() : edges_(cube_edges()) {
-    for (int code = 0; code < 256; ++code) cases_[code] = derive(code);
+    for (int code = 0; code < 256; ++code) cases_[as_size(code)] = derive(code);
   }
-  const Case& operator[](int code) const { return cases_[code]; }
+  const Case& operator[](int code) const { return cases_[as_size(code)]; }
   const std::array<Edge, 12>& edges() const { return edges_; }
 
  private:
@@ -185,7 +188,7 @@ class CaseTable {
     for (int axis = 0; axis < 3; ++axis)
       for (int side = 0; side < 2; ++side) {
         const auto in = [&](int edge) {
-          return edges_[edge].axis != axis && (edges_[edge].from >> axis & 1) == side;
+          return edges_[as_size(edge)].axis != axis && (edges_[as_size(edge)].from >> axis & 1) == side;
         };
         if (in(e) && in(f)) return true;
       }
@@ -197,10 +200,10 @@ class CaseTable {
                    std::vector<std::array<int, 3>>& out) const {
     if (high - low < 2) return true;
     for (int mid = low + 1; mid < high; ++mid) {
-      if (mid - low > 1 && share_face(loop[low], loop[mid])) continue;
-      if (high - mid > 1 && share_face(loop[mid], loop[high])) continue;
+      if (mid - low > 1 && share_face(loop[as_size(low)], loop[as_size(mid)])) continue;
+      if (high - mid > 1 && share_face(loop[as_size(mid)], loop[as_size(high)])) continue;
       const std::size_t before = out.size();
-      out.push_back({loop[low], loop[mid], loop[high]});
+      out.push_back({loop[as_size(low)], loop[as_size(mid)], loop[as_size(high)]});
       if (triangulate(loop, low, mid, out) && triangulate(loop, mid, high, out)) return true;
       out.resize(before);
     }
@@ -220,16 +223,17 @@ class CaseTable {
           if (!inside(i) || inside(i + 3)) continue;
           int j = i;
           while (inside(j + 1)) ++j;
-          next[edge_between(edges_, q[(i + 3) & 3], q[i])] = edge_between(edges_, q[j & 3], q[(j + 1) & 3]);
+          next[as_size(edge_between(edges_, q[(i + 3) & 3], q[as_size(i)]))] =
+              edge_between(edges_, q[j & 3], q[(j + 1) & 3]);
         }
       }
     Case result;
     std::array<bool, 12> used{};
     for (int start = 0; start < 12; ++start) {
-      if (next[start] < 0 || used[start]) continue;
+      if (next[as_size(start)] < 0 || used[as_size(start)]) continue;
       std::vector<int> loop;
-      for (int e = start; !used[e]; e = next[e]) {
-        used[e] = true;
+      for (int e = start; !used[as_size(e)]; e = next[as_size(e)]) {
+        used[as_size(e)] = true;
         loop.push_back(e);
       }
       if (!triangulate(loop, 0, static_cast<int>(loop.size()) - 1, result.triangles))
@@ -248,13 +252,11 @@ std::vector<std::array<int, 2>> intersecting_faces(const Mesh& mesh) {
   const int faces = static_cast<int>(mesh.faces.size());
   std::vector<Eigen::AlignedBox3d> boxes(mesh.faces.size());
   for (int f = 0; f < faces; ++f)
-    for (const Vec3d& v : corners(mesh, f)) boxes[static_cast<std::size_t>(f)].extend(v);
+    for (const Vec3d& v : corners(mesh, f)) boxes[as_size(f)].extend(v);
   std::vector<std::array<int, 2>> pairs;
   for (int i = 0; i < faces; ++i)
     for (int k = i + 1; k < faces; ++k)
-      if (boxes[static_cast<std::size_t>(i)].intersects(boxes[static_cast<std::size_t>(k)]) &&
-          cut(mesh, i, k))
-        pairs.push_back({i, k});
+      if (boxes[as_size(i)].intersects(boxes[as_size(k)]) && cut(mesh, i, k)) pairs.push_back({i, k});
   return pairs;
 }
 
@@ -262,7 +264,7 @@ std::vector<std::array<int, 2>> intersecting_faces(const Mesh& mesh) {
 int apex_over_neighbour(const Face& f, const Face& k) {
   int apex = -1, common = 0;
   for (int i = 0; i < 3; ++i)
-    if (f[i] == k[0] || f[i] == k[1] || f[i] == k[2])
+    if (f[as_size(i)] == k[0] || f[as_size(i)] == k[1] || f[as_size(i)] == k[2])
       ++common;
     else
       apex = i;
@@ -278,16 +280,15 @@ std::vector<Wall> walls(const Mesh& mesh) {
     const Vec3d normal = (t[1] - t[0]).cross(t[2] - t[0]);
     if (!(normal.norm() > 0)) continue;
     const Vec3d inwards = -normal.normalized(), middle = (t[0] + t[1] + t[2]) / 3;
-    Wall& wall = result[static_cast<std::size_t>(f)];
+    Wall& wall = result[as_size(f)];
     const std::array<Vec3d, 4> samples = {middle, (middle + t[0]) / 2, (middle + t[1]) / 2,
                                           (middle + t[2]) / 2};
     for (int k = 0; k < faces; ++k) {
       if (k == f) continue;
-      const int apex = apex_over_neighbour(mesh.faces[static_cast<std::size_t>(f)],
-                                           mesh.faces[static_cast<std::size_t>(k)]);
+      const int apex = apex_over_neighbour(mesh.faces[as_size(f)], mesh.faces[as_size(k)]);
       for (int s = 0; s < 4; ++s) {
         if (apex >= 0 && s > 0 && s - 1 != apex) continue;  // beside the edge
-        const double distance = meets(corners(mesh, k), samples[static_cast<std::size_t>(s)], inwards);
+        const double distance = meets(corners(mesh, k), samples[as_size(s)], inwards);
         if (distance >= 0 && distance < wall.thickness) wall = {distance, k};
       }
     }
@@ -297,8 +298,7 @@ std::vector<Wall> walls(const Mesh& mesh) {
 
 WindingNumber::WindingNumber(const Mesh& mesh) {
   faces_.reserve(mesh.faces.size());
-  for (const Face& f : mesh.faces)
-    faces_.push_back({mesh.vertices[f[0]], mesh.vertices[f[1]], mesh.vertices[f[2]]});
+  for (const Face& f : mesh.faces) faces_.push_back(mesh.corners(f));
   if (!faces_.empty()) build(0, static_cast<int>(faces_.size()));
 }
 
@@ -311,7 +311,7 @@ int WindingNumber::build(int first, int count) {
   Eigen::AlignedBox3d centres;
   double total = 0;
   for (int f = first; f < first + count; ++f) {
-    const auto& [a, b, c] = faces_[f];
+    const auto& [a, b, c] = faces_[as_size(f)];
     const Vec3d area = 0.5 * (b - a).cross(c - a), middle = (a + b + c) / 3;
     node.area += area;
     node.centre += area.norm() * middle;
@@ -320,7 +320,7 @@ int WindingNumber::build(int first, int count) {
   }
   node.centre = total > 0 ? Vec3d(node.centre / total) : Vec3d(centres.center());
   for (int f = first; f < first + count; ++f)
-    for (const Vec3d& v : faces_[f]) node.radius = std::max(node.radius, (v - node.centre).norm());
+    for (const Vec3d& v : faces_[as_size(f)]) node.radius = std::max(node.radius, (v - node.centre).norm());
   if (count > kLeaf) {
     int axis = 0;
     centres.sizes().maxCoeff(&axis);
@@ -331,7 +331,7 @@ int WindingNumber::build(int first, int count) {
     node.left = build(first, half);
     node.right = build(first + half, count - half);
   }
-  nodes_[index] = node;
+  nodes_[as_size(index)] = node;
   return index;
 }
 
@@ -341,13 +341,13 @@ double WindingNumber::at(const Vec3d& p, bool exact) const {
   int stack[64], size = 0;
   stack[size++] = 0;
   while (size > 0) {
-    const Node& node = nodes_[stack[--size]];
+    const Node& node = nodes_[as_size(stack[--size])];
     const Vec3d r = node.centre - p;
     const double distance = r.norm();
     if (!exact && distance > kFar * node.radius) {
       sum += node.area.dot(r) / (distance * distance * distance);
     } else if (node.left < 0) {
-      for (int f = node.first; f < node.first + node.count; ++f) sum += solid_angle(faces_[f], p);
+      for (int f = node.first; f < node.first + node.count; ++f) sum += solid_angle(faces_[as_size(f)], p);
     } else {
       stack[size++] = node.left;
       stack[size++] = node.right;
@@ -379,9 +379,9 @@ Mesh marching_cubes(const DistanceGrid& grid) {
         }
         if (code == 0 || code == 255) continue;
         const auto vertex = [&](int e) {
-          const auto [from, axis] = table.edges()[e];
+          const auto [from, axis] = table.edges()[as_size(e)];
           const int x = i + (from & 1), y = j + (from >> 1 & 1), z = k + (from >> 2 & 1);
-          int& place = vertex_of[3 * at.index(x, y, z) + axis];
+          int& place = vertex_of[3 * at.index(x, y, z) + as_size(axis)];
           if (place < 0) {
             const double a = corner[from], b = corner[from | 1 << axis];
             Vec3d p = at.node(x, y, z);
@@ -398,7 +398,7 @@ Mesh marching_cubes(const DistanceGrid& grid) {
           Vec3d middle = Vec3d::Zero();
           for (int e : loop) {
             ring.push_back(vertex(e));
-            middle += mesh.vertices[ring.back()] / static_cast<double>(loop.size());
+            middle += mesh.vertices[as_size(ring.back())] / static_cast<double>(loop.size());
           }
           const int centre = static_cast<int>(mesh.vertices.size());
           mesh.vertices.push_back(middle);

@@ -4,6 +4,7 @@
 #include <array>
 #include <vector>
 
+#include "base/sizes.h"
 #include "base/types.h"
 #include "geometry/mesh.h"
 
@@ -19,11 +20,9 @@ struct GridLayout {
   std::array<int, 3> count = {0, 0, 0};
 
   /// Number of nodes.
-  std::size_t size() const { return static_cast<std::size_t>(count[0]) * count[1] * count[2]; }
+  std::size_t size() const { return as_size(count[0]) * as_size(count[1]) * as_size(count[2]); }
   /// Place of a node among the values: i runs fastest.
-  std::size_t index(int i, int j, int k) const {
-    return i + static_cast<std::size_t>(count[0]) * (j + static_cast<std::size_t>(count[1]) * k);
-  }
+  std::size_t index(int i, int j, int k) const { return as_size(i) + as_size(count[0]) * (as_size(j) + as_size(count[1]) * as_size(k)); }
   /// Where a node lies (m).
   Vec3d node(int i, int j, int k) const { return origin + spacing.cwiseProduct(Vec3d(i, j, k)); }
 };

@@ -30,7 +30,7 @@ def code(source, title, below):
     yield f"C++ in {title}", f"{sum(lines.values())} lines, {len(lines)} files"
     yield "  median, under 40 lines", f"{statistics.median(lines.values()):.0f} lines, {sum(n < 40 for n in lines.values())} files"
     yield "  longest", f"{lines[longest]} lines, {os.path.relpath(longest, source)}"
-    yield "  static_cast<std::size_t>", str(sum(len(re.findall(r"static_cast<(?:std::)?size_t>", t)) for t in texts.values()))
+    yield "  to std::size_t", str(sum(len(re.findall(r"\bas_size\(|static_cast<(?:std::)?size_t>", t)) for t in texts.values()))
 
 
 def rows(source):

@@ -5,6 +5,8 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "base/sizes.h"
+
 namespace mirage {
 namespace {
 
@@ -24,10 +26,10 @@ cv::Mat diamond5() {
 
 /// First filled row of each column; the number of rows where there is none.
 std::vector<int> top_rows(const cv::Mat& depth) {
-  std::vector<int> tops(static_cast<std::size_t>(depth.cols), depth.rows);
+  std::vector<int> tops(as_size(depth.cols), depth.rows);
   for (int v = depth.rows; v-- > 0;)
     for (int u = 0; u < depth.cols; ++u)
-      if (depth.at<float>(v, u) > kEmpty) tops[static_cast<std::size_t>(u)] = v;
+      if (depth.at<float>(v, u) > kEmpty) tops[as_size(u)] = v;
   return tops;
 }
 
@@ -37,14 +39,14 @@ void fill_holes(cv::Mat& depth, const std::vector<int>& tops, int size) {
   cv::dilate(depth, dilated, square(size));
   for (int v = 0; v < depth.rows; ++v)
     for (int u = 0; u < depth.cols; ++u)
-      if (float& value = depth.at<float>(v, u); !(value > kEmpty) && v >= tops[static_cast<std::size_t>(u)])
+      if (float& value = depth.at<float>(v, u); !(value > kEmpty) && v >= tops[as_size(u)])
         value = dilated.at<float>(v, u);
 }
 
 /// Repeats the topmost value of each column upwards.
 void extrapolate_upwards(cv::Mat& depth, std::vector<int>& tops) {
   for (int u = 0; u < depth.cols; ++u) {
-    int& top = tops[static_cast<std::size_t>(u)];
+    int& top = tops[as_size(u)];
     if (top == depth.rows) continue;
     for (int v = 0; v < top; ++v) depth.at<float>(v, u) = depth.at<float>(top, u);
     top = 0;

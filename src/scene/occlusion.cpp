@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/sizes.h"
 #include "base/types.h"
 
 namespace mirage {
@@ -52,7 +53,7 @@ double angle_to(const LidarRay& ray, const Vec3d& p) {
 int nearest_firing(const std::vector<double>& firings, double azimuth, double reach) {
   if (firings.empty()) return -1;
   const auto next = std::lower_bound(firings.begin(), firings.end(), azimuth) - firings.begin();
-  const std::size_t count = firings.size(), after = static_cast<std::size_t>(next) % count,
+  const std::size_t count = firings.size(), after = as_size(next) % count,
                     before = (after + count - 1) % count;
   const double to_after = std::abs(wrap_angle(firings[after] - azimuth)),
                to_before = std::abs(wrap_angle(firings[before] - azimuth));
@@ -63,7 +64,7 @@ int nearest_firing(const std::vector<double>& firings, double azimuth, double re
 double angle_off_beam(const LidarModel& lidar, const std::vector<double>& slopes, const Vec3d& p,
                       std::size_t& beam) {
   const double rho = horizontal_distance(p);
-  beam = static_cast<std::size_t>(nearest_beam(lidar, slopes, rho, p.z()));
+  beam = as_size(nearest_beam(lidar, slopes, rho, p.z()));
   return (p.z() - lidar.beams[beam].height - rho * slopes[beam]) / std::hypot(1.0, slopes[beam]) /
          std::max(p.norm(), 1e-3);
 }
@@ -206,8 +207,7 @@ SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lid
   const double explained = free ? 0.99 : 0.95;
   constexpr std::size_t kFewest = 500;  // returns that tell of a motion
   build(sweep, {}, {}, false);
-  if (assigned_share_ >= explained || returns_.size() - static_cast<std::size_t>(skipped_) < kFewest ||
-      lidar.beams.size() < 2)
+  if (assigned_share_ >= explained || returns_.size() - as_size(skipped_) < kFewest || lidar.beams.size() < 2)
     return;
   std::vector<Vec3d> points;
   for (const Return& r : returns_)
@@ -253,8 +253,7 @@ void SweepIndex::build(const Sweep& sweep, std::span<const double> phases, const
     double phase = seen < phases.size() ? phases[seen++] : 0;
     if (!motion_.none()) p = motion_.seen(p, phase);
     const int beam = nearest_beam(lidar_, slopes_, horizontal_distance(p), p.z());
-    returns_.push_back(
-        {p_velo, beam, wrap_angle(firing_through(lidar_.beams[static_cast<std::size_t>(beam)], p)), phase});
+    returns_.push_back({p_velo, beam, wrap_angle(firing_through(lidar_.beams[as_size(beam)], p)), phase});
   }
   own_firings ? find_own_firings() : find_firings();
   for (const LidarBeam& b : lidar_.beams) {
@@ -280,11 +279,10 @@ LidarRay SweepIndex::ray_of_cell(std::size_t beam, std::size_t firing) const {
 
 void SweepIndex::find_firings() {
   if (lidar_.encoder_step > 0) {
-    const auto steps = static_cast<std::size_t>(std::lround(2 * kPi / lidar_.encoder_step));
+    const auto steps = as_size(std::lround(2 * kPi / lidar_.encoder_step));
     std::vector<int> seen(steps, 0);
     for (const Return& r : returns_)
-      if (r.beam >= 0)
-        ++seen[static_cast<std::size_t>(std::lround((r.firing + kPi) / lidar_.encoder_step)) % steps];
+      if (r.beam >= 0) ++seen[as_size(std::lround((r.firing + kPi) / lidar_.encoder_step)) % steps];
     // Returns that noise carried over to the next step are few at any one step.
     const int enough = std::max(2, static_cast<int>(lidar_.beams.size()) / 8);
     for (std::size_t step = 0; step < steps; ++step)
@@ -305,11 +303,9 @@ void SweepIndex::find_own_firings() {
   constexpr std::ptrdiff_t kBins = 16, kApart = 7, kAround = 4;  // of a step
   const auto bins = static_cast<std::ptrdiff_t>(std::lround(kBins * 2 * kPi / lidar_.azimuth_step));
   const double width = 2 * kPi / static_cast<double>(bins);
-  std::vector<int> counts(static_cast<std::size_t>(bins));
+  std::vector<int> counts(as_size(bins));
   std::vector<double> sums(counts.size());  // of the returns' places within their bin
-  const auto wrapped = [&](std::ptrdiff_t bin) {
-    return static_cast<std::size_t>((bin % bins + bins) % bins);
-  };
+  const auto wrapped = [&](std::ptrdiff_t bin) { return as_size((bin % bins + bins) % bins); };
   for (const Return& r : returns_) {
     if (r.beam < 0) continue;
     const double place = (r.firing + kPi) / width;
@@ -348,21 +344,21 @@ void SweepIndex::assign() {
     if (r.beam < 0) continue;
     int loser = static_cast<int>(i);
     if (const int firing = nearest_firing(firings_, r.firing, reach); firing >= 0) {
-      const auto f = static_cast<std::size_t>(firing);
-      angles[i] = angle_to(ray_of_cell(static_cast<std::size_t>(r.beam), f), r.p_velo);
-      int& holder = cells_[static_cast<std::size_t>(r.beam) * firings_.size() + f];
-      if (holder < 0 || angles[i] < angles[static_cast<std::size_t>(holder)]) std::swap(holder, loser);
+      const auto f = as_size(firing);
+      angles[i] = angle_to(ray_of_cell(as_size(r.beam), f), r.p_velo);
+      int& holder = cells_[as_size(r.beam) * firings_.size() + f];
+      if (holder < 0 || angles[i] < angles[as_size(holder)]) std::swap(holder, loser);
     }
     if (loser >= 0) extra_.push_back(loser);
   }
   std::size_t near = 0;
-  for (int point : cells_) near += point >= 0 && angles[static_cast<std::size_t>(point)] <= kNearAngle;
+  for (int point : cells_) near += point >= 0 && angles[as_size(point)] <= kNearAngle;
   assigned_share_ = returns_.empty() ? 0 : static_cast<double>(near) / static_cast<double>(returns_.size());
 }
 
 SweepRay SweepIndex::ray_of(int point, int firing) const {
-  const Return& r = returns_[static_cast<std::size_t>(point)];
-  const LidarBeam& b = lidar_.beams[static_cast<std::size_t>(r.beam)];
+  const Return& r = returns_[as_size(point)];
+  const LidarBeam& b = lidar_.beams[as_size(r.beam)];
   const double azimuth = r.firing + b.azimuth_offset;
   Vec3d from(-b.lateral * std::sin(azimuth), b.lateral * std::cos(azimuth), b.height);
   if (!motion_.none()) from += motion_.at(r.phase);
@@ -392,8 +388,7 @@ std::vector<SweepRay> SweepIndex::rays_through(const Vec3d& centre_velo, double 
     if (std::abs(miss) > reach + kSlack * (rho + radius)) continue;
     const double half = reach < rho ? std::min(kPi, std::asin(reach / rho) + kSlack) : kPi;
     const double from = wrap_angle(azimuth - beam.azimuth_offset - half);
-    const auto first =
-        static_cast<std::size_t>(std::lower_bound(firings_.begin(), firings_.end(), from) - firings_.begin());
+    const auto first = as_size(std::lower_bound(firings_.begin(), firings_.end(), from) - firings_.begin());
     for (std::size_t k = 0; k < count; ++k) {
       const std::size_t f = (first + k) % count;
       const double turned = firings_[f] - from;
@@ -413,7 +408,7 @@ std::optional<RasterCell> SweepIndex::cell_at(const Vec3d& p_velo) const {
   if (lasers < 2 || firings_.empty() || !p_velo.allFinite()) return std::nullopt;
   const Vec3d p = seen_by_unit(p_velo);
   const double rho = horizontal_distance(p);
-  const auto b = static_cast<std::size_t>(nearest_beam(lidar_, slopes_, rho, p.z()));
+  const auto b = as_size(nearest_beam(lidar_, slopes_, rho, p.z()));
   const auto height = [&](std::size_t k) { return lidar_.beams[k].height + rho * slopes_[k]; };
   const double above = b > 0 ? height(b - 1) - height(b) : height(0) - height(1),
                below = b + 1 < lasers ? height(b) - height(b + 1) : above;
@@ -424,7 +419,7 @@ std::optional<RasterCell> SweepIndex::cell_at(const Vec3d& p_velo) const {
   const double azimuth = wrap_angle(firing_through(beam, p));
   const int firing = nearest_firing(firings_, azimuth, lidar_.azimuth_step);
   if (firing < 0) return std::nullopt;
-  const auto f = static_cast<std::size_t>(firing), count = firings_.size();
+  const auto f = as_size(firing), count = firings_.size();
   // A gap in the firings is none of the cell's.
   const auto to = [&](std::size_t other) {
     return std::min(std::abs(wrap_angle(firings_[other] - firings_[f])), 2 * lidar_.azimuth_step);

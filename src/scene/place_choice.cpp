@@ -8,6 +8,7 @@
 #include "base/config.h"
 #include "base/error.h"
 #include "base/names.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -37,7 +38,7 @@ PlaceChoice read_numbers(const std::string& text) {
   const std::vector<std::string> words = listed_words(world ? text.substr(std::string(kWorld).size()) : text);
   if (words.size() != 4) throw FieldError(kField, text, "is no place", kUse);
   for (int i = 0; i < 3; ++i) {
-    place.at[i] = rounded(parse_number(words[static_cast<std::size_t>(i)], kField));
+    place.at[i] = rounded(parse_number(words[as_size(i)], kField));
     if (!(std::abs(place.at[i]) <= kFarthestPlace))
       throw FieldError(kField, text, fmt::format("lies beyond {:g} m", kFarthestPlace), kUse);
   }
@@ -85,7 +86,7 @@ PlaceChoice read_keys(ConfigTable table, const fs::path& file, const std::string
   if (place.in == In::world)
     fail("anchor", "a file says where on a host the object stands", "name a side of it");
   const auto at = table.numbers("offset", 3, -kFarthestPlace, kFarthestPlace);
-  for (int i = 0; i < 3; ++i) place.at[i] = rounded(at[static_cast<std::size_t>(i)]);
+  for (int i = 0; i < 3; ++i) place.at[i] = rounded(at[as_size(i)]);
   place.yaw = rounded_yaw(table.number("yaw", -360, 360));
   place.volume = Vec3d(table.numbers("volume", 3, kSmallestObject, kLargestObject).data());
   place.box = static_cast<TrueBox>(word("box", words_of(TrueBox())));
@@ -144,7 +145,7 @@ std::string text_of(const PlaceChoice& place) {
 nlohmann::json to_json(const PlaceChoice& place) {
   const auto list = [](const Vec3d& v) { return nlohmann::json{v.x(), v.y(), v.z()}; };
   nlohmann::json json = {{"what", place.what},
-                         {"anchor", kAnchors[static_cast<std::size_t>(place.in)]},
+                         {"anchor", kAnchors[as_size(place.in)]},
                          {"offset", list(place.at)},
                          {"yaw", place.yaw},
                          {"volume", list(place.volume)},

@@ -25,6 +25,7 @@
 #include "base/image.h"
 #include "base/intervals.h"
 #include "base/logging.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "sensors/lighting.h"
 
@@ -174,7 +175,7 @@ class Ground {
     Eigen::MatrixXd other(n, kOther);
     luminance_.resize(n);
     for (Eigen::Index i = 0; i < n; ++i) {
-      const GroundSample& sample = samples_[static_cast<std::size_t>(i)];
+      const GroundSample& sample = samples_[as_size(i)];
       const double r = sample.reflectance;
       other.row(i) << 1, r, r * r, sample.p_velo.x(), sample.p_velo.y();
       luminance_[i] = sample.log_luminance;
@@ -300,8 +301,7 @@ std::optional<Vec3d> road_radiance(const Frame& frame) {
     const long u = std::lround(pixel.x()), v = std::lround(pixel.y());
     if (u < 0 || v < 0 || u >= frame.image.width || v >= frame.image.height) continue;
     for (int c = 0; c < 3; ++c)
-      colours[static_cast<std::size_t>(c)].push_back(
-          frame.image.at(static_cast<int>(u), static_cast<int>(v), c));
+      colours[as_size(c)].push_back(frame.image.at(static_cast<int>(u), static_cast<int>(v), c));
   }
   if (colours[0].size() < kFewestReturns) return std::nullopt;
   return Vec3d(quantile(colours[0], 0.5), quantile(colours[1], 0.5), quantile(colours[2], 0.5));
@@ -366,7 +366,7 @@ SunEstimate sun_from_shadows(const Frame& frame) {
   }
   std::vector<double> highest;
   for (const auto& s : score) highest.push_back(*std::max_element(s.begin(), s.end()));
-  const auto k = static_cast<std::size_t>(std::max_element(highest.begin(), highest.end()) - highest.begin());
+  const auto k = as_size(std::max_element(highest.begin(), highest.end()) - highest.begin());
   if (!(highest[k] > 0)) return best;
   const int azimuth = static_cast<int>(k / kHeights);
   double other = 0;
@@ -384,7 +384,7 @@ SunEstimate sun_from_shadows(const Frame& frame) {
 }
 
 Vec3d vehicle_paint(const Frame& frame, const Label& host) {
-  const ImageF& image = frame.image_of(static_cast<std::size_t>(host.camera));
+  const ImageF& image = frame.image_of(as_size(host.camera));
   const int u0 = std::max(0, static_cast<int>(host.left)),
             u1 = std::min(image.width, static_cast<int>(host.right));
   const int v0 = std::max(0, static_cast<int>(host.top + 0.4 * (host.bottom - host.top)));

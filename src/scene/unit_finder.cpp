@@ -14,6 +14,7 @@
 
 #include "base/error.h"
 #include "base/intervals.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "scene/occlusion.h"
 
@@ -57,7 +58,7 @@ struct UnitPose {
 void place_hits(std::vector<UnitHit>& hits, const UnitPose& pose) {
   const Transform lidar_from_velo = pose.velo_from_lidar.inverse();
   for (UnitHit& hit : hits) {
-    hit.p = pose.motions[static_cast<std::size_t>(hit.sweep)].seen(lidar_from_velo * hit.p_velo, hit.phase);
+    hit.p = pose.motions[as_size(hit.sweep)].seen(lidar_from_velo * hit.p_velo, hit.phase);
     hit.rho = std::max(hit.p.head<2>().norm(), 1e-3);
   }
 }
@@ -85,7 +86,7 @@ std::vector<double> cuts_of(const std::vector<double>& azimuths, const std::vect
   }
   int gap = 0, widest = 0, end = 0;
   for (int b = 0; b < 2 * kBins; ++b) {
-    gap = counts[static_cast<std::size_t>(b % kBins)] == 0 ? gap + 1 : 0;
+    gap = counts[as_size(b % kBins)] == 0 ? gap + 1 : 0;
     if (gap > widest && gap <= kBins) widest = gap, end = b + 1;
   }
   seen = kTurn * (kBins - widest) / kBins;
@@ -137,7 +138,7 @@ std::vector<double> piles(const std::vector<UnitHit>& hits, double nearest) {
       for (std::ptrdiff_t k = -2 * reach; k <= 2 * reach; ++k) {
         const auto to = static_cast<std::ptrdiff_t>(b) + k;
         if (to >= 0 && to < static_cast<std::ptrdiff_t>(bins))
-          smooth[static_cast<std::size_t>(to)] +=
+          smooth[as_size(to)] +=
               fine[b] * std::exp(-2 * std::pow(static_cast<double>(k) / static_cast<double>(reach), 2));
       }
     }
@@ -164,7 +165,7 @@ std::vector<double> piles(const std::vector<UnitHit>& hits, double nearest) {
       for (std::ptrdiff_t k = -reach; k <= reach; ++k)
         if (const auto to = static_cast<std::ptrdiff_t>(at) + k;
             to >= 0 && to < static_cast<std::ptrdiff_t>(bins))
-          inside += fine[static_cast<std::size_t>(to)];
+          inside += fine[as_size(to)];
     const double spread = 2 * width * kDegree * static_cast<double>(peaks.size());
     // What lies in the peaks above what would if hits were spread evenly.
     const double score = all > 0 ? inside / all - spread / (40 * kDegree) : 0;
@@ -241,7 +242,7 @@ void assign_beams(std::vector<UnitHit>& hits, const std::vector<BeamLine>& lines
 double on_beams(const std::vector<UnitHit>& hits, const std::vector<BeamLine>& lines) {
   constexpr double kOn = 0.05 * kDegree;
   const auto on = std::count_if(hits.begin(), hits.end(), [&](const UnitHit& hit) {
-    return std::abs(angle_off(lines[static_cast<std::size_t>(hit.beam)], hit)) < kOn;
+    return std::abs(angle_off(lines[as_size(hit.beam)], hit)) < kOn;
   });
   return static_cast<double>(on) / static_cast<double>(hits.size());
 }
@@ -271,7 +272,7 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
     Eigen::VectorXd right = Eigen::VectorXd::Zero(count);
     for (const UnitHit& hit : some) {
       if (hit.p.norm() < nearest) continue;
-      const auto b = static_cast<std::size_t>(hit.beam);
+      const auto b = as_size(hit.beam);
       const double off = angle_off(lines[b], hit), weight = 1 / (1 + std::pow(off / scale, 2));
       const double per_metre = 1 / std::hypot(1.0, lines[b].slope) / hit.p.norm();
       // off + row · globals − per_metre (1, ρ) · line = 0
@@ -329,7 +330,7 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
     }
     if (moves)
       for (int s = 0; s < sweeps; ++s) {
-        SweepMotion& motion = pose.motions[static_cast<std::size_t>(s)];
+        SweepMotion& motion = pose.motions[as_size(s)];
         motion.start += step.segment<3>(shared + 6 * s);
         motion.turn += step.segment<3>(shared + 6 * s + 3);
       }
@@ -381,7 +382,7 @@ void clean_lines(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines) {
   assign_beams(hits, lines);
   std::vector<std::size_t> counts(lines.size());
   for (const UnitHit& hit : hits) {
-    const auto b = static_cast<std::size_t>(hit.beam);
+    const auto b = as_size(hit.beam);
     counts[b] += std::abs(angle_off(lines[b], hit)) < 0.1 * kDegree;
   }
   std::vector<BeamLine> kept;
@@ -430,9 +431,9 @@ BeamAzimuths azimuths_of(const std::vector<UnitHit>& hits, const std::vector<dou
   BeamAzimuths all(laterals.size(), std::vector<std::vector<double>>(sweeps));
   for (const UnitHit& hit : hits) {
     if (hit.rho < nearest) continue;
-    const auto b = static_cast<std::size_t>(hit.beam);
+    const auto b = as_size(hit.beam);
     const double sideways = std::asin(std::clamp(laterals[b] / hit.rho, -1.0, 1.0));
-    all[b][static_cast<std::size_t>(hit.sweep)].push_back(std::atan2(hit.p.y(), hit.p.x()) - sideways);
+    all[b][as_size(hit.sweep)].push_back(std::atan2(hit.p.y(), hit.p.x()) - sideways);
   }
   for (auto& beam : all)
     for (auto& sweep : beam) std::sort(sweep.begin(), sweep.end());
@@ -505,7 +506,7 @@ double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step)
   std::vector<FarHits> all(beams);
   for (const UnitHit& hit : hits)
     if (hit.rho > kFar) {
-      FarHits& of = all[static_cast<std::size_t>(hit.beam)];
+      FarHits& of = all[as_size(hit.beam)];
       of.azimuths.push_back(std::atan2(hit.p.y(), hit.p.x()));
       of.rhos.push_back(hit.rho);
       of.sweeps.push_back(hit.sweep);
@@ -547,8 +548,8 @@ double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step)
     }
     for (std::size_t k = 0; k < last; ++k) sums[k] += kept[k];
   }
-  auto most = static_cast<std::size_t>(
-      std::max_element(sums.begin() + static_cast<std::ptrdiff_t>(first), sums.end()) - sums.begin());
+  auto most =
+      as_size(std::max_element(sums.begin() + static_cast<std::ptrdiff_t>(first), sums.end()) - sums.begin());
   for (const std::size_t part : {3u, 2u})  // of a fine grid every multiple is one
     if (most / part > first && sums[most / part] > 0.8 * sums[most]) {
       most /= part;
@@ -569,8 +570,7 @@ std::vector<double> laterals_of(const std::vector<UnitHit>& hits, std::size_t be
   constexpr double kMost = 0.06, kStep = 0.002, kNear = 2, kGain = 0.02;
   std::vector<std::vector<std::pair<double, double>>> seen(beams);  // azimuth, ρ
   for (const UnitHit& hit : hits)
-    if (hit.rho > kNear)
-      seen[static_cast<std::size_t>(hit.beam)].push_back({std::atan2(hit.p.y(), hit.p.x()), hit.rho});
+    if (hit.rho > kNear) seen[as_size(hit.beam)].push_back({std::atan2(hit.p.y(), hit.p.x()), hit.rho});
   std::vector<double> laterals(beams);
   for (std::size_t b = 0; b < beams; ++b) {
     const auto coherent = [&](double lateral) {
@@ -600,7 +600,7 @@ std::vector<double> phases_on_grid(const BeamAzimuths& all, double grid) {
 /// Whole steps of the grid that bring the beams' firing patterns onto each other, added to the phases.
 void align_patterns(const BeamAzimuths& all, double grid, std::vector<double>& phases) {
   constexpr double kWidestTurn = 12 * kDegree;
-  const auto steps = static_cast<std::size_t>(std::lround(kTurn / grid));
+  const auto steps = as_size(std::lround(kTurn / grid));
   const int most = static_cast<int>(kWidestTurn / grid);
   const std::size_t sweeps = all.front().size();
   std::vector<std::vector<double>> pattern(sweeps, std::vector<double>(steps));
@@ -618,8 +618,7 @@ void align_patterns(const BeamAzimuths& all, double grid, std::vector<double>& p
   constexpr int kRounds = 3;
   const auto count = [&](std::size_t b, double by) {
     for (std::size_t s = 0; s < sweeps; ++s)
-      for (const double azimuth : all[b][s])
-        pattern[s][static_cast<std::size_t>(place(azimuth, phases[b])) % steps] += by;
+      for (const double azimuth : all[b][s]) pattern[s][as_size(place(azimuth, phases[b])) % steps] += by;
   };
   for (int round = 0; round < kRounds; ++round)
     for (const std::size_t b : order) {
@@ -631,9 +630,8 @@ void align_patterns(const BeamAzimuths& all, double grid, std::vector<double>& p
         double meets = 0;
         for (std::size_t s = 0; s < sweeps; ++s)
           for (const double azimuth : all[b][s])
-            meets += pattern[s][static_cast<std::size_t>(place(azimuth, phases[b]) - lag +
-                                                         2 * static_cast<long>(steps)) %
-                                steps];
+            meets +=
+                pattern[s][as_size(place(azimuth, phases[b]) - lag + 2 * static_cast<long>(steps)) % steps];
         if (meets > 1.001 * most_hits) most_hits = meets, best = lag;
       }
       phases[b] += best * grid;
@@ -810,7 +808,7 @@ FoundUnit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, 
   for (std::size_t b = 0; b < lines.size(); ++b)
     lidar.beams.push_back({std::atan(lines[b].slope), lines[b].height, laterals[b], phases[b], 0});
   for (const UnitHit& hit : hits) {
-    const double azimuth = std::atan2(hit.p.y(), hit.p.x()) - phases[static_cast<std::size_t>(hit.beam)];
+    const double azimuth = std::atan2(hit.p.y(), hit.p.x()) - phases[as_size(hit.beam)];
     low = std::min(low, azimuth), high = std::max(high, azimuth);
     farthest = std::max(farthest, hit.p.norm());
   }

@@ -2,6 +2,8 @@
 
 #include <array>
 
+#include "base/sizes.h"
+
 namespace mirage {
 namespace {
 
@@ -22,7 +24,7 @@ void spread(const Image<double>& from, const std::array<double, kBlurReach + 1>&
   for (int v = 0; v < from.height; ++v)
     for (int u = 0; u < from.width; ++u)
       for (int k = -kBlurReach; k <= kBlurReach; ++k) {
-        const double weight = taps[static_cast<std::size_t>(std::abs(k))];
+        const double weight = taps[as_size(std::abs(k))];
         double* at = across ? to.pixel(std::clamp(u + k, 0, from.width - 1), v)
                             : to.pixel(u, std::clamp(v + k, 0, from.height - 1));
         for (int c = 0; c < from.channels; ++c) at[c] += weight * from.at(u, v, c);

@@ -36,7 +36,7 @@ using coverage::Visible;
 
 Four colour_of(const ScreenMesh<double>& mesh, int texel) {
   if (texel < 0) return Four::Zero();
-  const Vec3d& c = mesh.texels[static_cast<std::size_t>(texel)];
+  const Vec3d& c = mesh.texels[as_size(texel)];
   return {c[0], c[1], c[2], 1};
 }
 
@@ -70,7 +70,7 @@ std::vector<Limit> find_limits(const Visible& visible, const RasterTarget<S>& ta
 
 /// Whether a piece can show in a canvas, or to its right, where sums along rows begin.
 bool meets(const Visible& visible, const Piece& piece, const PixelRect& rect) {
-  const auto& face = visible.faces[static_cast<std::size_t>(piece.face)];
+  const auto& face = visible.faces[as_size(piece.face)];
   return face.low.x() < rect.u1 && face.high.x() > rect.u0 && face.low.y() < rect.v1 &&
          face.high.y() > rect.v0;
 }
@@ -93,8 +93,7 @@ void draw_canvas(const ScreenMesh<double>& mesh, const RasterTarget<S>& target, 
   for (std::size_t e = canvas.first; e < canvas.last; ++e) {
     const Edge& edge = state.outline.edges[e];
     const Four step = colour_of(mesh, edge.inside) - colour_of(mesh, edge.outside);
-    areas.add(points[static_cast<std::size_t>(edge.from)].p - origin,
-              points[static_cast<std::size_t>(edge.to)].p - origin, step);
+    areas.add(points[as_size(edge.from)].p - origin, points[as_size(edge.to)].p - origin, step);
   }
   // Sums that are 0 or 1 but for rounding: a colour beyond the range would count as saturated.
   constexpr double kRounding = 1e-12;
@@ -163,7 +162,7 @@ ScreenGradient<double> draw_exact_vjp(const ScreenMesh<double>& mesh, const Rast
     const Canvas& canvas = state.canvases[which];
     upstream.fill(canvas.rect, [&](int u, int v) -> Four {
       if (which == 0 && !state.limits.empty() &&
-          state.limits[static_cast<std::size_t>(v) * width + u] != Limit::beyond)
+          state.limits[as_size(v) * as_size(width) + as_size(u)] != Limit::beyond)
         return Four::Zero();
       const double* d = d_rgba.pixel(u, v);
       const S* photograph = target.background.pixel(u, v);
@@ -174,12 +173,12 @@ ScreenGradient<double> draw_exact_vjp(const ScreenMesh<double>& mesh, const Rast
     const Vec2d origin(canvas.rect.u0, canvas.rect.v0);
     for (std::size_t e = canvas.first; e < canvas.last; ++e) {
       const Edge& edge = state.outline.edges[e];
-      const auto from = static_cast<std::size_t>(edge.from), to = static_cast<std::size_t>(edge.to);
+      const auto from = as_size(edge.from), to = as_size(edge.to);
       const Four step = colour_of(mesh, edge.inside) - colour_of(mesh, edge.outside);
       Four area = Four::Zero();  // Σ g · area right of the edge
       double at_from = 0, at_to = 0;
       const auto visit = [&](int i, int j, double dy, double x, double t, double dt) {
-        const std::size_t k = static_cast<std::size_t>(j) * upstream.width + i;
+        const std::size_t k = as_size(j) * as_size(upstream.width) + as_size(i);
         const Four& g = upstream.at[k];
         area -= dy * ((1 - x) * g + upstream.right[k]);
         const double push = dt * (step * g).sum();
@@ -187,14 +186,13 @@ ScreenGradient<double> draw_exact_vjp(const ScreenMesh<double>& mesh, const Rast
         at_to += t * push;
       };
       const auto left = [&](int j, double dy) {
-        const std::size_t k = static_cast<std::size_t>(j) * upstream.width;
+        const std::size_t k = as_size(j) * as_size(upstream.width);
         area -= dy * (upstream.at[k] + upstream.right[k]);
       };
       coverage::walk(points[from].p - origin, points[to].p - origin, canvas.rect.width(),
                      canvas.rect.height(), visit, left);
-      if (edge.inside >= 0) gradient.texels[static_cast<std::size_t>(edge.inside)] += area.head<3>().matrix();
-      if (edge.outside >= 0)
-        gradient.texels[static_cast<std::size_t>(edge.outside)] -= area.head<3>().matrix();
+      if (edge.inside >= 0) gradient.texels[as_size(edge.inside)] += area.head<3>().matrix();
+      if (edge.outside >= 0) gradient.texels[as_size(edge.outside)] -= area.head<3>().matrix();
       const Vec2d along = points[to].p - points[from].p, outward(along.y(), -along.x());
       force[from] += at_from * outward;
       force[to] += at_to * outward;
@@ -207,9 +205,9 @@ ScreenGradient<double> draw_exact_vjp(const ScreenMesh<double>& mesh, const Rast
   const double pixels = longer / 2;  // an NDC
   for (std::size_t i = 0; i < forces.size(); ++i) {
     const auto& face = state.visible.faces[i];
-    const auto f = static_cast<std::size_t>(face.face);
+    const auto f = as_size(face.face);
     for (int k = 0; k < 3; ++k) {
-      const auto corner = static_cast<std::size_t>(face.corner[k]);
+      const auto corner = as_size(face.corner[k]);
       const Vec2d& d = forces[i].s[k];
       gradient.faces[f][corner] += Vec3d(pixels * d.x(), -pixels * d.y(), forces[i].z[k]);
       if (!gradient.corner_barycentrics.empty())

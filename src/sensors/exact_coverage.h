@@ -26,6 +26,7 @@
 #include <vector>
 
 #include "base/image.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "sensors/soft_rasterizer.h"
 
@@ -139,7 +140,7 @@ class Areas {
   /// `rect`: the canvas. Clears `memory`, which it fills and which outlives it.
   Areas(std::vector<Four>& memory, const PixelRect& rect)
       : sums_(memory), width_(rect.width()), height_(rect.height()) {
-    sums_.assign(static_cast<std::size_t>(width_ + 1) * height_, Four::Zero());
+    sums_.assign(as_size(width_ + 1) * as_size(height_), Four::Zero());
   }
   /// Adds an edge (pixels of the canvas); `colour`: that on its left less that on its right.
   void add(const Vec2d& from, const Vec2d& to, const Four& colour) {
@@ -159,7 +160,7 @@ class Areas {
   }
 
  private:
-  Four* row(int j) { return sums_.data() + static_cast<std::size_t>(j) * (width_ + 1); }
+  Four* row(int j) { return sums_.data() + as_size(j) * as_size(width_ + 1); }
 
   std::vector<Four>& sums_;
   int width_, height_;
@@ -174,13 +175,13 @@ struct UpstreamSums {
   template <class Of>
   void fill(const PixelRect& rect, const Of& of) {
     width = rect.width();
-    const auto count = static_cast<std::size_t>(width) * rect.height();
+    const auto count = as_size(width) * as_size(rect.height());
     at.resize(count);
     right.resize(count);
     for (int j = 0; j < rect.height(); ++j) {
       Four sum = Four::Zero();
       for (int i = width; i-- > 0;) {
-        const std::size_t k = static_cast<std::size_t>(j) * width + i;
+        const std::size_t k = as_size(j) * as_size(width) + as_size(i);
         right[k] = sum;
         at[k] = of(rect.u0 + i, rect.v0 + j);
         sum += at[k];

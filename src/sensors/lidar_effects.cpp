@@ -5,6 +5,7 @@
 #include <numeric>
 
 #include "base/error.h"
+#include "base/sizes.h"
 
 namespace mirage {
 
@@ -114,7 +115,7 @@ void strongest_echo(std::span<const Reflection> reflections, double pulse_length
   echo.members.clear();
   std::vector<int> order(reflections.size());
   std::iota(order.begin(), order.end(), 0);
-  const auto at = [&](int i) -> const Reflection& { return reflections[static_cast<std::size_t>(i)]; };
+  const auto at = [&](int i) -> const Reflection& { return reflections[as_size(i)]; };
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return at(a).range < at(b).range; });
   double best = 0;
   for (std::size_t first = 0, end = 0; first < order.size(); first = end) {

@@ -8,6 +8,7 @@
 #include "base/config.h"
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/sizes.h"
 #include "sensors/lidar_effects.h"
 
 namespace mirage {
@@ -47,11 +48,11 @@ double LidarModel::firing_azimuth(int column) const {
 
 double LidarModel::firing_time(int beam, double firing_azimuth_) const {
   const double turn = std::remainder(firing_azimuth_, 2 * std::numbers::pi) / (2 * std::numbers::pi);
-  return (rate > 0 ? rotation * turn / rate : 0) + beams[static_cast<std::size_t>(beam)].time;
+  return (rate > 0 ? rotation * turn / rate : 0) + beams[as_size(beam)].time;
 }
 
 LidarRay LidarModel::ray_at(int beam, double firing_azimuth_) const {
-  const LidarBeam& b = beams[static_cast<std::size_t>(beam)];
+  const LidarBeam& b = beams[as_size(beam)];
   const double a = firing_azimuth_ + b.azimuth_offset, ca = std::cos(a), sa = std::sin(a);
   const double ce = std::cos(b.elevation), se = std::sin(b.elevation);
   return {velo_from_lidar * Vec3d(-b.lateral * sa, b.lateral * ca, b.height),
@@ -60,11 +61,11 @@ LidarRay LidarModel::ray_at(int beam, double firing_azimuth_) const {
 
 RayTable ray_table(const LidarModel& lidar) {
   const int columns = lidar.azimuth_count();
-  RayTable table(lidar.beams.size(), static_cast<std::size_t>(columns));
+  RayTable table(lidar.beams.size(), as_size(columns));
   for (std::size_t b = 0; b < lidar.beams.size(); ++b)
     for (int column = 0; column < columns; ++column) {
       const LidarRay ray = lidar.ray(static_cast<int>(b), column);
-      table.set(b, static_cast<std::size_t>(column), ray.origin.cast<float>(), ray.direction.cast<float>());
+      table.set(b, as_size(column), ray.origin.cast<float>(), ray.direction.cast<float>());
     }
   return table;
 }

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "base/sizes.h"
 #include "base/types.h"
 #include "sensors/ray_caster.h"
 
@@ -142,7 +143,7 @@ std::array<Vec3<S>, 3> intersect_face_vjp(const Vec3<S>& direction, const std::a
   const Vec3<S> unit = n / length;
   const S cosine = std::max(std::abs(facing) / length, grazing_cosine);
   const Vec3<S> along_normal = unit * (sign * d_point.dot(direction) / cosine);
-  for (int k = 0; k < 3; ++k) d_face[k] += hit.barycentric[k] * along_normal;
+  for (int k = 0; k < 3; ++k) d_face[as_size(k)] += hit.barycentric[k] * along_normal;
   // Reflectance: ρ |n·d| / |n|.
   const S longest = std::sqrt(std::max({e1.squaredNorm(), e2.squaredNorm(), (e2 - e1).squaredNorm()}));
   const S bound = std::min(S(1), length / longest / S(kThinFace));

@@ -5,6 +5,7 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -52,7 +53,7 @@ class SweepSimulator {
         effects_(effects),
         motion_(motion),
         pattern_(beam_pattern(effects)),
-        columns_(static_cast<std::size_t>(model.azimuth_count())),
+        columns_(as_size(model.azimuth_count())),
         rays_(model.beams.size() * pattern_.size(), columns_),
         axis_(model.beams.size(), columns_),
         draws_(model.beams.size() * columns_),
@@ -156,8 +157,7 @@ class SweepSimulator {
     Met met = first_hit(i);
     bool returned = false;
     for (int panes = 0; panes < kGlassLayers && met.mesh >= 0;) {
-      const float through =
-          parts_[met.part].scene->materials[static_cast<std::size_t>(met.mesh)].transparency;
+      const float through = parts_[met.part].scene->materials[as_size(met.mesh)].transparency;
       if (pane >= through) {
         returned = through == 0 || (pane - through) < (1 - through) * kGlassEcho;
         break;
@@ -170,7 +170,7 @@ class SweepSimulator {
     }
     if (!returned) return false;
     const RayScene& scene = *parts_[met.part].scene;
-    const auto mesh = static_cast<std::size_t>(met.mesh);
+    const auto mesh = as_size(met.mesh);
     const float t = met.t;
     ray.origin = started(parts_[met.part], ray.origin, row, column);
     const Vec3f n = scene.caster.normal(met.mesh, met.face).normalized();
@@ -214,11 +214,11 @@ class SweepSimulator {
     Echo echo;
     strongest_echo(reflections, effects_.pulse_length, echo);
     if (echo.strongest < 0) return false;
-    result = parts[static_cast<std::size_t>(echo.strongest)];
+    result = parts[as_size(echo.strongest)];
     result.signal = 0;
     float reflectivity = 0;
     for (int i : echo.members) {
-      const auto at = static_cast<std::size_t>(i);
+      const auto at = as_size(i);
       reflectivity += static_cast<float>(weights[at]) * parts[at].reflectivity;
       result.signal += reflections[at].strength;
     }

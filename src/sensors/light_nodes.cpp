@@ -29,12 +29,11 @@ const Value& once(std::map<Key, Value>& made, const Key& key, const Make& make) 
 const std::vector<std::array<Vec2f, 3>>& texel_corners(int resolution) {
   thread_local std::map<int, std::vector<std::array<Vec2f, 3>>> made;
   return once(made, resolution, [&] {
-    std::vector<std::array<Vec2f, 3>> corners(static_cast<std::size_t>(resolution) *
-                                              static_cast<std::size_t>(resolution));
+    std::vector<std::array<Vec2f, 3>> corners(as_size(resolution) * as_size(resolution));
     for (const AtlasTriangle& triangle : atlas_triangles(resolution))
       for (std::size_t i = 0; i < 3; ++i) {
         const Vec2d& b = triangle.corners[i];
-        corners[static_cast<std::size_t>(triangle.texel)][i] = Vec2d(b.y(), 1 - b.sum()).cast<float>();
+        corners[as_size(triangle.texel)][i] = Vec2d(b.y(), 1 - b.sum()).cast<float>();
       }
     return corners;
   });
@@ -95,7 +94,7 @@ class Nodes {
     std::vector<std::size_t> own(mesh_.faces.size(), 0);
     for (std::size_t i = 0; i < hits.size(); ++i) {
       if (hits[i].face < 0) continue;
-      const std::size_t face = static_cast<std::size_t>(hits[i].face), side = made_.side(face);
+      const std::size_t face = as_size(hits[i].face), side = made_.side(face);
       points_[side].push_back(made_.wholes[side].at(hits[i].b1, hits[i].b2));
       own[face] += i / points.size() == face;
     }
@@ -148,11 +147,10 @@ class Nodes {
     pencil.intersect(targets, hits);
     for (const RayPencil::Met& hit : hits) {
       if (hit.face < 0) continue;
-      const std::size_t side = made_.side(static_cast<std::size_t>(hit.face));
+      const std::size_t side = made_.side(as_size(hit.face));
       if (made_.parts[side] == 1) continue;
       const int part = texel_index<double>(std::max(0.0f, 1 - hit.b1 - hit.b2), hit.b1, made_.parts[side]);
-      seen.emplace_back(made_.first_node(side) + static_cast<std::size_t>(part),
-                        made_.wholes[side].at(hit.b1, hit.b2));
+      seen.emplace_back(made_.first_node(side) + as_size(part), made_.wholes[side].at(hit.b1, hit.b2));
     }
     keep(std::move(seen));
   }
@@ -262,7 +260,7 @@ const std::vector<std::vector<int>>& centroids_within(int p, int n) {
     const std::vector<int>&part_of = texels_of_centroids(n, p), &own = texels_of_centroids(p, n);
     std::vector<std::vector<int>> lists(own.size());
     for (std::size_t i = 0; i < part_of.size(); ++i)
-      lists[static_cast<std::size_t>(part_of[i])].push_back(static_cast<int>(i));
+      lists[as_size(part_of[i])].push_back(static_cast<int>(i));
     for (std::size_t k = 0; k < lists.size(); ++k)
       if (lists[k].empty()) lists[k].push_back(own[k]);
     return lists;

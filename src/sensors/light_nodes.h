@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "base/sizes.h"
 #include "sensors/ray_pencil.h"
 #include "sensors/visible_light.h"
 
@@ -43,13 +44,12 @@ struct LightNodes : LightLayout {
   /// How many nodes there are: patches and the roof's cells.
   int nodes() const { return static_cast<int>(leaves.size()); }
   /// Whether the node is one that the camera sees.
-  bool is_seen(int node) const { return node < patches() && seen[static_cast<std::size_t>(node)]; }
+  bool is_seen(int node) const { return node < patches() && seen[as_size(node)]; }
   /// Where the camera sees a patch.
   std::span<const Vec3f> points_seen(int patch) const {
     if (first_seen_point.empty()) return {};
-    const int* first = &first_seen_point[static_cast<std::size_t>(patch)];
-    return std::span(seen_points)
-        .subspan(static_cast<std::size_t>(first[0]), static_cast<std::size_t>(first[1] - first[0]));
+    const int* first = &first_seen_point[as_size(patch)];
+    return std::span(seen_points).subspan(as_size(first[0]), as_size(first[1] - first[0]));
   }
   /// Whether the camera may see some of a side.
   bool is_side_seen(std::size_t side) const { return parts[side] > 1 || is_seen(first_of_side[side]); }

@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/intervals.h"
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 #include "sensors/light_nodes.h"
 #include "sensors/lighting.h"
@@ -52,7 +53,7 @@ class SunTracer {
         settings_(settings),
         lit_(nodes.wholes.size()),
         resolutions_(nodes.faces, resolution) {
-    shares_.of_nodes.assign(static_cast<std::size_t>(nodes.nodes()), 0);
+    shares_.of_nodes.assign(as_size(nodes.nodes()), 0);
   }
 
   SunShares run(const std::vector<std::vector<Vec3f>>& met_points) {
@@ -108,7 +109,7 @@ class SunTracer {
       for (std::size_t k = 0; k < points.size(); ++k)
         starts.push_back(seen || met.empty() ? at(whole, points[k]) : met[k * met.size() / points.size()]);
     }
-    const auto first_cell = static_cast<std::size_t>(nodes_.patches());
+    const auto first_cell = as_size(nodes_.patches());
     for (std::size_t i = first_cell; i < nodes_.leaves.size(); ++i)
       if (is_turned_to_sun(nodes_.leaves[i])) starts.push_back(nodes_.leaves[i].at(0.5f, 0.5f));
     const std::vector<std::uint8_t> sees = look(starts);
@@ -146,7 +147,7 @@ class SunTracer {
       const std::vector<int>& sample_of = texels_of_centroids(n, samples.n);
       Again again{side, std::vector<std::uint8_t>(points.size()), {}};
       for (std::size_t i = 0; i < points.size(); ++i) {
-        const auto sample = static_cast<std::size_t>(sample_of[i]);
+        const auto sample = as_size(sample_of[i]);
         again.lit[i] = lit[sample];
         if (!near[sample]) continue;
         again.places.push_back(i);
@@ -169,13 +170,13 @@ class SunTracer {
     const std::vector<std::vector<int>>& around = texel_neighbours(samples.n, kBorder);
     std::vector<std::uint8_t> near(samples.lit.size(), 0);
     for (std::size_t i = 0; i < near.size(); ++i)
-      for (const int k : around[i]) near[i] |= samples.lit[i] != samples.lit[static_cast<std::size_t>(k)];
+      for (const int k : around[i]) near[i] |= samples.lit[i] != samples.lit[as_size(k)];
     return near;
   }
   /// The share of a side's samples that are lit.
   static double share(const Samples& samples, const std::vector<int>& some) {
     int count = 0;
-    for (const int k : some) count += samples.lit[static_cast<std::size_t>(k)];
+    for (const int k : some) count += samples.lit[as_size(k)];
     return static_cast<double>(count) / static_cast<double>(some.size());
   }
   void share_to_nodes() {
@@ -189,7 +190,7 @@ class SunTracer {
 
   void share_to_parts() {
     shares_.parts = TexelGrid(std::move(resolutions_));
-    shares_.of_parts.assign(static_cast<std::size_t>(shares_.parts.first.back()), 0);
+    shares_.of_parts.assign(as_size(shares_.parts.first.back()), 0);
     for (std::size_t f = 0; f < nodes_.faces; ++f) {
       const Samples& samples = lit_[nodes_.side(f)];
       if (samples.n == 0) continue;
@@ -289,7 +290,7 @@ class Tracer {
       result_.roof_normal = around->velo_from_roof.linear().col(2);
       result_.paint = around->paint;
     }
-    sums_.resize(static_cast<std::size_t>(nodes()));
+    sums_.resize(as_size(nodes()));
     traced_.assign(sums_.size(), false);
     met_points_.resize(sums_.size());
   }
@@ -302,39 +303,39 @@ class Tracer {
 
  private:
   int nodes() const { return nodes_.nodes(); }
-  const LightLeaf& leaf(int node) const { return nodes_.leaves[static_cast<std::size_t>(node)]; }
-  int side_of(int patch) const { return nodes_.side_of[static_cast<std::size_t>(patch)]; }
+  const LightLeaf& leaf(int node) const { return nodes_.leaves[as_size(node)]; }
+  int side_of(int patch) const { return nodes_.side_of[as_size(patch)]; }
   /// Where a side's nodes start.
-  int first(int side) const { return nodes_.first_of_side[static_cast<std::size_t>(side)]; }
+  int first(int side) const { return nodes_.first_of_side[as_size(side)]; }
   /// Whether the camera sees the node's gloss.
   bool is_glossy(int node) const {
     return !nodes_.views.empty() && nodes_.is_seen(node) && !leaf(node).normal.isZero(0);
   }
-  const Vec3d& view(int patch) const { return nodes_.views[static_cast<std::size_t>(patch)]; }
+  const Vec3d& view(int patch) const { return nodes_.views[as_size(patch)]; }
 
   /// Rays of the sides that are shown, then of what those meet, of what these meet, and so on: what nothing
   /// shows lights nothing.
   void trace_all() {
     std::vector<int> seen, others;
     for (int i = 0; i < nodes_.patches(); ++i) {
-      const auto side = static_cast<std::size_t>(side_of(i));
+      const auto side = as_size(side_of(i));
       if (nodes_.is_seen(i)) {
         seen.push_back(i);
       } else if (nodes_.side(nodes_.face_of(side)) == side) {
         others.push_back(i);
       }
     }
-    std::vector<bool> asked(static_cast<std::size_t>(nodes()), false);
+    std::vector<bool> asked(as_size(nodes()), false);
     for (const auto* list : {&seen, &others})
-      for (const int i : *list) asked[static_cast<std::size_t>(i)] = true;
+      for (const int i : *list) asked[as_size(i)] = true;
     trace(seen, settings_.directions);
     std::size_t first = 0;
     do {
       const std::size_t end = links_.size();
       for (; first < end; ++first) {
         const int node = links_[first].met;
-        if (!asked[static_cast<std::size_t>(node)]) others.push_back(node);
-        asked[static_cast<std::size_t>(node)] = true;
+        if (!asked[as_size(node)]) others.push_back(node);
+        asked[as_size(node)] = true;
       }
       std::sort(others.begin(), others.end());
       trace(others, settings_.rough_directions);
@@ -358,7 +359,7 @@ class Tracer {
     for (const int node : from) {
       const auto row = static_cast<Eigen::Index>(senders.size());
       senders.push_back({node, points_of(node)});
-      traced_[static_cast<std::size_t>(node)] = true;
+      traced_[as_size(node)] = true;
       normals.row(row) = leaf(node).normal;
       if (!is_glossy(node)) continue;
       is_any_glossy = true;
@@ -370,14 +371,14 @@ class Tracer {
     Rays rays;
     for (int k = 0; k < n; ++k) {
       const Vec2f point = lattice_point(k, 0.7548776662466927, 0.5698402909980532);  // Roberts's R2 sequence
-      const std::size_t direction = first + static_cast<std::size_t>(k);
+      const std::size_t direction = first + as_size(k);
       const Vec3f& towards = directions_[direction].towards;
       cosines.noalias() = normals * towards;
       if (is_any_glossy) eye_cosines.noalias() = views * towards;
       rays.clear();
       for (Eigen::Index at = 0; at < cosines.size(); ++at)
         if (cosines[at] > 0) {
-          const Sender& sender = senders[static_cast<std::size_t>(at)];
+          const Sender& sender = senders[as_size(at)];
           rays.add(sender.node, start_of(sender, k, point), cosines[at], to_eye[at], eye_cosines[at]);
         }
       rays.hits.resize(rays.nodes.size());
@@ -403,7 +404,7 @@ class Tracer {
   /// Where rays of a node start; empty: all over it. What runs through others is lit as where it is seen: by
   /// the camera, or by those that it lights.
   std::span<const Vec3f> points_of(int node) const {
-    return nodes_.is_seen(node) ? nodes_.points_seen(node) : met_points_[static_cast<std::size_t>(node)];
+    return nodes_.is_seen(node) ? nodes_.points_seen(node) : met_points_[as_size(node)];
   }
   /// Of a ray along direction k. `point`: of the unit square, for that direction.
   Vec3f start_of(const Sender& sender, int k, const Vec2f& point) const {
@@ -418,24 +419,23 @@ class Tracer {
 
   /// What rays along a direction bring.
   void add(const Rays& rays, int direction) {
-    const LightAround::Along& along = directions_[static_cast<std::size_t>(direction)];
+    const LightAround::Along& along = directions_[as_size(direction)];
     result_.rays += rays.nodes.size();
     for (std::size_t ray = 0; ray < rays.nodes.size(); ++ray) {
       const int node = rays.nodes[ray];
       const float response = rays.responses[ray];
-      Sums& sums = sums_[static_cast<std::size_t>(node)];
+      Sums& sums = sums_[as_size(node)];
       sums.cosine += rays.cosines[ray], sums.response += response;
       const RayPencil::Met& hit = rays.hits[ray];
       if (hit.face >= 0) {
         const int met = met_patch(hit, along.towards);
         links_.push_back({node, met, direction, response});
-        if (!nodes_.is_seen(met) && !traced_[static_cast<std::size_t>(met)])
-          met_points_[static_cast<std::size_t>(met)].push_back(
-              nodes_.wholes[static_cast<std::size_t>(side_of(met))].at(hit.b1, hit.b2));
+        if (!nodes_.is_seen(met) && !traced_[as_size(met)])
+          met_points_[as_size(met)].push_back(nodes_.wholes[as_size(side_of(met))].at(hit.b1, hit.b2));
         continue;
       }
       if (beside_ && rays.beside[ray].face >= 0) {
-        const auto face = static_cast<std::size_t>(rays.beside[ray].face);
+        const auto face = as_size(rays.beside[ray].face);
         sums.add(beside_light_[face], response, along);
         continue;
       }
@@ -453,7 +453,7 @@ class Tracer {
   /// The node of the object that a ray met.
   int met_patch(const RayPencil::Met& hit, const Vec3f& towards) const {
     const int front = leaf(first(hit.face)).normal.dot(towards) < 0 ? hit.face : hit.face + faces_;
-    const int parts = nodes_.parts[static_cast<std::size_t>(front)];
+    const int parts = nodes_.parts[as_size(front)];
     if (parts == 1) return first(front);
     const double b1 = hit.b1, b2 = hit.b2;
     return first(front) + texel_index<double>(std::max(0.0, 1 - b1 - b2), b1, parts);
@@ -468,7 +468,7 @@ class Tracer {
     result_.shown = std::move(sun.parts);
     result_.resolution = resolution_;
     for (std::size_t f = 0; f < nodes_.faces; ++f) {
-      const auto finest = static_cast<std::size_t>(result_.shown.resolution_of(f) / resolution_);
+      const auto finest = as_size(result_.shown.resolution_of(f) / resolution_);
       while (result_.texel_of_part.size() < finest) {
         const int parts = static_cast<int>(result_.texel_of_part.size()) + 1;
         result_.texel_of_part.push_back(texels_of_centroids(resolution_ * parts, resolution_));
@@ -483,7 +483,7 @@ class Tracer {
     const Vec3f to_sun = light_.to_sun_velo.cast<float>();
     std::vector<float> nl(links_.size()), nv(links_.size()), lv(links_.size());
     for (std::size_t i = 0; i < links_.size(); ++i) {
-      const Vec3f &towards = directions_[static_cast<std::size_t>(links_[i].direction)].towards,
+      const Vec3f &towards = directions_[as_size(links_[i].direction)].towards,
                   &normal = leaf(links_[i].met).normal;
       nl[i] = normal.dot(to_sun), nv[i] = -normal.dot(towards), lv[i] = -towards.dot(to_sun);
     }
@@ -500,9 +500,9 @@ class Tracer {
     result_.reflections.reserve(links_.size());
     for (std::size_t i = 0; i < links_.size(); ++i) {
       const Link& link = links_[i];
-      const auto node = static_cast<std::size_t>(link.node);
-      const LightAround::Along& along = directions_[static_cast<std::size_t>(link.direction)];
-      const auto sunny = static_cast<float>(result_.sun_share[static_cast<std::size_t>(link.met)]);
+      const auto node = as_size(link.node);
+      const LightAround::Along& along = directions_[as_size(link.direction)];
+      const auto sunny = static_cast<float>(result_.sun_share[as_size(link.met)]);
       const bool is_cell = link.met >= nodes_.patches(), is_glossy = !is_cell && !nodes_.views.empty();
       const Vec3f fixed =
           is_cell ? Vec3f(along.roof_sky + sunny * along.roof_sun) : Vec3f(sunny * glint[i] * sun);
@@ -519,7 +519,7 @@ class Tracer {
     LightVisibility& r = result_;
     for (int i = 0; i < nodes_.patches(); ++i) {
       if (!is_glossy(i)) continue;
-      const auto node = static_cast<std::size_t>(i);
+      const auto node = as_size(i);
       const Vec3d n = leaf(i).normal.cast<double>();
       const double cosine = n.dot(view(i));
       if (cosine <= 0) continue;
@@ -533,7 +533,7 @@ class Tracer {
 
   void collect() {
     LightVisibility& r = result_;
-    const auto count = static_cast<std::size_t>(nodes());
+    const auto count = as_size(nodes());
     static_cast<LightLayout&>(r) = nodes_;
     share_sun();
     r.specular_sun.assign(count, 0);

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "base/parallel.h"
+#include "base/sizes.h"
 #include "sensors/raster/kernel.h"
 
 namespace mirage {
@@ -63,8 +64,8 @@ void lay_out_texels(const ScreenMesh<double>& mesh, std::vector<float>& texels,
   const std::size_t faces = vertex ? mesh.texels.size() / 3 : mesh.faces_with(mesh.texels.size());
   starts.assign(1, 0);
   for (std::size_t f = 0; f < faces; ++f)
-    starts.push_back(starts.back() + 3 * static_cast<std::size_t>(raster::texel_stride(
-                                             vertex ? 3 : static_cast<int>(mesh.texels_of(f)))));
+    starts.push_back(starts.back() +
+                     3 * as_size(raster::texel_stride(vertex ? 3 : static_cast<int>(mesh.texels_of(f)))));
   texels.assign(starts.back(), 0);
   for (std::size_t f = 0; f < faces; ++f) {
     const std::size_t first = vertex ? 3 * f : mesh.first_texel(f), count = vertex ? 3 : mesh.texels_of(f),
@@ -129,15 +130,15 @@ raster::TileJob tile_job(const RasterJob& job, RasterTape::State& state, int til
   raster::TileJob out;
   out.setup = &setup;
   out.constants = &state.constants;
-  out.faces = setup.binned.data() + setup.first[tile];
-  out.count = setup.first[tile + 1] - setup.first[tile];
+  out.faces = setup.binned.data() + setup.first[as_size(tile)];
+  out.count = setup.first[as_size(tile + 1)] - setup.first[as_size(tile)];
   out.x0 = double(s) * (target.rect.u0 + part.u0);
   out.y0 = double(s) * (target.rect.v0 + part.v0);
   out.width = s * part.width();
   out.height = s * part.height();
   out.supersampling = s;
   out.pixel_of = state.pixel_of.data();
-  out.tape = &state.tapes[static_cast<std::size_t>(state.tape_of[tile])];
+  out.tape = &state.tapes[as_size(state.tape_of[as_size(tile)])];
   for (auto& channel : pixels.background) std::fill(channel, channel + size * size + 1, 0.f);
   for (int v = part.v0; v < part.v1; ++v)
     for (int u = part.u0; u < part.u1; ++u)
@@ -192,8 +193,8 @@ void draw_vjp(const RasterJob& job, const ImageF& d_rgba, RasterTape& tape, int 
         pixels.values[c][(v - part.v0) * size + u - part.u0] = mean * d_rgba.at(u, v, c);
     work.d_out[c] = pixels.values[c];
   }
-  work.sums = state.sums.data() + state.setup.first[tile];
-  auto& list = state.texel_gradients[static_cast<std::size_t>(state.tape_of[tile])];
+  work.sums = state.sums.data() + state.setup.first[as_size(tile)];
+  auto& list = state.texel_gradients[as_size(state.tape_of[as_size(tile)])];
   list.clear();
   work.texel_gradients = &list;
   raster::draw_tile_vjp(work);
@@ -205,8 +206,8 @@ const std::vector<RasterTape::State::TouchedTile>& touched_tiles(std::span<Raste
   std::vector<TouchedTile>& list = tapes[0].state->work;
   list.clear();
   const auto faces = [&](const TouchedTile& t) {
-    const auto& first = tapes[static_cast<std::size_t>(t.job)].state->setup.first;
-    return first[static_cast<std::size_t>(t.tile) + 1] - first[static_cast<std::size_t>(t.tile)];
+    const auto& first = tapes[as_size(t.job)].state->setup.first;
+    return first[as_size(t.tile) + 1] - first[as_size(t.tile)];
   };
   for (std::size_t j = 0; j < tapes.size(); ++j) {
     const auto& of = tapes[j].state->tape_of;
@@ -229,13 +230,13 @@ void sum_gradient(const RasterJob& job, const RasterTape::State& state, ScreenGr
   for (std::size_t tile = 0; tile < state.tape_of.size(); ++tile) {
     if (state.tape_of[tile] < 0) continue;
     for (int i = setup.first[tile]; i < setup.first[tile + 1]; ++i) {
-      const raster::FaceSetup& face = setup.faces[setup.binned[static_cast<std::size_t>(i)]];
-      const raster::FaceSums& sums = state.sums[static_cast<std::size_t>(i)];
-      const auto f = static_cast<std::size_t>(face.face);
+      const raster::FaceSetup& face = setup.faces[setup.binned[as_size(i)]];
+      const raster::FaceSums& sums = state.sums[as_size(i)];
+      const auto f = as_size(face.face);
       raster::add_face_gradient(setup, face, sums, gradient.faces[f]);
     }
-    for (const auto& t : state.texel_gradients[static_cast<std::size_t>(state.tape_of[tile])])
-      gradient.texels[static_cast<std::size_t>(t.texel)] += Vec3<double>(t.r, t.g, t.b);
+    for (const auto& t : state.texel_gradients[as_size(state.tape_of[tile])])
+      gradient.texels[as_size(t.texel)] += Vec3<double>(t.r, t.g, t.b);
   }
 }
 
@@ -254,9 +255,9 @@ void RasterTape::State::prepare(const RasterJob& job) {
   int touched = 0;
   for (std::size_t t = 0; t < tiles; ++t)
     if (setup.first[t + 1] > setup.first[t]) tape_of[t] = touched++;
-  if (tapes.size() < static_cast<std::size_t>(touched)) {
-    tapes.resize(static_cast<std::size_t>(touched));
-    texel_gradients.resize(static_cast<std::size_t>(touched));
+  if (tapes.size() < as_size(touched)) {
+    tapes.resize(as_size(touched));
+    texel_gradients.resize(as_size(touched));
   }
   sums.resize(setup.binned.size());
 }
@@ -274,7 +275,7 @@ void rasterize_batch(std::span<const RasterJob> jobs, std::span<RasterTape> tape
     rgba.width = target.rect.width();
     rgba.height = target.rect.height();
     rgba.channels = 4;
-    rgba.data.resize(static_cast<std::size_t>(rgba.width) * rgba.height * 4);
+    rgba.data.resize(as_size(rgba.width) * as_size(rgba.height) * 4);
     for (int v = 0; v < rgba.height; ++v)
       for (int u = 0; u < rgba.width; ++u) {
         for (int c = 0; c < 3; ++c) rgba.at(u, v, c) = target.background.at(u, v, c);
@@ -284,7 +285,7 @@ void rasterize_batch(std::span<const RasterJob> jobs, std::span<RasterTape> tape
   if (jobs.empty()) return;
   const auto& tiles = touched_tiles(tapes);
   parallel_for(tiles.size(), [&](std::size_t i) {
-    const auto j = static_cast<std::size_t>(tiles[i].job);
+    const auto j = as_size(tiles[i].job);
     draw(jobs[j], tapes[j], tiles[i].tile);
   });
 }
@@ -296,7 +297,7 @@ void rasterize_batch_vjp(std::span<const RasterJob> jobs, std::span<const ImageF
   for (std::size_t j = 0; j < jobs.size(); ++j) tapes[j].state->constants.mesh = jobs[j].mesh;
   const auto& tiles = touched_tiles(tapes);
   parallel_for(tiles.size(), [&](std::size_t i) {
-    const auto j = static_cast<std::size_t>(tiles[i].job);
+    const auto j = as_size(tiles[i].job);
     if (in_kernel(*jobs[j].settings)) draw_vjp(jobs[j], d_rgba[j], tapes[j], tiles[i].tile);
   });
   parallel_for(jobs.size(), [&](std::size_t j) {

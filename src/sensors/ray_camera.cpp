@@ -6,6 +6,7 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 
 namespace mirage {
@@ -46,7 +47,7 @@ class Shader {
     Vec3f color = Vec3f::Zero(), albedo = Vec3f::Zero(), sky = Vec3f::Zero();
   };
   Shade shade(const Ray& ray, const Hit& hit, float footprint, RandomStream& random) const {
-    const Material& m = scene_.materials[hit.mesh];
+    const Material& m = scene_.materials[as_size(hit.mesh)];
     const Vec3f d = ray.direction.normalized();
     Vec3f n = scene_.shading_normal(hit);
     if (hit.normal.dot(d) > 0) n = -n;
@@ -112,7 +113,7 @@ class Shader {
       Vec3f sky = sky_.radiance(r, to_sun_);
       return sky + std::min(lobe, kGlossyLimit / 0.04f) * sun_;
     }
-    const Material& m = scene_.materials[hit.mesh];
+    const Material& m = scene_.materials[as_size(hit.mesh)];
     Vec3f face = hit.normal.normalized();
     if (face.dot(r) > 0) face = -face;
     const Vec3f q = ray.origin + hit.t * r;
@@ -126,7 +127,7 @@ class Shader {
     for (int layer = 0; layer < kMostPanes; ++layer) {
       const Hit hit = scene_.caster.intersect(ray);
       if (!hit.hit()) return left * miss(d);
-      const Material& m = scene_.materials[hit.mesh];
+      const Material& m = scene_.materials[as_size(hit.mesh)];
       if (seen_through(m) > 0) {
         left *= seen_through(m);
         ray.t_min = hit.t + kLift;
@@ -156,7 +157,7 @@ struct Layers {
 void add_sky_light(RayImage& image, const Layers& layers) {
   constexpr int reach = 3;
   const int width = image.color.width, height = image.color.height;
-  parallel_for(static_cast<std::size_t>(height), [&](std::size_t row) {
+  parallel_for(as_size(height), [&](std::size_t row) {
     const int v = static_cast<int>(row);
     for (int u = 0; u < width; ++u) {
       const float depth = image.depth.at(u, v);
@@ -196,32 +197,33 @@ RayScene::RayScene(std::span<const Surface> surfaces) : caster(meshes_of(surface
     smooth.normals.assign(s.mesh.vertices.size(), Vec3f::Zero());
     const std::vector<Vec3d> flat = face_normals(s.mesh);
     for (std::size_t f = 0; f < flat.size(); ++f)
-      for (int v : s.mesh.faces[f]) smooth.normals[v] += flat[f].cast<float>();
+      for (int v : s.mesh.faces[f]) smooth.normals[as_size(v)] += flat[f].cast<float>();
   }
 }
 
 std::size_t RayScene::texel(const Hit& hit) const {
-  const TexelAtlas& atlas = atlases_[hit.mesh];
-  return static_cast<std::size_t>(hit.face) * atlas.per_face() +
-         static_cast<std::size_t>(texel_index(1 - hit.b1 - hit.b2, hit.b1, atlas.resolution));
+  const TexelAtlas& atlas = atlases_[as_size(hit.mesh)];
+  return as_size(hit.face) * atlas.per_face() +
+         as_size(texel_index(1 - hit.b1 - hit.b2, hit.b1, atlas.resolution));
 }
 
 Vec3f RayScene::albedo(const Hit& hit, const Vec3f& p, const Vec3f& n, float footprint) const {
-  const TexelAtlas& atlas = atlases_[hit.mesh];
-  if (atlas.texels.empty()) return surface_albedo(materials[hit.mesh], p, n, footprint);
+  const TexelAtlas& atlas = atlases_[as_size(hit.mesh)];
+  if (atlas.texels.empty()) return surface_albedo(materials[as_size(hit.mesh)], p, n, footprint);
   return atlas.texels[texel(hit)].cast<float>();
 }
 
 bool RayScene::same_texel(const Hit& a, const Hit& b) const {
-  return atlases_[a.mesh].texels.empty() || texel(a) == texel(b);
+  return atlases_[as_size(a.mesh)].texels.empty() || texel(a) == texel(b);
 }
 
 Vec3f RayScene::shading_normal(const Hit& hit) const {
-  const Smooth& smooth = smooth_[hit.mesh];
+  const Smooth& smooth = smooth_[as_size(hit.mesh)];
   if (smooth.faces.empty()) return hit.normal.normalized();
-  const Face& f = smooth.faces[hit.face];
-  const Vec3f n = (1 - hit.b1 - hit.b2) * smooth.normals[f[0]].normalized() +
-                  hit.b1 * smooth.normals[f[1]].normalized() + hit.b2 * smooth.normals[f[2]].normalized();
+  const Face& f = smooth.faces[as_size(hit.face)];
+  const Vec3f n = (1 - hit.b1 - hit.b2) * smooth.normals[as_size(f[0])].normalized() +
+                  hit.b1 * smooth.normals[as_size(f[1])].normalized() +
+                  hit.b2 * smooth.normals[as_size(f[2])].normalized();
   return n.squaredNorm() > 1e-6f ? Vec3f(n.normalized()) : Vec3f(hit.normal.normalized());
 }
 
@@ -269,19 +271,19 @@ RayImage render(const RayScene& scene, const PinholeCamera& camera, const Transf
   const int grid = std::max(1, settings.grid), samples = grid * grid, middle = (grid / 2) * grid + grid / 2;
   const float footprint = static_cast<float>(1 / camera.fx);
 
-  parallel_for(static_cast<std::size_t>(camera.height), [&](std::size_t row) {
+  parallel_for(as_size(camera.height), [&](std::size_t row) {
     const int v = static_cast<int>(row);
     RandomStream random(settings.seed, "camera row", row);
-    std::vector<Ray> rays(samples);
-    std::vector<Hit> hits(samples);
+    std::vector<Ray> rays(as_size(samples));
+    std::vector<Hit> hits(as_size(samples));
     for (int u = 0; u < camera.width; ++u) {
       for (int s = 0; s < samples; ++s) {
         const double jitter_u = grid > 1 ? random.uniform() : 0.5,
                      jitter_v = grid > 1 ? random.uniform() : 0.5;
         const double du = (s % grid + jitter_u) / grid - 0.5, dv = (s / grid + jitter_v) / grid - 0.5;
-        rays[s] = {eye, turn * camera.unproject(u + du, v + dv, 1).cast<float>(), 0.05f, 1e6f};
+        rays[as_size(s)] = {eye, turn * camera.unproject(u + du, v + dv, 1).cast<float>(), 0.05f, 1e6f};
       }
-      const auto cast = [&](int s) { hits[s] = scene.caster.intersect(rays[s]); };
+      const auto cast = [&](int s) { hits[as_size(s)] = scene.caster.intersect(rays[as_size(s)]); };
       const auto alike = [&](const Hit& a, const Hit& b) {
         if (!a.hit() || !b.hit()) return a.hit() == b.hit();
         return a.mesh == b.mesh && scene.same_texel(a, b) &&
@@ -296,12 +298,12 @@ RayImage render(const RayScene& scene, const PinholeCamera& camera, const Transf
           cast(s);
           continue;
         }
-        rays[s] = rays[s == 1 ? 0 : 3];
-        hits[s] = hits[s == 1 ? 0 : 3];
+        rays[as_size(s)] = rays[s == 1 ? 0 : 3];
+        hits[as_size(s)] = hits[s == 1 ? 0 : 3];
       }
-      if (hits[middle].hit()) {
-        out.depth.at(u, v) = hits[middle].t;  // the direction's camera z is 1
-        out.object.at(u, v) = scene.objects[hits[middle].mesh];
+      if (const Hit& hit = hits[as_size(middle)]; hit.hit()) {
+        out.depth.at(u, v) = hit.t;  // the direction's camera z is 1
+        out.object.at(u, v) = scene.objects[as_size(hit.mesh)];
       }
       // Samples on one flat piece of one mesh share their light: shade one of them for all.
       Vec3f sum = Vec3f::Zero(), albedo = Vec3f::Zero(), sky = Vec3f::Zero();
@@ -309,17 +311,18 @@ RayImage render(const RayScene& scene, const PinholeCamera& camera, const Transf
       unsigned done = 0;
       for (int s = 0; s < samples; ++s) {
         if (s < 32 && (done >> s & 1)) continue;
-        if (!hits[s].hit()) {
-          sum += shader.miss(rays[s].direction.normalized());
+        if (!hits[as_size(s)].hit()) {
+          sum += shader.miss(rays[as_size(s)].direction.normalized());
           continue;
         }
         float weight = 1;
         for (int other = s + 1; other < std::min(samples, 32); ++other)
-          if (!(done >> other & 1) && hits[other].hit() && alike(hits[s], hits[other])) {
+          if (!(done >> other & 1) && hits[as_size(other)].hit() &&
+              alike(hits[as_size(s)], hits[as_size(other)])) {
             done |= 1u << other;
             weight += 1;
           }
-        const Shader::Shade shade = shader.shade(rays[s], hits[s], footprint, random);
+        const Shader::Shade shade = shader.shade(rays[as_size(s)], hits[as_size(s)], footprint, random);
         sum += weight * shade.color;
         albedo += weight * shade.albedo;
         sky += weight * shade.sky;
@@ -331,7 +334,8 @@ RayImage render(const RayScene& scene, const PinholeCamera& camera, const Transf
         out.color.at(u, v, c) = sum[c] * inverse;
         layers.albedo.at(u, v, c) = albedo[c] * inverse;
         layers.sky.at(u, v, c) = lit > 0 ? sky[c] / lit : 0;
-        layers.normal.at(u, v, c) = hits[middle].hit() ? hits[middle].normal.normalized()[c] : 0;
+        layers.normal.at(u, v, c) =
+            hits[as_size(middle)].hit() ? hits[as_size(middle)].normal.normalized()[c] : 0;
       }
     }
   });

@@ -9,6 +9,7 @@
 
 #include "base/error.h"
 #include "base/parallel.h"
+#include "base/sizes.h"
 #include "sensors/embree.h"
 
 namespace mirage {
@@ -72,7 +73,7 @@ void trace_row(RTCScene scene, const RayTable& rays, std::size_t row, float t_mi
                HitTable& hits) {
   EmbreeQuery query(true);
   alignas(64) RayHitN<N> packet;
-  alignas(64) int valid[N];
+  alignas(64) int valid[as_size(N)];
   for (int i = 0; i < N; ++i) {
     packet.ray.tnear[i] = t_min;
     packet.ray.time[i] = 0;
@@ -97,7 +98,7 @@ void trace_row(RTCScene scene, const RayTable& rays, std::size_t row, float t_mi
       const auto& r = packet.ray;
       const float zero =
           (r.org_x[i] + r.org_y[i] + r.org_z[i]) * 0 + (r.dir_x[i] + r.dir_y[i] + r.dir_z[i]) * 0;
-      const bool traced = zero == 0 && column + static_cast<std::size_t>(i) < rays.columns;
+      const bool traced = zero == 0 && column + as_size(i) < rays.columns;
       valid[i] = traced ? -1 : 0;
       // Where the processor has no packets of N, Embree splits them and reads the interval alone, not the
       // mask.
@@ -147,7 +148,8 @@ bool visit(RTCPointQueryFunctionArguments* arguments) {
   Query& query = *static_cast<Query*>(arguments->userPtr);
   const Face& f = query.mesh->faces[arguments->primID];
   const auto& v = query.mesh->vertices;
-  const double d = (nearest_on(v[f[0]], v[f[1]], v[f[2]], query.p) - query.p).norm();
+  const double d =
+      (nearest_on(v[as_size(f[0])], v[as_size(f[1])], v[as_size(f[2])], query.p) - query.p).norm();
   if (d >= query.nearest) return false;
   query.nearest = d;
   // A little more than d: the box tests are in single precision.
@@ -210,9 +212,10 @@ RayCaster::RayCaster(std::span<const Mesh> meshes, const Vec3d& origin) : state_
       fail("no room for " + std::to_string(mesh.faces.size()) + " faces");
     }
     for (std::size_t v = 0; v < mesh.vertices.size(); ++v)
-      for (int c = 0; c < 3; ++c) vertices[3 * v + c] = static_cast<float>(mesh.vertices[v][c] - origin[c]);
+      for (int c = 0; c < 3; ++c)
+        vertices[3 * v + as_size(c)] = static_cast<float>(mesh.vertices[v][c] - origin[c]);
     for (std::size_t f = 0; f < mesh.faces.size(); ++f)
-      for (int c = 0; c < 3; ++c) faces[3 * f + c] = static_cast<unsigned>(mesh.faces[f][c]);
+      for (std::size_t c = 0; c < 3; ++c) faces[3 * f + c] = static_cast<unsigned>(mesh.faces[f][c]);
     state_->geometries[m] = {vertices, faces};
     rtcCommitGeometry(geometry);
     rtcAttachGeometryByID(state_->scene, geometry, static_cast<unsigned>(m));
@@ -249,8 +252,8 @@ Hit RayCaster::intersect(const Ray& ray) const {
 
 Vec3f RayCaster::normal(int mesh, int face) const {
   // From the vertices: Embree's own Ng has changed its sign between major versions.
-  const State::Geometry& g = state_->geometries[static_cast<std::size_t>(mesh)];
-  const unsigned* f = g.faces + 3 * static_cast<std::size_t>(face);
+  const State::Geometry& g = state_->geometries[as_size(mesh)];
+  const unsigned* f = g.faces + 3 * as_size(face);
   const Eigen::Map<const Vec3f> a(g.vertices + 3 * f[0]), b(g.vertices + 3 * f[1]), c(g.vertices + 3 * f[2]);
   return (b - a).cross(c - a);
 }
@@ -365,8 +368,8 @@ DistanceGrid distance_grid(const Mesh& mesh, const GridLayout& layout) {
   const MeshDistance distance(mesh);
   DistanceGrid grid{layout, std::vector<float>(layout.size())};
   const auto [nx, ny, nz] = layout.count;
-  parallel_for(static_cast<std::size_t>(ny) * nz, [&, nx = nx, ny = ny](std::size_t row) {
-    const int j = static_cast<int>(row % ny), k = static_cast<int>(row / ny);
+  parallel_for(as_size(ny) * as_size(nz), [&, nx = nx, ny = ny](std::size_t row) {
+    const int j = static_cast<int>(row % as_size(ny)), k = static_cast<int>(row / as_size(ny));
     for (int i = 0; i < nx; ++i)
       grid.values[layout.index(i, j, k)] = static_cast<float>(distance.signed_distance(layout.node(i, j, k)));
   });

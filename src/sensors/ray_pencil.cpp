@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/sizes.h"
 #include "sensors/simd_targets.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -169,7 +170,7 @@ void Project(Faces& faces) {
       for (const auto& [corner, i] : {std::pair(a, 0), std::pair(b, 1), std::pair(c, 2)}) {
         hn::Store(hn::Neg(corner[2]), d, of_lanes);
         for (std::size_t k = 0; k < kLanes; ++k)
-          faces.nearness[eight * kEight + lane + k][static_cast<std::size_t>(i)] = of_lanes[k];
+          faces.nearness[eight * kEight + lane + k][as_size(i)] = of_lanes[k];
       }
     }
   faces.x_low = hn::GetLane(hn::MinOfLanes(d, x_low)), faces.x_high = hn::GetLane(hn::MaxOfLanes(d, x_high));
@@ -246,7 +247,7 @@ HWY_INLINE void CellsOf(const Eight& places, float from, float per, int count, s
 void Place(const Faces& faces, const Cells& cells, std::span<const Vec3f> points, Rays& rays) {
   const View& view = faces.view;
   rays.places.resize(points.size());
-  rays.first.assign(static_cast<std::size_t>(cells.rows) * static_cast<std::size_t>(cells.columns) + 1, 0);
+  rays.first.assign(as_size(cells.rows) * as_size(cells.columns) + 1, 0);
   for (std::size_t i = 0; i < points.size(); ++i) {
     float seen[3];
     for (std::size_t a = 0; a < 3; ++a) {
@@ -264,14 +265,14 @@ void Place(const Faces& faces, const Cells& cells, std::span<const Vec3f> points
     place = {seen[0], seen[1], seen[2], -1};
     if (!is_before || !cells.hold(seen[0], seen[1])) continue;
     place.cell = cells.row(seen[1]) * cells.columns + cells.column(seen[0]);
-    ++rays.first[static_cast<std::size_t>(place.cell) + 1];
+    ++rays.first[as_size(place.cell) + 1];
   }
 }
 
 /// Sorts the rays that may meet something by cells.
 void Sort(Rays& rays) {
   for (std::size_t cell = 1; cell < rays.first.size(); ++cell) rays.first[cell] += rays.first[cell - 1];
-  const auto count = static_cast<std::size_t>(rays.first.back()), padded = count + kEight;
+  const auto count = as_size(rays.first.back()), padded = count + kEight;
   for (auto* of : {&rays.x, &rays.y, &rays.start, &rays.b1, &rays.b2}) of->resize(padded);
   rays.depth.assign(padded, kFar);
   rays.face.assign(padded, -1);
@@ -280,8 +281,8 @@ void Sort(Rays& rays) {
   rays.next.assign(rays.first.begin(), rays.first.end() - 1);
   for (Rays::Place& place : rays.places) {
     if (place.cell < 0) continue;
-    place.cell = rays.next[static_cast<std::size_t>(place.cell)]++;
-    const auto to = static_cast<std::size_t>(place.cell);
+    place.cell = rays.next[as_size(place.cell)]++;
+    const auto to = as_size(place.cell);
     rays.x[to] = place.x, rays.y[to] = place.y, rays.start[to] = place.start;
   }
 }
@@ -305,20 +306,20 @@ void MeetAll(const Faces& faces, std::span<const Vec3f> points, std::span<RayPen
       const Broadcast face(faces.seen[first_face + k]);
       for (int row = low[k]; row <= high[k]; ++row) {
         const int* first = rays.first.data() + row * cells.columns;
-        Try(face, static_cast<int>(first_face + k), sorted, static_cast<std::size_t>(first[left[k]]),
-            static_cast<std::size_t>(first[right[k] + 1]));
+        Try(face, static_cast<int>(first_face + k), sorted, as_size(first[left[k]]),
+            as_size(first[right[k] + 1]));
       }
     }
   }
   for (std::size_t i = 0; i < met.size(); ++i) {
     met[i] = {};
     if (rays.places[i].cell < 0) continue;
-    const auto ray = static_cast<std::size_t>(rays.places[i].cell);
+    const auto ray = as_size(rays.places[i].cell);
     if (rays.face[ray] < 0) continue;
     met[i] = {rays.face[ray], std::max(0.0f, rays.b1[ray]), std::max(0.0f, rays.b2[ray])};
     if (!faces.view.perspective) continue;
     // The share of a corner in space is that across the pencil times its nearness.
-    const auto& near = faces.nearness[static_cast<std::size_t>(met[i].face)];
+    const auto& near = faces.nearness[as_size(met[i].face)];
     const float w1 = met[i].b1 * near[1], w2 = met[i].b2 * near[2],
                 w = std::max(0.0f, 1 - met[i].b1 - met[i].b2) * near[0] + w1 + w2;
     met[i].b1 = w1 / w, met[i].b2 = w2 / w;
@@ -377,8 +378,7 @@ RayPencil::RayPencil(const Mesh& mesh, const Vec3d& origin) : state_(std::make_u
   for (std::size_t place = 0; place < s.seen.size(); ++place)
     for (std::size_t i = 0; i < 3; ++i) {
       const Face& face = mesh.faces[std::min(place, s.count - 1)];
-      const Vec3f corner =
-          s.scale * (mesh.vertices[static_cast<std::size_t>(face[i])] - origin).cast<float>();
+      const Vec3f corner = s.scale * (mesh.vertices[as_size(face[i])] - origin).cast<float>();
       for (std::size_t c = 0; c < 3; ++c)
         s.corners[place / kEight][i][c].values[place % kEight] = corner[static_cast<Eigen::Index>(c)];
     }

@@ -179,18 +179,18 @@ void sample_vjp(const std::vector<Fragment<S>>& fragments, const Blend<S>& resul
       const Vec3<S> d_fragment = f.weight * d_color;
       if (mesh.texture == Texture::vertex)
         for (int k = 0; k < 3; ++k) {
-          gradient.texels[f.texel + k] += f.lookup[k] * d_fragment;
-          d.lookup[k] = d_fragment.dot(mesh.texels[f.texel + k]);
+          gradient.texels[as_size(f.texel + k)] += f.lookup[k] * d_fragment;
+          d.lookup[k] = d_fragment.dot(mesh.texels[as_size(f.texel + k)]);
         }
       else
-        gradient.texels[f.texel] += d_fragment;
+        gradient.texels[as_size(f.texel)] += d_fragment;
       if (settings.color == ColorBlend::softmax) {
         const S advantage = d_fragment.dot(f.color - mean);
         if (settings.coverage != Coverage::hard) d.x += f.uncovered * advantage;
         d.normalized_z = advantage / settings.gamma;
       }
     }
-    plain_raster::fragment_vjp(f, setups[f.face], settings, d, gradient.faces[f.face]);
+    plain_raster::fragment_vjp(f, setups[as_size(f.face)], settings, d, gradient.faces[as_size(f.face)]);
   }
 }
 

@@ -19,9 +19,9 @@ std::vector<Vec3<S>> unit_normals(const std::vector<Vec3<S>>& normals, const Lig
   std::vector<Vec3<S>> n;
   n.reserve(visibility.nodes());
   for (const int side : visibility.side_of) {
-    const std::size_t face = visibility.face_of(static_cast<std::size_t>(side));
+    const std::size_t face = visibility.face_of(as_size(side));
     const Vec3<S> front = unit(normals[face]);
-    n.push_back(static_cast<std::size_t>(side) == face ? front : Vec3<S>(-front));
+    n.push_back(as_size(side) == face ? front : Vec3<S>(-front));
   }
   n.resize(visibility.nodes(), visibility.roof_normal.template cast<S>());
   return n;
@@ -29,7 +29,7 @@ std::vector<Vec3<S>> unit_normals(const std::vector<Vec3<S>>& normals, const Lig
 
 /// The first texel of the face that a node lies on.
 std::size_t first_texel(const LightVisibility& visibility, std::size_t node, std::size_t per_face) {
-  return visibility.face_of(static_cast<std::size_t>(visibility.side_of[node])) * per_face;
+  return visibility.face_of(as_size(visibility.side_of[node])) * per_face;
 }
 
 }  // namespace
@@ -60,7 +60,7 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
       const std::size_t first = first_texel(visibility, i, per_face);
       const std::vector<int>& mine = visibility.texels_of(i);
       Vec3<S> sum = Vec3<S>::Zero();
-      for (const int t : mine) sum += texels[first + static_cast<std::size_t>(t)];
+      for (const int t : mine) sum += texels[first + as_size(t)];
       result.albedo[i] = sum / static_cast<S>(mine.size());
     }
     open[i] = ambient;
@@ -75,7 +75,7 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
     for (const auto& r : visibility.met_by(i))
       result.weights.push_back(n[i].dot(r.towards.template cast<S>()));
   std::vector<bool> is_met(nodes, false);  // what no other meets sends its light to the camera alone
-  for (const auto& r : visibility.reflections) is_met[static_cast<std::size_t>(r.node)] = true;
+  for (const auto& r : visibility.reflections) is_met[as_size(r.node)] = true;
   std::vector<Vec3<S>> reflected(nodes, Vec3<S>::Zero());
   for (int step = 0; step < bounces; ++step) {
     std::vector<Vec3<S>> sky(nodes), gathered(nodes);
@@ -91,7 +91,7 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
       }
       reflected[i].setZero();
       for (const auto& r : visibility.met_by(i)) {
-        const auto j = static_cast<std::size_t>(r.node);
+        const auto j = as_size(r.node);
         reflected[i] += *weight++ * (gathered[j] + static_cast<S>(r.gloss) * sky[j]);
       }
     }
@@ -114,7 +114,7 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
       Vec3<S> sheen = visibility.specular[i].template cast<S>();
       if (!result.skies.empty())
         for (const auto& r : visibility.met_by(i)) {
-          const auto j = static_cast<std::size_t>(r.node);
+          const auto j = as_size(r.node);
           const Vec3<S>& sky = result.skies.back()[j];
           sheen += static_cast<S>(r.specular) *
                    (result.albedo[j].cwiseProduct(sky + direct[j]) + static_cast<S>(r.gloss) * sky);
@@ -126,7 +126,7 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
     const std::vector<int>& shown_by = visibility.nodes_of_texels(side);
     std::size_t at = visibility.shown.first_texel(f);
     for (const int texel : visibility.texels_of_parts(f)) {
-      const Shown& part = parts[static_cast<std::size_t>(shown_by[static_cast<std::size_t>(texel)])];
+      const Shown& part = parts[as_size(shown_by[as_size(texel)])];
       const auto sunny = static_cast<S>(visibility.sun[at]);
       result.factor[at] = part.light + sunny * part.sunlight;
       result.gloss[at++] = part.sheen + sunny * part.glint;
@@ -156,7 +156,7 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
     const std::vector<int>& shown_by = visibility.nodes_of_texels(side);
     std::size_t part = visibility.shown.first_texel(f);
     for (const int texel : visibility.texels_of_parts(f)) {
-      const std::size_t i = first + static_cast<std::size_t>(shown_by[static_cast<std::size_t>(texel)]);
+      const std::size_t i = first + as_size(shown_by[as_size(texel)]);
       d_open[i] += d_factor[part];
       d_sheen[i] += d_gloss[part];
       d_cosine[i] += static_cast<S>(visibility.sun[part]) * d_factor[part].dot(sun);
@@ -171,7 +171,7 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
     d_reflected[i] = d_open[i];
     if (at.skies.empty() || d_sheen[i].isZero(0)) continue;
     for (const auto& r : visibility.met_by(i)) {
-      const auto j = static_cast<std::size_t>(r.node);
+      const auto j = as_size(r.node);
       const Vec3<S> d_radiance = static_cast<S>(r.specular) * d_sheen[i];
       d_mirrored[j] += d_radiance;
       d_mirrored_gloss[j] += static_cast<S>(r.gloss) * d_radiance;
@@ -185,9 +185,9 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
     if (step + 1 == at.skies.size()) d_gathered.swap(d_mirrored), d_sky.swap(d_mirrored_gloss);
     for (std::size_t i = 0; i < nodes; ++i) {
       if (d_reflected[i].isZero(0)) continue;
-      auto at_weight = static_cast<std::size_t>(visibility.first[i]);
+      auto at_weight = as_size(visibility.first[i]);
       for (const auto& r : visibility.met_by(i)) {
-        const auto j = static_cast<std::size_t>(r.node);
+        const auto j = as_size(r.node);
         const auto gloss = static_cast<S>(r.gloss);
         const Vec3<S> d_radiance = at.weights[at_weight] * d_reflected[i];
         d_gathered[j] += d_radiance;
@@ -205,7 +205,7 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
     }
   }
   for (std::size_t i = 0; i < nodes; ++i) {
-    auto at_weight = static_cast<std::size_t>(visibility.first[i]);
+    auto at_weight = as_size(visibility.first[i]);
     for (const auto& r : visibility.met_by(i))
       d_n[i] += d_weights[at_weight++] * r.towards.template cast<S>();
   }
@@ -214,12 +214,12 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
     const std::size_t first = first_texel(visibility, i, per_face);
     const std::vector<int>& mine = visibility.texels_of(i);
     const Vec3<S> d_texel = d_albedo[i] / static_cast<S>(mine.size());
-    for (const int t : mine) d_texels[first + static_cast<std::size_t>(t)] += d_texel;
+    for (const int t : mine) d_texels[first + as_size(t)] += d_texel;
     d_n[i].z() += d_open[i].dot(hemisphere) / 2;
     d_n[i] += visibility.blocked[i].template cast<S>() * d_open[i];
     d_cosine[i] += d_direct[i].dot(sun) * static_cast<S>(visibility.sun_share[i]);
     if (n[i].dot(to_sun) > 0) d_n[i] += d_cosine[i] * to_sun;
-    const auto side = static_cast<std::size_t>(visibility.side_of[i]), f = visibility.face_of(side);
+    const auto side = as_size(visibility.side_of[i]), f = visibility.face_of(side);
     d_unit[f] += side == f ? d_n[i] : Vec3<S>(-d_n[i]);
   }
   for (std::size_t f = 0; f < faces; ++f) {

@@ -35,6 +35,7 @@
 #include <vector>
 
 #include "base/fields.h"
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 #include "sensors/lighting.h"
 
@@ -122,20 +123,20 @@ struct LightLayout {
   /// Whose side it is.
   std::size_t face_of(std::size_t side) const { return side < faces ? side : side - faces; }
   /// Where a side's nodes start.
-  std::size_t first_node(std::size_t side) const { return static_cast<std::size_t>(first_of_side[side]); }
+  std::size_t first_node(std::size_t side) const { return as_size(first_of_side[side]); }
   /// Of the texels of a side's face, which of the side's nodes each is shown by.
   const std::vector<int>& nodes_of_texels(std::size_t side) const {
-    return node_of_texel[static_cast<std::size_t>(parts[side]) - 1];
+    return node_of_texel[as_size(parts[side]) - 1];
   }
   /// The node that the camera sees of a face's texel.
   std::size_t node(std::size_t face, std::size_t texel) const {
     const std::size_t seen = side(face);
-    return first_node(seen) + static_cast<std::size_t>(nodes_of_texels(seen)[texel]);
+    return first_node(seen) + as_size(nodes_of_texels(seen)[texel]);
   }
   /// The texels of its face that a node of a side reflects with.
   const std::vector<int>& texels_of(std::size_t node) const {
-    const auto side = static_cast<std::size_t>(side_of[node]);
-    return texels_of_node[static_cast<std::size_t>(parts[side]) - 1][node - first_node(side)];
+    const auto side = as_size(side_of[node]);
+    return texels_of_node[as_size(parts[side]) - 1][node - first_node(side)];
   }
 };
 
@@ -167,15 +168,13 @@ struct LightVisibility : LightLayout {
 
   /// Of each of a face's shown parts, which of its texels it is part of.
   const std::vector<int>& texels_of_parts(std::size_t face) const {
-    return texel_of_part[static_cast<std::size_t>(shown.resolution_of(face) / resolution) - 1];
+    return texel_of_part[as_size(shown.resolution_of(face) / resolution) - 1];
   }
   /// How many.
   std::size_t nodes() const { return sun_share.size(); }
   /// The nodes that a node's rays met.
   std::span<const Reflection> met_by(std::size_t node) const {
-    return std::span(reflections)
-        .subspan(static_cast<std::size_t>(first[node]),
-                 static_cast<std::size_t>(first[node + 1] - first[node]));
+    return std::span(reflections).subspan(as_size(first[node]), as_size(first[node + 1] - first[node]));
   }
 };
 

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "base/random.h"
+#include "base/sizes.h"
 #include "geometry/solid.h"
 #include "sensors/ray_caster.h"
 #include "sensors/soft_rasterizer.h"
@@ -13,7 +14,7 @@ namespace mirage {
 namespace {
 
 std::array<Vec3d, 3> face_of(const Mesh& mesh, int face) {
-  return mesh.corners(mesh.faces[static_cast<std::size_t>(face)]);
+  return mesh.corners(mesh.faces[as_size(face)]);
 }
 
 /// The caster works in float and may pick a face that the exact ray just misses. On needles and near-grazing
@@ -26,7 +27,7 @@ void keep_on_face(FaceReturn<double>& hit, const LidarRay& ray, const std::array
   hit.barycentric /= hit.barycentric.sum();
   hit.range = 0;
   for (int k = 0; k < 3; ++k)
-    hit.range += hit.barycentric[k] * (face[static_cast<std::size_t>(k)] - ray.origin).dot(ray.direction);
+    hit.range += hit.barycentric[k] * (face[as_size(k)] - ray.origin).dot(ray.direction);
 }
 
 class Insertion {
@@ -115,9 +116,9 @@ class Insertion {
     part.texel = -1;
     if (effects_.albedo) {
       const TexelAtlas& atlas = placed_.atlas;
-      part.texel = static_cast<int>(static_cast<std::size_t>(part.face) * atlas.per_face()) +
+      part.texel = static_cast<int>(as_size(part.face) * atlas.per_face()) +
                    texel_index<double>(unit.barycentric[0], unit.barycentric[1], atlas.resolution);
-      part.reflectivity = atlas.texels[static_cast<std::size_t>(part.texel)].mean();
+      part.reflectivity = atlas.texels[as_size(part.texel)].mean();
     }
     part.hit = unit;
     part.hit.reflectance = part.reflectivity * unit.reflectance;
@@ -168,7 +169,7 @@ class Insertion {
     constexpr double kLeast = 0.01;  // reflectance: what is reported as 0 still came back
     const int background = static_cast<int>(reflections_.size());
     if (sent.point >= 0 && behind > 0) {
-      const double reflectance = prepared_.frame.sweep[static_cast<std::size_t>(sent.point)].reflectance;
+      const double reflectance = prepared_.frame.sweep[as_size(sent.point)].reflectance;
       reflections_.push_back({sent.range, behind * std::max(reflectance, kLeast) / square(sent.range)});
     }
     strongest_echo(reflections_, effects_.pulse_length, echo_);
@@ -177,7 +178,7 @@ class Insertion {
     for (int i : echo_.members) {
       if (i == background) continue;
       if (i == echo_.strongest) strongest = static_cast<int>(kept.size());
-      kept.push_back(tape_.parts[first + static_cast<std::size_t>(i)]);
+      kept.push_back(tape_.parts[first + as_size(i)]);
     }
     tape_.parts.resize(first);
     tape_.parts.insert(tape_.parts.end(), kept.begin(), kept.end());
@@ -191,7 +192,7 @@ class Insertion {
     back.first = static_cast<int>(first);
     back.count = static_cast<int>(tape_.parts.size() - first);
     back.strongest = strongest;
-    const LidarTape::Part& best = tape_.parts[first + static_cast<std::size_t>(strongest)];
+    const LidarTape::Part& best = tape_.parts[first + as_size(strongest)];
     back.face = best.face;
     back.hit = best.hit;
     back.hit.reflectance = 0;
@@ -204,9 +205,10 @@ class Insertion {
     }
     back.range = back.hit.range;
     if (effects_.range_sigma > 0 || effects_.losing()) {
-      const std::uint64_t place = sent.firing >= 0 ? (static_cast<std::uint64_t>(sent.beam) << 32) |
-                                                         static_cast<std::uint64_t>(sent.firing)
-                                                   : (1ull << 63) | static_cast<std::uint64_t>(sent.point);
+      const std::uint64_t place =
+          sent.firing >= 0
+              ? (static_cast<std::uint64_t>(sent.beam) << 32) | static_cast<std::uint64_t>(sent.firing)
+              : (std::uint64_t{1} << 63) | static_cast<std::uint64_t>(sent.point);
       RandomStream random(effects_.seed ^ fnv1a(prepared_.frame.id), "inserted return", place);
       FiringChance chance;
       chance.range_error = effects_.range_sigma * random.normal();
@@ -324,19 +326,19 @@ class Tracer {
     RasterCell cell;
   };
 
-  const Vec3d& vertex(int i) const { return mesh_.vertices[static_cast<std::size_t>(i)]; }
+  const Vec3d& vertex(int i) const { return mesh_.vertices[as_size(i)]; }
 
   /// Of a face's plane to a point, times twice the face's area; positive on its front.
   double height_over(int face, const Vec3d& origin) const {
-    const auto f = static_cast<std::size_t>(face);
+    const auto f = as_size(face);
     return normals_[f].dot(origin - vertex(mesh_.faces[f][0]));
   }
 
   /// Whether no laser can have the edge on its silhouette: most edges, and cells are dear to look up.
   bool is_inner(const MeshEdge& edge) const {
     if (edge.faces.size() < 2) return false;
-    const int first = sides_[static_cast<std::size_t>(edge.faces[0])];
-    return first != 0 && first == sides_[static_cast<std::size_t>(edge.faces[1])];
+    const int first = sides_[as_size(edge.faces[0])];
+    return first != 0 && first == sides_[as_size(edge.faces[1])];
   }
 
   /// The edge's face that is seen, if behind the edge the object turns away; −1: it does not.
@@ -352,7 +354,7 @@ class Tracer {
   Vec3d outward(const Candidate& c, int face) const {
     const Vec3d across = (c.p - c.cell.ray.ray.origin).cross(c.span);
     double side = 0;
-    for (const int i : mesh_.faces[static_cast<std::size_t>(face)])
+    for (const int i : mesh_.faces[as_size(face)])
       if (i != c.edge->vertices[0] && i != c.edge->vertices[1]) side = across.dot(vertex(i) - c.p);
     const double length = across.norm();
     if (!(length > 0) || side == 0) return Vec3d::Zero();
@@ -409,7 +411,7 @@ class Tracer {
     if (sample.gain.dot(c.past * range - towards) < 0) sample.gain = -sample.gain;
     sample.near = place(c.p);
     if (ray.point >= 0 && (!met || ray.range <= *met)) {
-      const LidarPoint& measured = prepared_.frame.sweep[static_cast<std::size_t>(ray.point)];
+      const LidarPoint& measured = prepared_.frame.sweep[as_size(ray.point)];
       sample.behind = place(measured.position().cast<double>());
     } else if (met && in_range(*met)) {
       sample.behind = place(ray.ray.origin + *met * c.past);
@@ -449,18 +451,18 @@ void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed, const 
     const auto& d = d_points[tape.first + i];
     const double d_range = Vec3d(d[0], d[1], d[2]).dot(added.ray.direction);
     for (int p = 0; p < added.count; ++p) {
-      const auto& part = tape.parts[static_cast<std::size_t>(added.first + p)];
+      const auto& part = tape.parts[as_size(added.first + p)];
       const auto face = face_of(placed.mesh, part.face);
       const double d_reflectance = part.weight * d[3];
       const Vec3d d_point = p == added.strongest ? Vec3d(d_range * part.direction) : Vec3d::Zero();
       const auto d_face = intersect_face_vjp<double>(part.direction, face, part.hit, part.reflectivity,
                                                      settings.grazing_cosine, d_point, d_reflectance);
-      const Face& corners = placed.mesh.faces[static_cast<std::size_t>(part.face)];
-      for (std::size_t k = 0; k < 3; ++k) d_vertices[static_cast<std::size_t>(corners[k])] += d_face[k];
+      const Face& corners = placed.mesh.faces[as_size(part.face)];
+      for (std::size_t k = 0; k < 3; ++k) d_vertices[as_size(corners[k])] += d_face[k];
       if (part.texel < 0) continue;
       const Vec3d n = (face[1] - face[0]).cross(face[2] - face[0]);
       const double cosine = std::abs(n.dot(part.direction)) / n.norm();
-      d_texels[static_cast<std::size_t>(part.texel)] += Vec3d::Constant(d_reflectance * cosine / 3);
+      d_texels[as_size(part.texel)] += Vec3d::Constant(d_reflectance * cosine / 3);
     }
   }
 }
@@ -479,12 +481,12 @@ LidarSilhouette lidar_silhouette(const PreparedFrame& prepared, const TexturedMe
 template <class S>
 void lidar_silhouette_vjp(const LidarSilhouette& silhouette, std::span<const S> presence,
                           std::vector<Vec3d>& d_vertices) {
-  const auto at = [&](int place) { return static_cast<double>(presence[static_cast<std::size_t>(place)]); };
+  const auto at = [&](int place) { return static_cast<double>(presence[as_size(place)]); };
   for (const LidarSilhouette::Sample& sample : silhouette.samples) {
     const double gained = at(sample.near) - (sample.behind >= 0 ? at(sample.behind) : 0);
     const Vec3d d_point = gained * sample.gain;
-    d_vertices[static_cast<std::size_t>(sample.vertices[0])] += (1 - sample.share) * d_point;
-    d_vertices[static_cast<std::size_t>(sample.vertices[1])] += sample.share * d_point;
+    d_vertices[as_size(sample.vertices[0])] += (1 - sample.share) * d_point;
+    d_vertices[as_size(sample.vertices[1])] += sample.share * d_point;
   }
 }
 template void lidar_silhouette_vjp(const LidarSilhouette&, std::span<const float>, std::vector<Vec3d>&);

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "base/random.h"
+#include "base/sizes.h"
 #include "sensors/exact_coverage.h"
 #include "sensors/raster/limits.h"
 #include "simulation/check_inputs.h"
@@ -244,7 +245,7 @@ void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, cons
   const PixelRect& rect = result.rect;
   Image<double> d_rgba(rect.width(), rect.height(), 4);
   for (int v = 0; v < rect.height(); ++v) {
-    const S* row = d_image + 3 * (static_cast<std::size_t>(rect.v0 + v) * result.image.width + rect.u0);
+    const S* row = d_image + 3 * (as_size(rect.v0 + v) * as_size(result.image.width) + as_size(rect.u0));
     for (int u = 0; u < rect.width(); ++u)
       for (int c = 0; c < 3; ++c) {
         const double value = result.rgba.at(u, v, c);
@@ -267,12 +268,12 @@ void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, cons
   for (std::size_t f = 0; f < placed.mesh.faces.size(); ++f) {
     const Face& face = placed.mesh.faces[f];
     const Vec3d& d_normal = d_normals[f];
-    const Vec3d e1 = placed.mesh.vertices[face[1]] - placed.mesh.vertices[face[0]];
-    const Vec3d e2 = placed.mesh.vertices[face[2]] - placed.mesh.vertices[face[0]];
+    const auto [a, b, c] = placed.mesh.corners(face);
+    const Vec3d e1 = b - a, e2 = c - a;
     const Vec3d d_e1 = e2.cross(d_normal), d_e2 = d_normal.cross(e1);
-    d_vertices[face[0]] -= d_e1 + d_e2;
-    d_vertices[face[1]] += d_e1;
-    d_vertices[face[2]] += d_e2;
+    d_vertices[as_size(face[0])] -= d_e1 + d_e2;
+    d_vertices[as_size(face[1])] += d_e1;
+    d_vertices[as_size(face[2])] += d_e2;
   }
 }
 template void draw_in_camera_vjp(const CameraTape&, const TexturedMesh&, const Calibration&,

@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/logging.h"
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 #include "sensors/raster/setup.h"
 
@@ -200,8 +201,8 @@ void check_upstream(const Simulated& simulated, const Upstream<S>& upstream) {
   const auto check_pixels = [&](const std::string& name, const CameraSight& sight, const S* d_image) {
     const PixelRect& rect = sight.rect;
     for (int v = rect.v0; v < rect.v1; ++v) {
-      const S* from = d_image + 3 * (static_cast<std::size_t>(v) * sight.image.width + rect.u0);
-      const S* to = from + 3 * static_cast<std::size_t>(rect.width());
+      const S* from = d_image + 3 * (as_size(v) * as_size(sight.image.width) + as_size(rect.u0));
+      const S* to = from + 3 * as_size(rect.width());
       const S* bad = std::find_if_not(from, to, [](S value) { return std::isfinite(value); });
       if (bad != to)
         throw Failure(where,
@@ -243,7 +244,7 @@ void check_upstream(const Simulated& simulated, const Upstream<S>& upstream) {
   if (d_points.size() != simulated.sweep.size())
     throw InputError(where, "d_points", "does not have one entry a point of the simulated sweep",
                      "give a gradient for every point");
-  const std::size_t first = d_points.size() - static_cast<std::size_t>(simulated.adversary_points);
+  const std::size_t first = d_points.size() - as_size(simulated.adversary_points);
   for (std::size_t i = first; i < d_points.size(); ++i)
     for (S value : d_points[i])
       if (!std::isfinite(value))

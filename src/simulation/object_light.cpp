@@ -1,5 +1,7 @@
 #include "simulation/object_light.h"
 
+#include "base/sizes.h"
+
 namespace mirage {
 namespace {
 
@@ -8,7 +10,7 @@ class PlainLight : public ObjectLight {
   PlainLight(std::vector<Vec3d> normals, int resolution, const Lighting& lighting)
       : normals_(std::move(normals)),
         resolution_(resolution),
-        per_face_(static_cast<std::size_t>(resolution) * resolution),
+        per_face_(as_size(resolution) * as_size(resolution)),
         lighting_(lighting) {
     for (const Vec3d& normal : normals_) factors_.push_back(shade<double>(normal, lighting));
   }
@@ -77,8 +79,7 @@ class LightWithVisibility : public ObjectLight {
   void for_each_part(F do_part) const {
     std::size_t part = 0;
     for (std::size_t f = 0; f < visibility_.faces; ++f)
-      for (const int texel : visibility_.texels_of_parts(f))
-        do_part(part++, f * per_face_ + static_cast<std::size_t>(texel));
+      for (const int texel : visibility_.texels_of_parts(f)) do_part(part++, f * per_face_ + as_size(texel));
   }
 
   std::vector<Vec3d> normals_;

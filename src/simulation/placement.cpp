@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/sizes.h"
 #include "base/types.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/recorded_light.h"
@@ -112,7 +113,7 @@ Placement placement_of(const PlaceChoice& place, Carrier carrier, std::span<cons
   if (place.victim == Victim::neighbour && placement.left_out == LeftOut::no) {
     placement.neighbour = neighbour_of(place, placement, labels);
     if (placement.neighbour)
-      placement.targets = {labels[static_cast<std::size_t>(*placement.neighbour)]};
+      placement.targets = {labels[as_size(*placement.neighbour)]};
     else
       placement.left_out = LeftOut::no_neighbour;
   }

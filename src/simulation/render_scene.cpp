@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "base/error.h"
+#include "base/sizes.h"
 #include "sensors/projection.h"
 #include "sensors/ray_camera.h"
 #include "simulation/camera_pass.h"
@@ -54,7 +55,7 @@ TexturedMesh joined(const RenderScene& scene) {
   for (const auto& thing : scene.things) {
     faces += thing.textured.mesh.faces.size();
     if (!thing.textured.atlas.texels.empty())
-      resolution = std::lcm(resolution, static_cast<std::size_t>(thing.textured.atlas.resolution));
+      resolution = std::lcm(resolution, as_size(thing.textured.atlas.resolution));
     if (resolution > 4096 || faces * resolution * resolution > kMostTexels)
       throw InputError(
           "scene", "texels",
@@ -83,8 +84,8 @@ TexturedMesh joined(const RenderScene& scene) {
           all.atlas.texels.push_back(
               atlas.texels.empty()
                   ? Vec3d::Constant(0.5)
-                  : atlas.texels[f * atlas.per_face() +
-                                 static_cast<std::size_t>(texel_index(x / c, y / c, atlas.resolution))]);
+                  : atlas
+                        .texels[f * atlas.per_face() + as_size(texel_index(x / c, y / c, atlas.resolution))]);
         }
     }
   }
@@ -99,7 +100,7 @@ ImageF depth_at_centres(const std::vector<Vec3d>& p_camera, const std::vector<Fa
   std::vector<Vec3d> depths;
   depths.reserve(3 * faces.size());
   for (const Face& face : faces)
-    for (int k : face) depths.push_back(Vec3d::Constant(p_camera[k].z()));
+    for (int k : face) depths.push_back(Vec3d::Constant(p_camera[as_size(k)].z()));
   const ProjectedMesh projected =
       project_mesh(p_camera, faces, camera, kNearPlane, Texture::vertex, 1, std::move(depths));
   SoftRasterSettings<double> hard = soft;
@@ -191,7 +192,7 @@ PinholeCamera resized(const PinholeCamera& camera, int width, int height) {
 ImageF crop(const ImageF& image, const PixelRect& rect) {
   ImageF out(rect.width(), rect.height(), image.channels);
   for (int v = 0; v < out.height; ++v)
-    std::copy_n(image.pixel(rect.u0, rect.v0 + v), static_cast<std::size_t>(out.width) * image.channels,
+    std::copy_n(image.pixel(rect.u0, rect.v0 + v), as_size(out.width) * as_size(image.channels),
                 out.pixel(0, v));
   return out;
 }

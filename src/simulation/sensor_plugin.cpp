@@ -10,6 +10,7 @@
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/plugins.h"
+#include "base/sizes.h"
 #include "simulation/sensor_abi.h"
 
 namespace mirage {
@@ -100,7 +101,7 @@ struct Instance {
       if (length < 1 || length > kMostValues / count) throw bad("shape", "has no length, or too many values");
       count *= length;
     }
-    values = static_cast<std::size_t>(count);
+    values = as_size(count);
     word.sensor_from_ego.matrix().topRows<3>() =
         Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(told->sensor_from_ego);
     if (!word.sensor_from_ego.matrix().allFinite()) throw bad("sensor_from_ego", "is not finite");
@@ -181,7 +182,7 @@ class Sensor : public PluginSensor {
                                   [&](const Measurement& measured) { return measured.name == name(); });
     if (own == all.end())
       throw Failure(of_->file.string(), "has not recorded the frame", "record() it first");
-    const auto place = static_cast<std::size_t>(own - all.begin());
+    const auto place = as_size(own - all.begin());
     const std::vector<double> vertices = flat(placed.mesh.vertices), albedo = flat(placed.atlas.texels);
     std::vector<std::int32_t> faces;
     faces.reserve(3 * placed.mesh.faces.size());

@@ -11,6 +11,7 @@
 #include <string>
 
 #include "base/error.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -120,15 +121,14 @@ void add_clear(std::span<const TrackFrame> frames, double least, TrackScores& sc
     Eigen::MatrixXd gain = frame.similarity;
     for (Eigen::Index t = 0; t < gain.rows(); ++t)
       for (Eigen::Index k = 0; k < gain.cols(); ++k) {
-        const auto kept = before.find(frame.truths[static_cast<std::size_t>(t)]);
-        const bool same = kept != before.end() && kept->second == frame.tracks[static_cast<std::size_t>(k)];
+        const auto kept = before.find(frame.truths[as_size(t)]);
+        const bool same = kept != before.end() && kept->second == frame.tracks[as_size(k)];
         gain(t, k) = gain(t, k) < least - kTiny ? 0 : gain(t, k) + (same ? kKept : 0);
       }
     for (const int truth : frame.truths) ++seen[truth].frames;
     std::map<int, int> now;
     for (const auto& [t, k] : most_alike(gain)) {
-      const int truth = frame.truths[static_cast<std::size_t>(t)],
-                track = frame.tracks[static_cast<std::size_t>(k)];
+      const int truth = frame.truths[as_size(t)], track = frame.tracks[as_size(k)];
       const auto earlier = last.find(truth);
       scores.switches += earlier != last.end() && earlier->second != track;
       Seen& of = seen[truth];
@@ -171,8 +171,7 @@ void add_hota(std::span<const TrackFrame> frames, TrackScores& scores) {
     for (Eigen::Index t = 0; t < s.rows(); ++t)
       for (Eigen::Index k = 0; k < s.cols(); ++k)
         if (const double all = by_truth[t] + by_track[k] - s(t, k); s(t, k) > 0 && all > kTiny)
-          together[{frame.truths[static_cast<std::size_t>(t)], frame.tracks[static_cast<std::size_t>(k)]}] +=
-              s(t, k) / all;
+          together[{frame.truths[as_size(t)], frame.tracks[as_size(k)]}] += s(t, k) / all;
   }
   const auto jaccard = [&](const Pair& pair, double both) {
     return both / (truth_frames.at(pair.first) + track_frames.at(pair.second) - both);
@@ -182,7 +181,7 @@ void add_hota(std::span<const TrackFrame> frames, TrackScores& scores) {
   for (const TrackFrame& frame : frames) {
     Eigen::MatrixXd gain = frame.similarity;
     const auto pair_of = [&](Eigen::Index t, Eigen::Index k) {
-      return Pair(frame.truths[static_cast<std::size_t>(t)], frame.tracks[static_cast<std::size_t>(k)]);
+      return Pair(frame.truths[as_size(t)], frame.tracks[as_size(k)]);
     };
     for (Eigen::Index t = 0; t < gain.rows(); ++t)
       for (Eigen::Index k = 0; k < gain.cols(); ++k)
@@ -190,8 +189,8 @@ void add_hota(std::span<const TrackFrame> frames, TrackScores& scores) {
     for (const auto& [t, k] : most_alike(gain))
       for (int a = 0; a < kAlphas; ++a)
         if (frame.similarity(t, k) >= 0.05 * (a + 1) - kTiny) {
-          ++matches[static_cast<std::size_t>(a)][pair_of(t, k)];
-          ++hits[static_cast<std::size_t>(a)];
+          ++matches[as_size(a)][pair_of(t, k)];
+          ++hits[as_size(a)];
         }
   }
   for (std::size_t a = 0; a < kAlphas; ++a) {
@@ -208,7 +207,7 @@ void add_hota(std::span<const TrackFrame> frames, TrackScores& scores) {
 }  // namespace
 
 std::vector<std::pair<int, int>> assign(const Eigen::MatrixXd& cost, double most) {
-  const auto rows = static_cast<std::size_t>(cost.rows()), columns = static_cast<std::size_t>(cost.cols());
+  const auto rows = as_size(cost.rows()), columns = as_size(cost.cols());
   double low = std::numeric_limits<double>::infinity(), high = -low;
   const auto allowed = [&](double value) { return std::isfinite(value) && value <= most; };
   for (Eigen::Index i = 0; i < cost.size(); ++i)
@@ -225,9 +224,9 @@ std::vector<std::pair<int, int>> assign(const Eigen::MatrixXd& cost, double most
   for (int r = 0; r < cost.rows(); ++r)
     for (int c = 0; c < cost.cols(); ++c)
       if (const double value = cost(r, c); allowed(value))
-        edges.push_back({{r, c},
-                         add_unit_edge(graph, static_cast<std::size_t>(r), rows + static_cast<std::size_t>(c),
-                                       std::llround((value - low) / unit))});
+        edges.push_back(
+            {{r, c},
+             add_unit_edge(graph, as_size(r), rows + as_size(c), std::llround((value - low) / unit))});
   boost::successive_shortest_path_nonnegative_weights(graph, source, sink);
   std::vector<std::pair<int, int>> pairs;
   for (const auto& [pair, edge] : edges)
@@ -287,12 +286,12 @@ std::vector<TrackState> Tracker::step(double time, std::span<const TrackedDetect
   std::vector<bool> taken(detections.size(), false);
   for (const auto& [d, t] : assign(cost)) {
     if (cost(d, t) > most) continue;
-    Track& track = tracks_[static_cast<std::size_t>(t)];
-    const TrackedDetection& detection = detections[static_cast<std::size_t>(d)];
+    Track& track = tracks_[as_size(t)];
+    const TrackedDetection& detection = detections[as_size(d)];
     update(track, detection.box);
     track.said.detection = d;
     track.said.score = detection.score;
-    taken[static_cast<std::size_t>(d)] = true;
+    taken[as_size(d)] = true;
   }
   for (Track& track : tracks_) {
     TrackState& said = track.said;

@@ -13,6 +13,7 @@
 #include "attack/observation.h"
 #include "attack/tiny_world.h"
 #include "base/files.h"
+#include "base/sizes.h"
 #include "generator/generator.h"
 #include "support/files.h"
 #include "support/insertion_world.h"
@@ -428,7 +429,7 @@ TEST(HostOrder, ABatchMeetsNoHostTwice) {
   for (const auto& counts : {std::vector<int>{1, 1, 1}, std::vector<int>{7}, std::vector<int>{9, 1, 2}}) {
     const auto hosts = hosts_in_frames(counts);
     for (const int batch : {2, 3}) {
-      if (hosts.size() < 3 * static_cast<std::size_t>(batch - 1)) continue;
+      if (hosts.size() < 3 * as_size(batch - 1)) continue;
       for (std::uint64_t seed = 0; seed < 20; ++seed) {
         const HostOrder order(hosts, batch, seed);
         std::map<std::size_t, int> times;

@@ -106,10 +106,10 @@ TEST(Comparison, SaysWhatItCouldHaveShown) {
 TEST(Comparison, CountsVehiclesThatBothFindOnce) {
   std::vector<HostOutcome> first(4), second;
   for (int i = 0; i < 4; ++i) {
-    first[i].id = {"f" + std::to_string(i / 2), i / 2};
-    first[i].mesh = i % 2;
-    first[i].range = 30 - 10 * (i / 2);
-    first[i].clean_iou = first[i].attacked_iou = 0.9;
+    first[as_size(i)].id = {"f" + std::to_string(i / 2), i / 2};
+    first[as_size(i)].mesh = i % 2;
+    first[as_size(i)].range = 30 - 10 * (i / 2);
+    first[as_size(i)].clean_iou = first[as_size(i)].attacked_iou = 0.9;
   }
   second = first;
   second[0].attacked_iou = 0;  // f0 is lost under the first object, f1 under both

@@ -16,6 +16,8 @@
 #include "attack/vehicle_drive.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/names.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/data/read_frames.h"
@@ -356,7 +358,7 @@ class OneTrack : public test::StandInDetector {
   }
   std::vector<Detection> forward(const SensorView& input, double, bool) override {
     const SensorData& told = input.others.at(0);
-    EXPECT_EQ(told.values.size(), static_cast<std::size_t>(8 * told.shape[0]));
+    EXPECT_EQ(told.values.size(), as_size(8 * told.shape[0]));
     EXPECT_EQ(input.frame->moment->sequence, "0000");
     continues.push_back(input.continues);
     std::vector<Detection> boxes;
@@ -462,7 +464,7 @@ TEST_F(Drives, AnotherRendererDrawsTheObjectsOfTheVehiclesThatAreAskedFor) {
   const nlohmann::json file = read_json(asked.folder / "0000_4.json");
   for (const char* version : kDriveVersions) {
     const nlohmann::json& shown = file.at("shown").at(version);
-    ASSERT_EQ(shown.at("boxes").size(), static_cast<std::size_t>(kFrames));
+    ASSERT_EQ(shown.at("boxes").size(), as_size(kFrames));
     EXPECT_EQ(shown.at("boxes").at(0).at(0).size(), 8u);
     EXPECT_EQ(shown.at("tracks").at(kFrames - 1).at(0).size(), 9u);
   }
@@ -477,9 +479,7 @@ TEST(DriveByRenderer, KeptIsTheShareOfTheAddedGaps) {
     one.track = i;
     const auto hide = [&](VehicleDrive& of, int frames) {
       for (int k = 0; k < frames; ++k)
-        of.frames[static_cast<std::size_t>(3 + k)]
-            .sights[static_cast<std::size_t>(DriveVersion::attacked)]
-            .found = false;
+        of.frames[as_size(3 + k)].sights[as_size(DriveVersion::attacked)].found = false;
     };
     VehicleDrive in_plain = one, in_other = one;
     hide(in_plain, 2 * i);  // the first is not hidden

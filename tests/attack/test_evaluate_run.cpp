@@ -195,7 +195,7 @@ TEST(EvaluateRun, ArmsAndNetAreListed) {
   EXPECT_THAT(names, testing::ElementsAre("learned", "start", "sized", "ellipsoid", "cuboid"));
   EXPECT_EQ(json.at("net"), json.at("arms").at(2).at("net"));
   EXPECT_EQ(json.at("arms").at(0).at("net"), json.at("net"));
-  for (int c = 0; c < 3; ++c)  // the learned mesh's, whatever they are
+  for (std::size_t c = 0; c < 3; ++c)  // the learned mesh's, whatever they are
     EXPECT_DOUBLE_EQ(json.at("arms").at(2).at("extents_m").at(c),
                      json.at("arms").at(0).at("extents_m").at(c));
   EXPECT_DOUBLE_EQ(json.at("arms").at(4).at("extents_m").at(0), 1.6);

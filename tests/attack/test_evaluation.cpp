@@ -9,6 +9,7 @@
 #include "attack/tiny_world.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/sizes.h"
 #include "support/files.h"
 #include "support/insertion_world.h"
 
@@ -139,7 +140,7 @@ TEST(Evaluation, OneVehicleInManyFramesIsOneCluster) {
   const Evaluation by_frame = summarize(hosts);
   EXPECT_EQ(by_frame.clusters.by, "frame");
   EXPECT_EQ(by_frame.clusters.count, 40);
-  for (int i = 0; i < 40; ++i) hosts[static_cast<std::size_t>(i)].track = i / 10;
+  for (int i = 0; i < 40; ++i) hosts[as_size(i)].track = i / 10;
   const Evaluation by_vehicle = summarize(hosts);
   EXPECT_EQ(by_vehicle.clusters.by, "vehicle");
   EXPECT_EQ(by_vehicle.clusters.count, 4);

@@ -17,6 +17,7 @@
 #include "attack/tiny_world.h"
 #include "base/error.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "frames/hosts.h"
 #include "support/files.h"
 #include "support/gradient_check.h"
@@ -108,7 +109,7 @@ TEST(TopBackground, GradientInLogits) {
     std::vector<double> logits;
     for (int i = 0; i < 40; ++i) {  // logits far enough apart that a difference changes no set
       logits.push_back(0.4 * i - 10);
-      std::swap(logits.back(), logits[static_cast<std::size_t>(random.below(i + 1))]);
+      std::swap(logits.back(), logits[as_size(random.below(i + 1))]);
     }
     for (const double logit : logits)
       proposals.push_back(at(random.uniform(0, 70), random.uniform(-30, 30), logit));
@@ -262,7 +263,7 @@ TEST(Expectation, TheBuiltObjectIsOffByTheStatedDistanceAndCast) {
                  static_cast<double>(built.mesh.vertices.size()) / kDraws;
     const auto dark =
         std::ranges::min_element(designed.atlas.texels, {}, [](const Vec3d& t) { return t.maxCoeff(); });
-    const auto at = static_cast<std::size_t>(dark - designed.atlas.texels.begin());
+    const auto at = as_size(dark - designed.atlas.texels.begin());
     logs += std::pow(std::log(built.atlas.texels[at].x() / designed.atlas.texels[at].x()), 2) / kDraws;
     EXPECT_LE(built.atlas.texels[at].maxCoeff(), 1);
   }

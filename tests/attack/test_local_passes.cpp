@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/intervals.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "detection/detector_settings.h"
 #include "generator/generator.h"
@@ -72,7 +73,7 @@ struct Answer {
 std::vector<LidarPoint> places_beside(const Simulated& simulated) {
   std::vector<LidarPoint> places;
   const Sweep& sweep = simulated.sweep;
-  const std::size_t first = sweep.size() - static_cast<std::size_t>(simulated.adversary_points);
+  const std::size_t first = sweep.size() - as_size(simulated.adversary_points);
   for (const std::size_t i : {first / 4, first / 2}) places.push_back(sweep[i]);
   for (std::size_t i = first; i < sweep.size(); i += 7) places.push_back(sweep[i]);
   for (LidarPoint& place : places) place.z += 0.3f;
@@ -95,9 +96,9 @@ struct GradientError {
         }
     pixels = apart(difference, norm), any_pixels = norm > 0;
     difference = norm = 0;
-    const std::size_t first = simulated.sweep.size() - static_cast<std::size_t>(simulated.adversary_points);
+    const std::size_t first = simulated.sweep.size() - as_size(simulated.adversary_points);
     for (std::size_t i = first; i < simulated.sweep.size(); ++i)
-      for (int c = 0; c < 4; ++c) {
+      for (std::size_t c = 0; c < 4; ++c) {
         difference += std::pow(a.points[i][c] - b.points[i][c], 2);
         norm += std::pow(b.points[i][c], 2);
       }
@@ -320,9 +321,9 @@ TEST_P(LocalPasses, InBfloat16AreNearThoseInFloat) {
     EXPECT_GT(difference, 0) << whole;
     const std::vector<double> ones(found.size(), 1);
     const SensorGradient full = whole_->backward(ones), now = rounded->backward(ones);
-    const std::size_t first = simulated.sweep.size() - static_cast<std::size_t>(simulated.adversary_points);
+    const std::size_t first = simulated.sweep.size() - as_size(simulated.adversary_points);
     for (std::size_t i = first; i < simulated.sweep.size(); ++i)
-      for (int c = 0; c < 3; ++c) {
+      for (std::size_t c = 0; c < 3; ++c) {
         product += full.points[i][c] * now.points[i][c];
         a += std::pow(full.points[i][c], 2), b += std::pow(now.points[i][c], 2);
       }

@@ -12,6 +12,7 @@
 #include "attack/portfolio.h"
 #include "attack/tiny_world.h"
 #include "base/error.h"
+#include "base/json_fields.h"
 #include "support/files.h"
 
 namespace mirage {
@@ -102,7 +103,7 @@ TEST(Auto, TheStartThatHidesMostIsKeptWhereNoGradientHelps) {
     if (start.held_out < value) value = start.held_out, lowest = start.name;
   }
   EXPECT_GT(report.search.generations, 0);
-  EXPECT_LT(value, paper - 0.01) << to_json(report);
+  EXPECT_LT(value, paper - 0.01) << fields_json(report);
   const AutoReport::Candidate& chosen = report.candidates.at(report.chosen);
   EXPECT_EQ(chosen.start, lowest);
   EXPECT_EQ(chosen.held_out, value);

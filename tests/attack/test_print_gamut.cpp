@@ -10,6 +10,7 @@
 #include "base/image.h"
 #include "base/json_fields.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "support/files.h"
 #include "support/print_profile.h"
 
@@ -41,7 +42,7 @@ std::vector<Vec3d> fogra39() {
     double number, c, m, y, k;
     Vec3d xyz;
     lines >> number >> c >> m >> y >> k >> xyz.x() >> xyz.y() >> xyz.z();
-    patches[static_cast<std::size_t>((c > 0) + 2 * (m > 0) + 4 * (y > 0) + 8 * (k > 0))] = xyz / 100;
+    patches[as_size((c > 0) + 2 * (m > 0) + 4 * (y > 0) + 8 * (k > 0))] = xyz / 100;
   }
   return patches;
 }
@@ -60,10 +61,7 @@ TEST(PrintGamut, AChartsColoursBecomeLinearRgb) {
   const PrintGamut gamut = gamut_of(file.string());
   ASSERT_EQ(gamut.colours().size(), 4u);
   for (int k = 0; k < 3; ++k)
-    EXPECT_LT(
-        (gamut.colours()[static_cast<std::size_t>(k + 1)] - (Vec3d::Constant(0.1) + 0.8 * Vec3d::Unit(k)))
-            .norm(),
-        1e-3);
+    EXPECT_LT((gamut.colours()[as_size(k + 1)] - (Vec3d::Constant(0.1) + 0.8 * Vec3d::Unit(k))).norm(), 1e-3);
   EXPECT_EQ(gamut.name(), file.string());
 
   // The same patches as Lab.

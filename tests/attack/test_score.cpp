@@ -8,6 +8,7 @@
 #include "attack/score.h"
 #include "attack/tiny_world.h"
 #include "base/error.h"
+#include "base/sizes.h"
 #include "support/files.h"
 
 namespace mirage {
@@ -98,7 +99,7 @@ TEST(Score, AsManyCarsAsAnOpenCellAsksForTellIt) {
   for (const auto& [frames, lost] : {std::pair{50, 1}, {80, 1}, {50, 3}}) {
     auto hosts = sound(frames);
     lose(hosts, 3, 30, lost);
-    const Score score = score_outcomes(hosts, kObjects, static_cast<std::size_t>(frames));
+    const Score score = score_outcomes(hosts, kObjects, as_size(frames));
     const ScoreCell& open = cell(score, ObjectLevel::learned, 1);
     ASSERT_EQ(open.held, Held::open);
     ASSERT_TRUE(open.needed);
@@ -108,9 +109,7 @@ TEST(Score, AsManyCarsAsAnOpenCellAsksForTellIt) {
     const int more = static_cast<int>(*open.needed);
     auto larger = sound(more);
     lose(larger, 3, 30, more * lost / frames);
-    EXPECT_NE(
-        cell(score_outcomes(larger, kObjects, static_cast<std::size_t>(more)), ObjectLevel::learned, 1).held,
-        Held::open)
+    EXPECT_NE(cell(score_outcomes(larger, kObjects, as_size(more)), ObjectLevel::learned, 1).held, Held::open)
         << frames << " " << lost;
   }
 }
@@ -177,7 +176,7 @@ TEST(Score, OfADetectorWithoutGradientsFromNothing) {
   EXPECT_EQ(first.learned[0].settings.attack, AttackSearch::black_box);
   EXPECT_GT(first.learned[0].result.steps, 0);
   EXPECT_EQ(first.evaluation.trained_on, 0);  // those that the attack held back are judged
-  EXPECT_EQ(first.evaluation.hosts.size(), static_cast<std::size_t>(first.learned[0].result.vehicles_test));
+  EXPECT_EQ(first.evaluation.hosts.size(), as_size(first.learned[0].result.vehicles_test));
   ASSERT_EQ(first.score.rows.size(), 5u);
   EXPECT_EQ(first.score.rows[1].objects.size(), 5u);
   EXPECT_EQ(first.score.rows[2].objects.size(), 3u);

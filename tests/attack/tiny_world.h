@@ -11,6 +11,7 @@
 #include "attack/detector_pool.h"
 #include "attack/run.h"
 #include "base/files.h"
+#include "base/sizes.h"
 #include "detection/detector.h"
 #include "generator/car_body.h"
 #include "scene/data/kitti.h"
@@ -37,15 +38,14 @@ inline Sweep tiny_sweep(const Box3* box) {
     return box && hit.hit() ? hit.t : 0.f;
   };
   const int beams = static_cast<int>(lidar.beams.size());
-  std::vector<bool> fires(static_cast<std::size_t>(lidar.azimuth_count()));
+  std::vector<bool> fires(as_size(lidar.azimuth_count()));
   for (int column = 0; column < lidar.azimuth_count(); ++column)
     for (int beam = 0; beam < beams; ++beam)
-      if (column % kEvery == 0 || hit_by(lidar.ray(beam, column)) > 0)
-        fires[static_cast<std::size_t>(column)] = true;
+      if (column % kEvery == 0 || hit_by(lidar.ray(beam, column)) > 0) fires[as_size(column)] = true;
   Sweep sweep;
   for (int beam = 0; beam < beams; ++beam)
     for (int column = 0; column < lidar.azimuth_count(); ++column) {
-      if (!fires[static_cast<std::size_t>(column)]) continue;
+      if (!fires[as_size(column)]) continue;
       const LidarRay ray = lidar.ray(beam, column);
       const float on_car = hit_by(ray);
       const double to_ground = (kGround - ray.origin.z()) / ray.direction.z();

@@ -13,6 +13,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/json_fields.h"
+#include "base/sizes.h"
 #include "support/files.h"
 
 namespace mirage {
@@ -24,7 +25,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 
 std::size_t entries(const std::filesystem::path& folder) {
-  return static_cast<std::size_t>(std::distance(std::filesystem::directory_iterator(folder), {}));
+  return as_size(std::distance(std::filesystem::directory_iterator(folder), {}));
 }
 
 TEST(WriteFile, MakesFoldersAndReplacesWhole) {

@@ -126,7 +126,8 @@ TEST(ImageFiles, ColoursAreTakenAsStoredWhateverTheAlpha) {
     write_with(folder / "a.png", 4, {200, 100, 50, alpha}, 0);
     const ImageF image = read_srgb(folder / "a.png");
     for (int c = 0; c < 3; ++c)
-      EXPECT_EQ(image.at(2, 1, c), linear_level(std::array<std::uint8_t, 3>{200, 100, 50}[c])) << int{alpha};
+      EXPECT_EQ(image.at(2, 1, c), linear_level(std::array<std::uint8_t, 3>{200, 100, 50}[as_size(c)]))
+          << int{alpha};
     write_with(folder / "grey.png", 2, {90, alpha}, 0);
     EXPECT_EQ(read_srgb(folder / "grey.png").at(2, 1, 2), linear_level(90)) << int{alpha};
   }

@@ -9,6 +9,7 @@
 
 #include "base/intervals.h"
 #include "base/random.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -194,7 +195,7 @@ ClusteredShare crossed_outcomes(int trial, int runs, double spread_of_runs, bool
   for (int r = 0; r < runs; ++r)
     for (std::size_t v = 0; v < of_vehicle.size(); ++v) {
       if (random.uniform() < 0.2) continue;  // learned on, so not judged
-      const double logit = -0.4 + of_run[static_cast<std::size_t>(r)] + of_vehicle[v];
+      const double logit = -0.4 + of_run[as_size(r)] + of_vehicle[v];
       share.add("vehicle " + std::to_string(v), random.uniform() < 1 / (1 + std::exp(-logit)),
                 by_run ? r : 0);
     }

@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/json_fields.h"
+#include "base/sizes.h"
 #include "support/files.h"
 
 namespace mirage {
@@ -18,7 +19,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 
 TEST(JsonDepth, CountsArraysAndObjectsButNoTexts) {
-  const auto nested = [](int levels) { return std::string(static_cast<std::size_t>(levels), '['); };
+  const auto nested = [](int levels) { return std::string(as_size(levels), '['); };
   check_json_depth(nested(kDeepestJson), "a.json");
   EXPECT_THAT(error_text<InputError>([&] { check_json_depth(nested(kDeepestJson + 1), "a.json", "JSON"); }),
               AllOf(HasSubstr("a.json: JSON"), HasSubstr("byte 128"), HasSubstr("128 levels")));

@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/json_fields.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "base/training_loop.h"
 #include "support/files.h"
 
@@ -113,7 +114,7 @@ TEST(TrainingLoop, GoesOnAfterAnyStopToTheSameBits) {
   const TrainingSchedule schedule = schedule_in(folder / "whole", kSteps);
   Toy whole;
   train(schedule, whole);
-  ASSERT_EQ(whole.steps.size(), static_cast<std::size_t>(kSteps));
+  ASSERT_EQ(whole.steps.size(), as_size(kSteps));
   for (std::int64_t last = 1; last <= kSteps; ++last) {
     TrainingSchedule parts = schedule_in(folder / std::to_string(last), kSteps);
     parts.checkpoint.steps = 4;  // the stop writes one of its own

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <thread>
 
+#include "base/sizes.h"
 #include "program.h"
 
 namespace mirage {
@@ -61,8 +62,7 @@ class Ranks : public test::Program {
   /// How many answers of a kind the cache keeps.
   std::size_t kept(const std::string& kind) const {
     const fs::path folder = folder_ / "cache" / kind;
-    return fs::exists(folder) ? static_cast<std::size_t>(std::distance(fs::directory_iterator(folder), {}))
-                              : 0;
+    return fs::exists(folder) ? as_size(std::distance(fs::directory_iterator(folder), {})) : 0;
   }
   /// Runs a command on one process and on three, and once more where one of the answers of this kind that
   /// they keep is missing: it goes on. All give one result, and this is it.

@@ -8,6 +8,7 @@
 #include <random>
 
 #include "base/error.h"
+#include "base/sizes.h"
 #include "detection/average_precision.h"
 
 namespace mirage {
@@ -132,7 +133,7 @@ TEST(AveragePrecision, ItsIntervalCoversAsOftenAsSaid) {
       const int trials = clusters > 50 ? 240 : 900;
       int covered = 0;
       for (int t = 0; t < trials; ++t) {
-        const std::size_t r = static_cast<std::size_t>(t) % kRecalls.size();
+        const std::size_t r = as_size(t) % kRecalls.size();
         const Interval interval =
             average_precision_interval(drawn_frames(random, clusters, kRecalls[r], within), 0.7);
         covered += interval.low <= truth[r] && truth[r] <= interval.high;

@@ -122,7 +122,7 @@ TEST(Fusion, PointGradientMatchesDifferencesWithTheImageFixed) {
     const SensorGradient gradient = gradient_of(*detector, street, weights);
     double square = 0;
     for (const auto& d : gradient.points) {
-      for (int a = 0; a < 3; ++a) square += d[a] * d[a];
+      for (std::size_t a = 0; a < 3; ++a) square += d[a] * d[a];
       EXPECT_EQ(d[3], 0);  // reflectance is not read
     }
     const double norm = std::sqrt(square);
@@ -171,7 +171,7 @@ TEST(Fusion, PointsAlsoMoveTheirImageFeatures) {
   const SensorGradient plain = gradient_of(*detector, grey, weights);
   double difference = 0;
   for (std::size_t i = 0; i < textured.points.size(); ++i)
-    for (int a = 0; a < 3; ++a) difference += std::abs(textured.points[i][a] - plain.points[i][a]);
+    for (std::size_t a = 0; a < 3; ++a) difference += std::abs(textured.points[i][a] - plain.points[i][a]);
   EXPECT_GT(difference, 1e-3);
 }
 

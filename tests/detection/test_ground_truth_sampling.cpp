@@ -83,7 +83,7 @@ class World {
             caster.intersect({velo_from_camera.translation().cast<float>(), towards.cast<float>()});
         Vec3f colour(0.5f, 0.7f, 1);
         if (hit.mesh == 0) colour = Vec3f::Constant(0.2f);
-        if (hit.mesh > 0) colour = blocks[hit.mesh - 1].colour;
+        if (hit.mesh > 0) colour = blocks[as_size(hit.mesh - 1)].colour;
         for (int c = 0; c < 3; ++c) made.image.at(u, v, c) = colour[c];
         instances_.at(u, v) = static_cast<std::uint16_t>(number(blocks, hit.mesh));
       }
@@ -123,9 +123,9 @@ class World {
  private:
   /// k + 1 of the label of mesh `mesh` (0 is the road), 0 for none.
   static std::uint32_t number(const std::vector<Block>& blocks, int mesh) {
-    if (mesh < 1 || blocks[mesh - 1].type.empty()) return 0;
+    if (mesh < 1 || blocks[as_size(mesh - 1)].type.empty()) return 0;
     std::uint32_t labels = 0;
-    for (int i = 0; i < mesh; ++i) labels += !blocks[i].type.empty();
+    for (int i = 0; i < mesh; ++i) labels += !blocks[as_size(i)].type.empty();
     return labels;
   }
 

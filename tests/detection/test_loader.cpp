@@ -7,6 +7,7 @@
 
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/sizes.h"
 #include "detection/average_precision.h"
 #include "detection/detector.h"
 #include "detection/detector_settings.h"
@@ -149,7 +150,7 @@ TEST(Loader, OfSeveralClassesThoseThatAreSoughtAreLookedAt) {
     const auto detector = load_detector(options);
     std::vector<std::string> names;
     for (const Detection& one : detector->forward(scene.view(), 0.1, true))
-      names.push_back(detector->capabilities().types.at(static_cast<std::size_t>(one.type)));
+      names.push_back(detector->capabilities().types.at(as_size(one.type)));
     return names;
   };
   EXPECT_EQ(found("Car"), std::vector<std::string>{"Car"});

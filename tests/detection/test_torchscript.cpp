@@ -122,7 +122,7 @@ TEST(TorchScript, OnlyTheGivenProposalsPullOnTheInputs) {
   detector->forward(scene.view(), -1, true);
   std::vector<double> d_all(3, 0);
   const auto all = detector->forward(scene.view(), -1, true);
-  for (int i = 0; i < 3; ++i) d_all[i] = all[i].logit == found[0].logit;
+  for (std::size_t i = 0; i < 3; ++i) d_all[i] = all[i].logit == found[0].logit;
   const SensorGradient whole = detector->backward(d_all);
   ASSERT_EQ(detector->forward(scene.view(), between, true).size(), 1u);
   const SensorGradient one = detector->backward(std::vector<double>{1});

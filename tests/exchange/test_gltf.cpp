@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "exchange/gltf.h"
 #include "exchange/gltf_model.h"
 #include "exchange/mesh_files.h"
@@ -119,7 +120,7 @@ TEST(Tessellation, CoversTheFaceOnceWithTheRasterisersTexels) {
   RandomStream random(3, "barycentrics");
   for (int resolution : {1, 2, 3, 5, 8}) {
     const auto triangles = atlas_triangles(resolution);
-    ASSERT_EQ(triangles.size(), static_cast<std::size_t>(resolution) * resolution);
+    ASSERT_EQ(triangles.size(), as_size(resolution) * as_size(resolution));
     const auto cross = [](const Vec2d& a, const Vec2d& b) { return a.x() * b.y() - a.y() * b.x(); };
     for (const AtlasTriangle& t : triangles)  // wound as the face, and congruent
       EXPECT_NEAR(cross(t.corners[1] - t.corners[0], t.corners[2] - t.corners[0]),
@@ -130,7 +131,7 @@ TEST(Tessellation, CoversTheFaceOnceWithTheRasterisersTexels) {
       int found = -1, count = 0;
       for (const AtlasTriangle& t : triangles) {
         double least = 1;
-        for (int k = 0; k < 3; ++k)
+        for (std::size_t k = 0; k < 3; ++k)
           least = std::min(least, cross(t.corners[(k + 1) % 3] - t.corners[k], b - t.corners[k]));
         if (least > 1e-9) found = t.texel, ++count;
       }
@@ -286,7 +287,7 @@ TEST(Gltf, RandomDamageNeverCrashes) {
   for (int i = 0; i < 100; ++i) {
     std::string bytes = good;
     for (int k = 0; k < 4; ++k)
-      bytes[random.below(static_cast<int>(bytes.size()))] = static_cast<char>(random.below(256));
+      bytes[as_size(random.below(static_cast<int>(bytes.size())))] = static_cast<char>(random.below(256));
     write_file(scratch("damaged.glb"), bytes);
     try {
       read_adversary(scratch("damaged.glb"));

@@ -10,6 +10,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image.h"
+#include "base/sizes.h"
 #include "documents.h"
 #include "exchange/gltf.h"
 #include "exchange/gltf_model.h"
@@ -47,8 +48,7 @@ void expect_refused(const json& document, const std::string& field) {
 TEST(GltfDepth, DeeplyNestedJsonIsRefusedBeforeAnyReader) {
   const test::TemporaryFolder folder;
   for (int levels : {129, 20000, 3000000}) {
-    const std::string deep = std::string(static_cast<std::size_t>(levels), '[') +
-                             std::string(static_cast<std::size_t>(levels), ']');
+    const std::string deep = std::string(as_size(levels), '[') + std::string(as_size(levels), ']');
     std::string text = triangle_document("a.bin").dump();
     text.insert(1, "\"extras\":" + deep + ",");
     write_file(folder / "deep.gltf", text);

@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/image.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "exchange/mesh_files.h"
 #include "exchange/polygons.h"
 #include "geometry/mesh.h"
@@ -268,7 +269,7 @@ TexturedMesh painted(int resolution) {
 /// The colour as 8-bit sRGB keeps it.
 Vec3d through_bytes(const Vec3d& colour) {
   ImageF one(1, 1, 3);
-  for (int c = 0; c < 3; ++c) one.data[static_cast<std::size_t>(c)] = static_cast<float>(colour[c]);
+  for (int c = 0; c < 3; ++c) one.data[as_size(c)] = static_cast<float>(colour[c]);
   const auto bytes = srgb_bytes(one);
   return {linear_level(bytes[0]), linear_level(bytes[1]), linear_level(bytes[2])};
 }
@@ -326,17 +327,17 @@ TEST(ObjFile, IsReadBackWithTheSameVerticesAndTexels) {
     for (std::size_t f = 0; f < given.mesh.faces.size(); ++f)
       for (const AtlasTriangle& triangle : triangles) {
         for (int k = 0; k < 3; ++k) {
-          const Vec2d& b = triangle.corners[static_cast<std::size_t>(k)];
+          const Vec2d& b = triangle.corners[as_size(k)];
           const Face& face = given.mesh.faces[f];
-          const Vec3d expected = b.x() * given.mesh.vertices[static_cast<std::size_t>(face[0])] +
-                                 b.y() * given.mesh.vertices[static_cast<std::size_t>(face[1])] +
-                                 (1 - b.x() - b.y()) * given.mesh.vertices[static_cast<std::size_t>(face[2])];
-          ASSERT_LT((back.corners[at][static_cast<std::size_t>(k)] - expected).norm(), 1e-6);
-          const int read = mesh.faces[at][static_cast<std::size_t>(k)];
-          ASSERT_LT((mesh.vertices[static_cast<std::size_t>(read)] - expected).norm(), 1e-6);
+          const Vec3d expected = b.x() * given.mesh.vertices[as_size(face[0])] +
+                                 b.y() * given.mesh.vertices[as_size(face[1])] +
+                                 (1 - b.x() - b.y()) * given.mesh.vertices[as_size(face[2])];
+          ASSERT_LT((back.corners[at][as_size(k)] - expected).norm(), 1e-6);
+          const int read = mesh.faces[at][as_size(k)];
+          ASSERT_LT((mesh.vertices[as_size(read)] - expected).norm(), 1e-6);
         }
-        const Vec3d texel = through_bytes(
-            given.atlas.texels[f * given.atlas.per_face() + static_cast<std::size_t>(triangle.texel)]);
+        const Vec3d texel =
+            through_bytes(given.atlas.texels[f * given.atlas.per_face() + as_size(triangle.texel)]);
         ASSERT_LT((back.colours[at] - texel).norm(), 1e-7) << "face " << f << ", texel " << triangle.texel;
         ++at;
       }

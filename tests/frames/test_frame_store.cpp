@@ -15,6 +15,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/json_fields.h"
+#include "base/sizes.h"
 #include "detection/audit.h"
 #include "frames/frame_cache.h"
 #include "frames/frame_store.h"
@@ -537,8 +538,7 @@ TEST(SurroundFrames, DepthsOfOtherCamerasAreKept) {
       if (again == 0)
         depths.push_back(depth.get());
       else
-        EXPECT_EQ(depth.get().data,
-                  depths[static_cast<std::size_t>(&depth - frame->other_depths.data())].data);
+        EXPECT_EQ(depth.get().data, depths[as_size(&depth - frame->other_depths.data())].data);
     }
     const PreparedFrame alone = prepare(recorded, frame->lidar);
     for (std::size_t k = 1; k < 3; ++k) EXPECT_EQ(alone.depth_of(k).data, frame->depth_of(k).data);

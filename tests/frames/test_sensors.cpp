@@ -11,6 +11,7 @@
 #include "attack/observation.h"
 #include "base/plugins.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "detection/detector.h"
 #include "frames/frame_store.h"
 #include "scene/data/kitti.h"
@@ -32,7 +33,7 @@ class Sensors : public testing::Test {
     api_ = open_plugin<MirageSensorApi>(radar->file, "mirage_sensor_api", "", {MIRAGE_SENSOR_ABI});
     sensor_ = api_->create("{}", nullptr, 0);
     const MirageSensorWord* word = api_->word(sensor_);
-    for (std::size_t i = 0; i < 3; ++i) shape_[i] = static_cast<std::size_t>(word->shape[i]);
+    for (std::size_t i = 0; i < 3; ++i) shape_[i] = as_size(word->shape[i]);
   }
   void TearDown() override {
     if (api_) api_->destroy(sensor_);
@@ -70,7 +71,7 @@ class Sensors : public testing::Test {
 
   /// The strongest bin: range, azimuth, Doppler.
   std::array<std::size_t, 3> peak(const std::vector<double>& data) const {
-    const auto at = static_cast<std::size_t>(std::max_element(data.begin(), data.end()) - data.begin());
+    const auto at = as_size(std::max_element(data.begin(), data.end()) - data.begin());
     return {at / (shape_[1] * shape_[2]), at / shape_[2] % shape_[1], at % shape_[2]};
   }
 

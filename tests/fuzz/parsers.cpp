@@ -17,6 +17,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image.h"
+#include "base/sizes.h"
 #include "detection/detect.h"
 #include "exchange/gltf.h"
 #include "exchange/mesh_files.h"
@@ -314,7 +315,7 @@ void weights(const fs::path& file) {
   std::size_t all = 0;
   for (const auto& [name, tensor] : read.tensors) {
     std::size_t size = element_size(tensor.element);
-    for (const std::int64_t side : tensor.shape) size *= static_cast<std::size_t>(side);
+    for (const std::int64_t side : tensor.shape) size *= as_size(side);
     demand(size == tensor.data.size(), "a tensor's shape is not that of its data");
     demand(tensor.data.data() >= bytes.data() &&
                tensor.data.data() + tensor.data.size() <= bytes.data() + bytes.size(),

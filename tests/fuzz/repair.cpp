@@ -17,7 +17,7 @@ std::string mutated(std::string part, std::size_t most, const Mutate& mutate) {
 
 std::size_t big_endian(const std::string& file, std::size_t at) {
   std::size_t value = 0;
-  for (int i = 0; i < 4; ++i) value = value << 8 | static_cast<unsigned char>(file[at + i]);
+  for (std::size_t i = 0; i < 4; ++i) value = value << 8 | static_cast<unsigned char>(file[at + i]);
   return value;
 }
 
@@ -42,10 +42,10 @@ std::string mutate_png(std::string file, std::size_t most, unsigned seed, const 
     for (const std::size_t side : {kWidth, kHeight}) file.replace(side, 3, 3, '\0');
   for (std::size_t at = kSignature; at + kFrame <= file.size();) {
     const std::size_t length = std::min(big_endian(file, at), file.size() - at - kFrame);
-    for (int i = 0; i < 4; ++i) file[at + i] = static_cast<char>(length >> (24 - 8 * i));
+    for (std::size_t i = 0; i < 4; ++i) file[at + i] = static_cast<char>(length >> (24 - 8 * i));
     const auto* named = reinterpret_cast<const Bytef*>(file.data() + at + 4);
     const auto sum = crc32(0, named, static_cast<uInt>(4 + length));
-    for (int i = 0; i < 4; ++i) file[at + 8 + length + i] = static_cast<char>(sum >> (24 - 8 * i));
+    for (std::size_t i = 0; i < 4; ++i) file[at + 8 + length + i] = static_cast<char>(sum >> (24 - 8 * i));
     at += kFrame + length;
   }
   return file;

@@ -10,6 +10,7 @@
 #include "attack/checkpoint.h"
 #include "base/files.h"
 #include "base/image.h"
+#include "base/sizes.h"
 #include "exchange/gltf.h"
 #include "exchange/mesh_files.h"
 #include "fuzz/parsers.h"
@@ -214,7 +215,7 @@ std::string seed_checkpoint(long steps) {
     state.held_out.add(0, 1.5, state.adversary);
     state.held_out.add(steps, 1.25, state.adversary);
   }
-  state.losses.assign(static_cast<std::size_t>(steps), {1, 0.5, 0.25, 1});
+  state.losses.assign(as_size(steps), {1, 0.5, 0.25, 1});
   return written("seed-checkpoint.json",
                  [&](const fs::path& file) { write_checkpoint(file, state, seed_identity()); });
 }

@@ -10,6 +10,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/parallel.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "generator/dataset.h"
 #include "generator/street.h"
@@ -133,7 +134,7 @@ TEST(GenerateDrives, AreReadAsDrivesWithTheirPosesAndIdentities) {
       if (number >= static_cast<int>(street.standing.placed.size())) continue;
       const Vec3d world =
           at.moment.world_from_ego * Vec3d(label.box.bev.x, label.box.bev.y, label.box.bottom);
-      const Box3& box = street.standing.placed[static_cast<std::size_t>(number)].box;
+      const Box3& box = street.standing.placed[as_size(number)].box;
       EXPECT_LT((world - Vec3d(box.bev.x, box.bev.y, box.bottom)).norm(), 0.03);
     }
   }

@@ -10,6 +10,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/sizes.h"
 #include "generator/dataset.h"
 #include "generator/generator.h"
 #include "generator/street.h"
@@ -133,7 +134,7 @@ TEST(FrameRecord, ACarOnTheSeamIsInBothCameras) {
     int pixels = 0;
     for (const int id : picture.object.data) {
       if (id < 0) continue;
-      const BevBox& box = street.placed[static_cast<std::size_t>(id)].box.bev;
+      const BevBox& box = street.placed[as_size(id)].box.bev;
       pixels += std::hypot(box.x - place.x, box.y - place.y) < 0.01;
     }
     return pixels;

@@ -79,14 +79,15 @@ TEST(Generator, KittisBoxesInThePictureAreThoseAroundTheBoxesInSpace) {
         overlaps.push_back(iou(labelled_box(label), around_box(label, frame.calibration)));
   }
   ASSERT_GT(overlaps.size(), 20u);
-  std::nth_element(overlaps.begin(), overlaps.begin() + overlaps.size() / 2, overlaps.end());
-  EXPECT_GT(overlaps[overlaps.size() / 2], 0.97);
+  const auto middle = overlaps.begin() + std::ssize(overlaps) / 2;
+  std::nth_element(overlaps.begin(), middle, overlaps.end());
+  EXPECT_GT(*middle, 0.97);
 }
 
 TEST(Generator, LabelsFitImageAndPoints) {
   const Rig rig = small_rig();
   int cars = 0;
-  for (int index = 0; index < 6; ++index) {
+  for (std::size_t index = 0; index < 6; ++index) {
     FrameTruth truth;
     const Frame frame = generate_frame(rig, 1, index, &truth);
     EXPECT_GT(frame.sweep.size(), 3000u);

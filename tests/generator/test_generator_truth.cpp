@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/image.h"
 #include "base/parallel.h"
+#include "base/sizes.h"
 #include "generator/dataset.h"
 #include "generator/fit.h"
 #include "generator/generator.h"
@@ -140,7 +141,7 @@ TEST_P(FrameTruthTest, PixelsAndReturnsLieInTheirBoxes) {
   const Rig rig = rig_with(GetParam());
   const Transform velo_from_camera = rig.calibration.camera_from_velo.inverse();
   std::size_t pixels = 0, returns = 0, cars = 0;
-  for (int index = 0; index < 4; ++index) {
+  for (std::size_t index = 0; index < 4; ++index) {
     FrameTruth truth;
     const Frame frame = generate_frame(rig, 11, index, &truth);
     ASSERT_EQ(truth.instance.data.size(), truth.depth.data.size());
@@ -151,8 +152,8 @@ TEST_P(FrameTruthTest, PixelsAndReturnsLieInTheirBoxes) {
         const int k = truth.instance.at(u, v) - 1;
         if (k < 0) continue;
         ASSERT_LT(k, static_cast<int>(frame.labels.size()));
-        const Label& label = frame.labels[static_cast<std::size_t>(k)];
-        ++shown[static_cast<std::size_t>(k)], ++pixels;
+        const Label& label = frame.labels[as_size(k)];
+        ++shown[as_size(k)], ++pixels;
         const double z = truth.depth.at(u, v);
         // What is on a roof stands out of both boxes.
         const double roof = kRoof * rig.calibration.camera.fx / z;

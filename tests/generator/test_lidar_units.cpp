@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/sizes.h"
 #include "generator/generator.h"
 #include "generator/street.h"
 #include "scene/occlusion.h"
@@ -34,11 +35,10 @@ TEST(LidarUnits, TablesAreThoseOfTheDataSheets) {
                    hdl32 = read_lidar_model(unit_file("hdl32e")),
                    vls128 = read_lidar_model(unit_file("vls128"));
   ASSERT_EQ(vlp16.beams.size(), 16u);
-  for (int b = 0; b < 16; ++b)
-    EXPECT_NEAR(vlp16.beams[static_cast<std::size_t>(b)].elevation / kDegree, 15 - 2 * b, 1e-9);
+  for (int b = 0; b < 16; ++b) EXPECT_NEAR(vlp16.beams[as_size(b)].elevation / kDegree, 15 - 2 * b, 1e-9);
   ASSERT_EQ(hdl32.beams.size(), 32u);
   for (int b = 0; b < 32; ++b)
-    EXPECT_NEAR(hdl32.beams[static_cast<std::size_t>(b)].elevation / kDegree, 10.67 - 4 * b / 3.0, 0.01);
+    EXPECT_NEAR(hdl32.beams[as_size(b)].elevation / kDegree, 10.67 - 4 * b / 3.0, 0.01);
   ASSERT_EQ(vls128.beams.size(), 128u);
   EXPECT_NEAR(vls128.beams.front().elevation / kDegree, 15, 1e-9);
   EXPECT_NEAR(vls128.beams.back().elevation / kDegree, -25, 1e-9);
@@ -160,7 +160,7 @@ TEST(LidarUnits, GeneratedSweepsGoBackToTheirRays) {
     for (const SweepRay& sent : ideal.rays_through(Vec3d(12, 0, -0.5), 3)) {
       if (sent.point < 0) continue;
       ++all;
-      const auto& [beam, column] = made[static_cast<std::size_t>(sent.point)];
+      const auto& [beam, column] = made[as_size(sent.point)];
       right += sent.beam == beam && std::abs(std::remainder(sent.azimuth - lidar.firing_azimuth(column),
                                                             2 * std::numbers::pi)) < 1e-4;
     }

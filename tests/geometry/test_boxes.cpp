@@ -6,6 +6,7 @@
 #include <set>
 
 #include "base/random.h"
+#include "base/sizes.h"
 #include "geometry/box.h"
 #include "geometry/mesh.h"
 
@@ -123,7 +124,7 @@ TEST(Box3, CornersAndContainment) {
   EXPECT_TRUE(c[0].isApprox(Vec3d(9, 4, -1.5), 1e-12)) << c[0];  // front left
   EXPECT_TRUE(c[4].isApprox(Vec3d(9, 4, -0.1), 1e-12));
   double twice = 0;
-  for (int i = 0; i < 4; ++i) twice += c[i].x() * c[(i + 1) % 4].y() - c[i].y() * c[(i + 1) % 4].x();
+  for (std::size_t i = 0; i < 4; ++i) twice += c[i].x() * c[(i + 1) % 4].y() - c[i].y() * c[(i + 1) % 4].x();
   EXPECT_NEAR(twice / 2, 8, 1e-12);  // counter-clockwise
   EXPECT_TRUE(contains(box, Vec3d(10.9, 3.9, -0.2)));
   EXPECT_FALSE(contains(box, Vec3d(10.9, 3.9, 0)));
@@ -191,8 +192,7 @@ void expect_covers(const std::vector<Vec3d>& polygon, const Vec3d& whole) {
   Vec3d sum = Vec3d::Zero();
   std::set<int> used;
   for (const auto& [a, b, c] : triangles) {
-    const Vec3d part = area(polygon[static_cast<std::size_t>(a)], polygon[static_cast<std::size_t>(b)],
-                            polygon[static_cast<std::size_t>(c)]);
+    const Vec3d part = area(polygon[as_size(a)], polygon[as_size(b)], polygon[as_size(c)]);
     EXPECT_GE(part.dot(whole), -1e-12 * whole.squaredNorm());
     sum += part;
     used.insert({a, b, c});

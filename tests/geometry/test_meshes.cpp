@@ -16,7 +16,9 @@ void expect_outward(const Mesh& mesh) {
   const auto normals = face_normals(mesh);
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
     const auto& [a, b, c] = mesh.faces[f];
-    EXPECT_GT(normals[f].dot(mesh.vertices[a] + mesh.vertices[b] + mesh.vertices[c]), 0) << f;
+    EXPECT_GT(
+        normals[f].dot(mesh.vertices[as_size(a)] + mesh.vertices[as_size(b)] + mesh.vertices[as_size(c)]), 0)
+        << f;
   }
 }
 

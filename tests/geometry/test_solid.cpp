@@ -51,7 +51,7 @@ TEST(SelfIntersection, AVertexPulledThroughTheOtherSideIsFound) {
   ASSERT_FALSE(pairs.empty());
   for (const auto& pair : pairs) {
     const auto at_the_vertex = [&](int face) {
-      return testing::Matches(testing::Contains(0))(sphere.faces[face]);
+      return testing::Matches(testing::Contains(0))(sphere.faces[as_size(face)]);
     };
     EXPECT_TRUE(at_the_vertex(pair[0]) || at_the_vertex(pair[1]));
   }
@@ -91,7 +91,8 @@ TEST(Walls, OfASphereAreItsDiameterAndOfASlabItsHeight) {
   int level = 0;
   for (std::size_t f = 0; f < found.size(); ++f) {
     const Face& face = slab.faces[f];
-    if (slab.vertices[face[0]].z() < 0 || slab.vertices[face[1]].z() < 0 || slab.vertices[face[2]].z() < 0)
+    if (slab.vertices[as_size(face[0])].z() < 0 || slab.vertices[as_size(face[1])].z() < 0 ||
+        slab.vertices[as_size(face[2])].z() < 0)
       continue;
     ++level;
     EXPECT_NEAR(found[f].thickness, 0.02, 1e-12);
@@ -136,7 +137,8 @@ TEST(WindingNumber, AHoleLeavesTheSignRight) {
   Mesh mesh = icosphere(3);
   // Cut away the cap over z = 0.8: one face in ten.
   std::erase_if(mesh.faces, [&](const Face& f) {
-    return (mesh.vertices[f[0]] + mesh.vertices[f[1]] + mesh.vertices[f[2]]).z() > 2.4;
+    return (mesh.vertices[as_size(f[0])] + mesh.vertices[as_size(f[1])] + mesh.vertices[as_size(f[2])]).z() >
+           2.4;
   });
   ASSERT_FALSE(is_watertight(mesh));
   const WindingNumber w(mesh);
@@ -180,7 +182,7 @@ TEST(MarchingCubes, SphereIsClosedOutwardAndOnTheSurface) {
   const auto normals = face_normals(mesh);
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
     EXPECT_GT(normals[f].norm(), 0);
-    EXPECT_GT(normals[f].dot(mesh.vertices[mesh.faces[f][0]]), 0);
+    EXPECT_GT(normals[f].dot(mesh.vertices[as_size(mesh.faces[f][0])]), 0);
   }
   for (const Vec3d& v : mesh.vertices) EXPECT_NEAR(v.norm(), 1, 2e-3);
   EXPECT_NEAR(signed_volume(mesh), 4 * std::numbers::pi / 3, 0.03);
@@ -196,7 +198,8 @@ TEST(MarchingCubes, TorusHasItsHoleAndVolume) {
   const auto normals = face_normals(mesh);
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
     const auto& [a, b, c] = mesh.faces[f];
-    const Vec3d middle = (mesh.vertices[a] + mesh.vertices[b] + mesh.vertices[c]) / 3;
+    const Vec3d middle =
+        (mesh.vertices[as_size(a)] + mesh.vertices[as_size(b)] + mesh.vertices[as_size(c)]) / 3;
     EXPECT_GT(torus(middle + 0.05 * normals[f].normalized()), torus(middle));
   }
 }
@@ -235,7 +238,7 @@ TEST(DistanceGrid, InterpolatesLinearFunctionsExactlyAndGoesOnOutside) {
     EXPECT_NEAR(grid.at(p), 0.3 * p.x() - 0.2 * p.y() + p.z(), 1e-6);
     const GridCell cell = cell_at(grid.layout, p);
     Vec3d gradient = Vec3d::Zero();
-    for (int c = 0; c < 8; ++c) gradient += cell.gradients[c] * grid.values[cell.nodes[c]];
+    for (std::size_t c = 0; c < 8; ++c) gradient += cell.gradients[c] * grid.values[cell.nodes[c]];
     EXPECT_LT((gradient - Vec3d(0.3, -0.2, 1)).norm(), 1e-5);
     EXPECT_EQ(cell.outside, 0);
   }

@@ -4,6 +4,7 @@
 
 #include <cstdio>
 
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 #include "sensors/exact_coverage.h"
 #include "sensors/projection.h"
@@ -68,12 +69,12 @@ std::array<Vec3d, 3> odd_face(int kind, const PinholeCamera& size, RandomStream&
       face[1] = face[2] = face[0];
       break;
     case 4:
-      face[2] = face[random.below(2)];
+      face[2] = face[as_size(random.below(2))];
       break;
     case 5:
     case 6: {
       const double factor = kind == 5 ? log_spread(random, 1, 1e6) : log_spread(random, 1e-12, 1);
-      for (int k = 1; k < 3; ++k)
+      for (std::size_t k = 1; k < 3; ++k)
         face[k].head<2>() = face[0].head<2>() + factor * (face[k] - face[0]).head<2>();
       break;
     }
@@ -81,7 +82,7 @@ std::array<Vec3d, 3> odd_face(int kind, const PinholeCamera& size, RandomStream&
       for (Vec3d& v : face) v.z() = 6;
       break;
     case 8:
-      face[random.below(3)].z() *= -random.uniform();
+      face[as_size(random.below(3))].z() *= -random.uniform();
       break;
     case 9:
       for (Vec3d& v : face)
@@ -110,7 +111,7 @@ TEST(ExactExtremes, RandomFacesOfEveryKind) {
       problem.mesh.faces.push_back(face);
     }
     problem.mesh.resolution = 1 + static_cast<int>(random.below(6));
-    const auto texels = static_cast<std::size_t>(problem.mesh.resolution * problem.mesh.resolution);
+    const auto texels = as_size(problem.mesh.resolution * problem.mesh.resolution);
     problem.mesh.texels = test::random_colors(problem.mesh.faces.size() * texels, random);
     if (random.below(4) == 0)
       for (std::size_t f = 0; f < problem.mesh.faces.size(); ++f) {  // as parts of clipped faces

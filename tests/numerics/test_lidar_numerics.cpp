@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "base/error.h"
+#include "base/sizes.h"
 #include "lidar_extremes.h"
 #include "support/files.h"
 
@@ -28,15 +29,14 @@ Mesh one_face(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
 }
 
 std::array<Vec3d, 3> corners_of(const Mesh& mesh, int face) {
-  const Face& f = mesh.faces[static_cast<std::size_t>(face)];
-  return {mesh.vertices[static_cast<std::size_t>(f[0])], mesh.vertices[static_cast<std::size_t>(f[1])],
-          mesh.vertices[static_cast<std::size_t>(f[2])]};
+  const Face& f = mesh.faces[as_size(face)];
+  return {mesh.vertices[as_size(f[0])], mesh.vertices[as_size(f[1])], mesh.vertices[as_size(f[2])]};
 }
 
 /// Bounds of the gradient of one return for a unit upstream gradient.
 void expect_bounded(const std::array<Vec3d, 3>& d_face, const FaceReturn<double>& hit, double reflectivity) {
   for (int k = 0; k < 3; ++k) {
-    const Vec3d& d = d_face[static_cast<std::size_t>(k)];
+    const Vec3d& d = d_face[as_size(k)];
     ASSERT_TRUE(d.allFinite());
     ASSERT_LE(d.norm(),
               (std::abs(hit.barycentric[k]) / kGrazing + 2 * reflectivity / kThinFace) * (1 + 1e-9));
@@ -52,9 +52,8 @@ TEST(LidarExtremes, NoRayLeaksThroughEdgesAndVerticesOfAClosedMesh) {
       int rays = 0;
       for (const Face& face : mesh.faces)
         for (int k = 0; k < 3; ++k) {
-          const Vec3d
-              a = mesh.vertices[static_cast<std::size_t>(face[static_cast<std::size_t>(k)])],
-              b = mesh.vertices[static_cast<std::size_t>(face[static_cast<std::size_t>((k + 1) % 3)])];
+          const Vec3d a = mesh.vertices[as_size(face[as_size(k)])],
+                      b = mesh.vertices[as_size(face[as_size((k + 1) % 3)])];
           for (const double s : {0.0, 0.1, 0.37, 0.5, 0.9}) {
             const Vec3d target = a + s * (b - a);
             for (const Vec3d& from : {centre, Vec3d(centre + radius * Vec3d(0.3, -0.2, 0.1))}) {
@@ -176,7 +175,7 @@ TEST(LidarExtremes, ObjectsFromNearToFar) {
     for (const auto& back : outcome.tape.returns) {
       Vec3d on_face = Vec3d::Zero();
       const auto face = corners_of(object.mesh, back.face);
-      for (int k = 0; k < 3; ++k) on_face += back.hit.barycentric[k] * face[static_cast<std::size_t>(k)];
+      for (int k = 0; k < 3; ++k) on_face += back.hit.barycentric[k] * face[as_size(k)];
       ASSERT_LT((back.ray.origin + back.hit.range * back.ray.direction - on_face).norm(), 1e-8 * (1 + range));
       const Hit hit = caster.intersect({back.ray.origin.cast<float>(), back.ray.direction.cast<float>()});
       if (hit.hit() && hit.face == back.face) {
@@ -217,7 +216,7 @@ TEST(LidarExtremes, UnitInsideTheMesh) {
   const PreparedFrame prepared = lidar_frame(lidar_of_32());
   TexturedMesh around = dented_ball(Vec3d(0, 0, 0), 4, 2, 2);
   const Outcome outcome = insert(prepared, around);
-  EXPECT_EQ(outcome.tape.returns.size(), 32u * static_cast<std::size_t>(prepared.lidar.azimuth_count()));
+  EXPECT_EQ(outcome.tape.returns.size(), 32u * as_size(prepared.lidar.azimuth_count()));
   EXPECT_LE(outcome.steepest, kSteepest);
 }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "base/sizes.h"
 #include "lidar_extremes.h"
 
 namespace mirage {
@@ -85,7 +86,7 @@ TEST(LidarProperties, ReturnsAndGradientsOfRandomFacesAreFiniteAndBounded) {
         ++valid;
         RC_ASSERT(exact.reflectance >= 0 && exact.reflectance <= 0.5 * (1 + 1e-12));
         for (int k = 0; k < 3; ++k) {
-          const Vec3d& d = d_face[static_cast<std::size_t>(k)];
+          const Vec3d& d = d_face[as_size(k)];
           const double b = std::abs(exact.barycentric[k]);
           if (!std::isfinite(b)) continue;  // beyond the face; draw_in_lidar keeps returns on it
           RC_ASSERT(d.allFinite());
@@ -134,9 +135,8 @@ TEST(LidarProperties, InsertionsOfRandomMeshesAreFiniteAndCountTheirPoints) {
         Vec3d{std::pow(10, random.uniform(-0.5, 2)), random.uniform(-3, 3), random.uniform(-2, 1)},
         std::pow(10, random.uniform(-2, 0.5)), seed);
     for (int i = random.below(6); i > 0; --i)  // folded, repeated and torn
-      object.mesh.vertices[static_cast<std::size_t>(random.below(42))] =
-          object.mesh.vertices[static_cast<std::size_t>(random.below(42))] +
-          random.below(2) * Vec3d(random.normal(), 0, 0);
+      object.mesh.vertices[as_size(random.below(42))] =
+          object.mesh.vertices[as_size(random.below(42))] + random.below(2) * Vec3d(random.normal(), 0, 0);
     LidarEffects effects;
     if (random.below(2)) effects.range_sigma = 0.02;
     if (random.below(2)) effects.drop_out = 0.1;
@@ -145,8 +145,7 @@ TEST(LidarProperties, InsertionsOfRandomMeshesAreFiniteAndCountTheirPoints) {
     if (random.below(2)) effects.velocity = Vec3d{random.normal() * 10, random.normal(), 0};
     const Outcome outcome = insert(prepared, object, effects);
     const Simulated& s = outcome.simulated;
-    ASSERT_EQ(s.sweep.size(), wall.size() - static_cast<std::size_t>(s.removed_points) +
-                                  static_cast<std::size_t>(s.adversary_points));
+    ASSERT_EQ(s.sweep.size(), wall.size() - as_size(s.removed_points) + as_size(s.adversary_points));
     ASSERT_LE(outcome.steepest, kSteepest);
   }
 }

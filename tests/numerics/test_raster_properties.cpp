@@ -50,7 +50,7 @@ std::array<Vec3d, 3> face_of(Kind kind, RandomStream& random) {
   };
   std::array<Vec3d, 3> face{corner(), corner(), corner()};
   const auto scale = [&](double factor) {
-    for (int k = 1; k < 3; ++k)
+    for (std::size_t k = 1; k < 3; ++k)
       face[k].head<2>() = face[0].head<2>() + factor * (face[k] - face[0]).head<2>();
   };
   switch (kind) {
@@ -68,7 +68,7 @@ std::array<Vec3d, 3> face_of(Kind kind, RandomStream& random) {
       face[1] = face[2] = face[0];
       break;
     case Kind::repeated:
-      face[2] = face[random.below(2)];
+      face[2] = face[as_size(random.below(2))];
       break;
     case Kind::huge:
       scale(log_uniform(random, 1, 1e6));
@@ -82,7 +82,7 @@ std::array<Vec3d, 3> face_of(Kind kind, RandomStream& random) {
       break;
     }
     case Kind::behind:
-      face[random.below(3)].z() *= -random.uniform();
+      face[as_size(random.below(3))].z() *= -random.uniform();
       break;
     case Kind::offset:
       for (Vec3d& v : face) v.head<2>() += 1e5 * Vec2d{random.uniform(-1, 1), random.uniform(-1, 1)};
@@ -99,7 +99,8 @@ Extreme scene_of(const Case& c) {
   mesh.texture = random.below(4) == 0 ? Texture::vertex : Texture::atlas;
   // Odd: where two barycentrics are clipped, the texture is read at exactly 1/2, in an even atlas a border.
   mesh.resolution = 1 + 2 * random.below(3);
-  const std::size_t per_face = mesh.texture == Texture::vertex ? 3 : mesh.resolution * mesh.resolution;
+  const std::size_t per_face =
+      as_size(mesh.texture == Texture::vertex ? 3 : mesh.resolution * mesh.resolution);
   mesh.texels = test::random_colors(mesh.faces.size() * per_face, random);
   if (mesh.texture == Texture::atlas && random.below(4) == 0)
     for (std::size_t f = 0; f < mesh.faces.size(); ++f) {  // as parts of clipped faces

@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image.h"
+#include "base/sizes.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/data/layouts.h"
@@ -28,7 +29,7 @@ using testing::Not;
 const std::vector<Frame>& frames() {
   static const std::vector<Frame> made = [] {
     std::vector<Frame> two;
-    for (int i = 0; i < 2; ++i) {
+    for (std::size_t i = 0; i < 2; ++i) {
       Frame frame = generate_frame(test::small_rig(), 5, i);
       for (std::size_t k = 0; k < frame.labels.size(); ++k) frame.labels[k].track = static_cast<int>(k);
       two.push_back(std::move(frame));
@@ -296,7 +297,7 @@ TEST(NuScenes, AllCamerasWithTheLabelsThatOnlyTheySee) {
       continue;
     }
     ASSERT_GT(label.camera, 0);
-    const Calibration& calibration = all.calibration_of(static_cast<std::size_t>(label.camera));
+    const Calibration& calibration = all.calibration_of(as_size(label.camera));
     const auto box = projected_label(label.type, label.box, calibration);
     ASSERT_TRUE(box);
     EXPECT_EQ(label.left, box->left);

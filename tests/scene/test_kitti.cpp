@@ -13,6 +13,7 @@
 #include "base/files.h"
 #include "base/image.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/data_set.h"
 #include "scene/data/kitti.h"
@@ -566,8 +567,7 @@ TEST(KittiSweep, OtherNumbersOfFloatsAPointAreSeen) {
       const std::array<double, 6> row = {range * std::cos(azimuth),   range * std::sin(azimuth),
                                          -1.5 + 0.01 * (i % 9),       columns == 4 ? 0.3 : 60.0 + i % 5,
                                          static_cast<double>(i % 32), 0.1};
-      for (int k = 0; k < columns; ++k)
-        values.push_back(static_cast<float>(row[static_cast<std::size_t>(k)]));
+      for (int k = 0; k < columns; ++k) values.push_back(static_cast<float>(row[as_size(k)]));
     }
     write_file(folder / "s.bin",
                {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float)});

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "base/random.h"
+#include "base/sizes.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "scene/occlusion.h"
@@ -63,7 +64,7 @@ TEST(SweepIndex, FindsEveryRayThroughABallAndItsReturn) {
       }
       EXPECT_TRUE(points.insert(sent.point).second);
       const Vec3d there = sent.ray.origin + sent.range * sent.ray.direction;
-      EXPECT_LT((there - sweep[static_cast<std::size_t>(sent.point)].position().cast<double>()).norm(), 1e-6);
+      EXPECT_LT((there - sweep[as_size(sent.point)].position().cast<double>()).norm(), 1e-6);
     }
     // Rays through returns and the model's own differ by float rounding: only rays at the ball's rim may
     // change side.

@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "scene/data/kitti_drives.h"
 #include "scene/data/kitti_rows.h"
@@ -94,7 +95,7 @@ void write_raw_drive(const std::filesystem::path& data) {
   for (int i = 0; i < kFrames; ++i) {
     write_file(drive / fmt::format("oxts/data/{:010}.txt", i), oxts(i));
     stamps += fmt::format("2011-09-26 23:59:59.{:09}\n", 100000000 * i);
-    const Box3 box = drive_frames()[static_cast<std::size_t>(i)].labels[0].box;
+    const Box3 box = drive_frames()[as_size(i)].labels[0].box;
     poses += fmt::format(
         "<item><tx>{:.17g}</tx><ty>{:.17g}</ty><tz>{:.17g}</tz><rx>0</rx><ry>0</ry><rz>{:.17g}</rz>"
         "<state>2</state><occlusion>0</occlusion><truncation>0</truncation></item>",
@@ -179,9 +180,9 @@ TEST_P(Sequences, SayWhenAndWhereEachFrameWasTaken) {
   const auto sequences = read_sequences(folder_.path());
   ASSERT_EQ(sequences.size(), 1u);
   EXPECT_EQ(sequences[0].name, GetParam().sequence);
-  ASSERT_EQ(sequences[0].frames.size(), static_cast<std::size_t>(kFrames));
+  ASSERT_EQ(sequences[0].frames.size(), as_size(kFrames));
   for (int i = 0; i < kFrames; ++i) {
-    const auto& [id, moment] = sequences[0].frames[static_cast<std::size_t>(i)];
+    const auto& [id, moment] = sequences[0].frames[as_size(i)];
     EXPECT_EQ(moment.index, i);
     EXPECT_NEAR(moment.time, kStep * i, 1e-6);
     const Frame frame = read_frame(folder_.path(), id);
@@ -199,13 +200,11 @@ TEST_P(Sequences, AVelocityIsTheDifferenceOfPlacesInTheWorld) {
     places.push_back(moment.world_from_ego * Vec3d(box.bev.x, box.bev.y, box.bottom + box.height / 2));
   }
   for (int i = 0; i < kFrames; ++i) {
-    const auto& [id, moment] = sequence[static_cast<std::size_t>(i)];
+    const auto& [id, moment] = sequence[as_size(i)];
     const auto velocity = read_frame(folder_.path(), id).labels.at(0).velocity;
     ASSERT_TRUE(velocity) << i;
     const int before = std::max(0, i - 1), after = std::min(kFrames - 1, i + 1);
-    const Vec3d expected =
-        (places[static_cast<std::size_t>(after)] - places[static_cast<std::size_t>(before)]) /
-        (kStep * (after - before));
+    const Vec3d expected = (places[as_size(after)] - places[as_size(before)]) / (kStep * (after - before));
     EXPECT_LT((moment.world_from_ego.linear() * *velocity - expected).norm(), 3e-6);
   }
 }

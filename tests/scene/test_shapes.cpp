@@ -189,7 +189,7 @@ using testing::HasSubstr;
 
 TEST(CarFamily, EveryStyleGivesClosedCarsOfItsProportions) {
   for (BodyStyle style : kBodyStyles)
-    for (int i = 0; i < 3; ++i) {
+    for (std::size_t i = 0; i < 3; ++i) {
       RandomStream random(3, "family test", i);
       const Mesh mesh = car_mesh(draw_body(style, random));
       EXPECT_TRUE(is_watertight(mesh)) << name_of(style);
@@ -209,7 +209,8 @@ TEST(CarFamily, EveryStyleGivesClosedCarsOfItsProportions) {
 TEST(ShapeModel, ProjectionRebuildsAnUnseenVehicle) {
   const ShapeModel& model = test::small_shape_model();
   EXPECT_GT(model.explained.back(), 0.9);
-  for (int k = 1; k < model.dimension; ++k) EXPECT_GE(model.explained[k], model.explained[k - 1]);
+  for (int k = 1; k < model.dimension; ++k)
+    EXPECT_GE(model.explained[as_size(k)], model.explained[as_size(k - 1)]);
   RandomStream random(99, "unseen");
   const Mesh car = car_mesh(draw_body(BodyStyle::saloon, random));
   const ShapeParameters q = project(model, car);

@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
@@ -46,8 +47,8 @@ std::vector<Sweep> sweeps_of(const LidarModel& lidar, bool starts_anywhere = fal
 std::size_t beams_seen(const std::vector<Sweep>& sweeps, const LidarModel& truth) {
   std::vector<int> counts(truth.beams.size());
   for (const Sweep& sweep : sweeps)
-    for (const int beam : beams_of(sweep, truth)) ++counts[static_cast<std::size_t>(beam)];
-  return static_cast<std::size_t>(std::count_if(counts.begin(), counts.end(), [](int n) { return n >= 30; }));
+    for (const int beam : beams_of(sweep, truth)) ++counts[as_size(beam)];
+  return as_size(std::count_if(counts.begin(), counts.end(), [](int n) { return n >= 30; }));
 }
 
 struct Case {
@@ -139,7 +140,7 @@ TEST(UnitFinder, PointsInAnyOrderWillDo) {
   RandomStream random(3, "order");
   for (Sweep& sweep : sweeps)
     for (std::size_t i = sweep.size(); i-- > 1;)
-      std::swap(sweep[i], sweep[static_cast<std::size_t>(random.below(static_cast<int>(i) + 1))]);
+      std::swap(sweep[i], sweep[as_size(random.below(static_cast<int>(i) + 1))]);
   const FoundUnit found = find_unit(sweeps, "here");
   EXPECT_GE(found.on_rays, 0.99);
 }

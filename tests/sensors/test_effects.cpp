@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 #include "sensors/camera.h"
 #include "sensors/lidar_sweep.h"
@@ -101,7 +102,7 @@ TEST(LidarEffects, AllOffGivesTheGeometryAlone) {
     ASSERT_NEAR(firings.points[i].x, 20, 1e-5);
     ASSERT_EQ(firings.points[i].reflectance, 0.5f);
   }
-  EXPECT_EQ(firings.points.size(), 16u * static_cast<std::size_t>(lidar.azimuth_count()));
+  EXPECT_EQ(firings.points.size(), 16u * as_size(lidar.azimuth_count()));
 }
 
 // A wall that comes nearer by 8 m/s, seen by a unit that drives towards it, in a scene that is not its own.
@@ -124,8 +125,7 @@ TEST(UnitMotion, ReturnsLieWhereThingsWereAsSeenFromOnePlace) {
     double farthest = 0;
     for (std::size_t i = 0; i < firings.points.size(); ++i) {
       ASSERT_GT(firings.ranges[i], 0);
-      const auto beam = i / static_cast<std::size_t>(lidar.azimuth_count()),
-                 column = i % static_cast<std::size_t>(lidar.azimuth_count());
+      const auto beam = i / as_size(lidar.azimuth_count()), column = i % as_size(lidar.azimuth_count());
       const double time =
           lidar.firing_time(static_cast<int>(beam), lidar.firing_azimuth(static_cast<int>(column)));
       ASSERT_NEAR(firings.points[i].x, 20 + speed * time, 1e-3);

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "base/error.h"
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 #include "sensors/exact_coverage.h"
 #include "sensors/projection.h"
@@ -30,7 +31,7 @@ Image<double> drawn(const RasterProblem& problem) {
 
 double sum_of(const Image<double>& rgba, int channel) {
   double sum = 0;
-  for (std::size_t i = static_cast<std::size_t>(channel); i < rgba.data.size(); i += 4) sum += rgba.data[i];
+  for (std::size_t i = as_size(channel); i < rgba.data.size(); i += 4) sum += rgba.data[i];
   return sum;
 }
 
@@ -80,8 +81,7 @@ TEST(ExactCoverage, ATrianglesAreaIsWhatItsPixelsSumUpTo) {
     problem.mesh.faces = {{at(problem, p[0].x(), p[0].y(), 3), at(problem, p[1].x(), p[1].y(), 5),
                            at(problem, p[2].x(), p[2].y(), 9)}};
     problem.mesh.resolution = 1 + trial % 6;
-    problem.mesh.texels.assign(static_cast<std::size_t>(problem.mesh.resolution * problem.mesh.resolution),
-                               Vec3d(1, .5, 0));
+    problem.mesh.texels.assign(as_size(problem.mesh.resolution * problem.mesh.resolution), Vec3d(1, .5, 0));
     const double area = std::abs(cross(p[1] - p[0], p[2] - p[0])) / 2;
     ExactTape tape;
     draw_exact(problem.mesh, problem.target, tape);
@@ -127,7 +127,7 @@ TEST(ExactCoverage, FacesThatCrossShareTheAreaAtTheirLine) {
     std::array<Vec3d, 4> quad;
     for (int k = 0; k < 4; ++k) {
       const double x = k == 1 || k == 2 ? 9 : 1, y = k >= 2 ? 8 : 2;
-      quad[static_cast<std::size_t>(k)] = at(problem, x, y, side ? depth(x, y) : 5);
+      quad[as_size(k)] = at(problem, x, y, side ? depth(x, y) : 5);
     }
     problem.mesh.faces.push_back({quad[0], quad[1], quad[2]});
     problem.mesh.faces.push_back({quad[0], quad[2], quad[3]});

@@ -26,9 +26,10 @@ TEST(LidarModel, ShippedRigIsAnHdl64) {
   const LidarModel lidar = read_lidar_model(shipped());
   ASSERT_EQ(lidar.beams.size(), 64u);
   // The data sheet's nominal fan, to the degree that units are adjusted.
-  for (int b = 0; b < 32; ++b) EXPECT_NEAR(lidar.beams[b].elevation / kDegree, 2 - b / 3.0, 0.5) << b;
   for (int b = 0; b < 32; ++b)
-    EXPECT_NEAR(lidar.beams[b + 32].elevation / kDegree, -8.83 - b / 2.0, 0.7) << b;
+    EXPECT_NEAR(lidar.beams[as_size(b)].elevation / kDegree, 2 - b / 3.0, 0.5) << b;
+  for (int b = 0; b < 32; ++b)
+    EXPECT_NEAR(lidar.beams[as_size(b + 32)].elevation / kDegree, -8.83 - b / 2.0, 0.7) << b;
   EXPECT_NEAR(2 * std::numbers::pi / lidar.azimuth_step, 2154, 5);
   EXPECT_NEAR(lidar.height, 1.73, 1e-9);
   for (int c = 0; c < lidar.azimuth_count(); ++c) {
@@ -116,7 +117,7 @@ TEST(LidarReturn, PositionAndBarycentricsAgree) {
     const auto hit = intersect_face<double>(p.origin, p.direction, p.face, 0.5);
     ASSERT_TRUE(hit.valid);
     Vec3d from_barycentrics = Vec3d::Zero();
-    for (int k = 0; k < 3; ++k) from_barycentrics += hit.barycentric[k] * p.face[k];
+    for (int k = 0; k < 3; ++k) from_barycentrics += hit.barycentric[k] * p.face[as_size(k)];
     EXPECT_LT((p.origin + hit.range * p.direction - from_barycentrics).norm(), 1e-10);
     EXPECT_GT(hit.barycentric.minCoeff(), 0);
   }
@@ -149,7 +150,7 @@ TEST(LidarReturn, GrazingHitsKeepTheReturnAndBoundTheGradient) {
     const auto gradient =
         intersect_face_vjp<double>(p.direction, p.face, hit, 0.5, 0.05, Vec3d(1, 1, 1), 0.0);
     for (int k = 0; k < 3; ++k)
-      EXPECT_LE(gradient[k].norm(), std::abs(hit.barycentric[k]) * std::sqrt(3) / 0.05 * (1 + 1e-9));
+      EXPECT_LE(gradient[as_size(k)].norm(), std::abs(hit.barycentric[k]) * std::sqrt(3) / 0.05 * (1 + 1e-9));
   }
 }
 

@@ -99,20 +99,20 @@ TEST(Projection, PartsOfACrossingFaceCoverExactlyWhatIsInFront) {
         project_mesh(p, {face}, kCamera, kNear, Texture::atlas, 1, {Vec3d::Zero()});
     // Analytic: a plane parallel to z = 0 cuts a corner off a triangle in proportion to the cut lengths.
     std::vector<int> front, back;
-    for (int k = 0; k < 3; ++k) (p[k].z() >= kNear ? front : back).push_back(k);
+    for (int k = 0; k < 3; ++k) (p[as_size(k)].z() >= kNear ? front : back).push_back(k);
     const double whole = area(p[0], p[1], p[2]);
     double expected = front.size() == 3 ? whole : 0;
     if (front.size() == 1 || front.size() == 2) {
       const int apex = front.size() == 1 ? front[0] : back[0];
       double corner = whole;
       for (int k : front.size() == 1 ? back : front)
-        corner *= (p[apex].z() - kNear) / (p[apex].z() - p[k].z());
+        corner *= (p[as_size(apex)].z() - kNear) / (p[as_size(apex)].z() - p[as_size(k)].z());
       expected = front.size() == 1 ? corner : whole - corner;
     }
     double sum = 0;
     for (std::size_t part = 0; part < projected.screen.faces.size(); ++part) {
       std::array<Vec3d, 3> corner;
-      for (int k = 0; k < 3; ++k) {
+      for (std::size_t k = 0; k < 3; ++k) {
         corner[k] = unproject(projected.screen.faces[part][k]);
         EXPECT_GE(corner[k].z(), kNear);
         if (projected.screen.corner_barycentrics.empty()) continue;
@@ -136,7 +136,7 @@ TEST(Projection, NeighboursAreCutAtTheSamePoint) {
   ASSERT_EQ(projected.screen.faces.size(), 4u);
   std::vector<Vec3d> cuts;
   for (std::size_t part = 0; part < 4; ++part)
-    for (int k = 0; k < 3; ++k)
+    for (std::size_t k = 0; k < 3; ++k)
       if (const auto& corner = projected.corners[part][k]; corner.is_cut() && corner.a == 0 && corner.b == 1)
         cuts.push_back(projected.screen.faces[part][k]);
   ASSERT_GE(cuts.size(), 2u);
@@ -159,14 +159,14 @@ TEST(Projection, AFaceThatCrossesTheCameraPlaneIsDrawn) {  // pytorch3d #345: su
     for (int u = rect.u0; u < rect.u1; ++u) {
       // The pixel's ray in the basis of the triangle: ray = Σ m_k p_k, hit where all m_k > 0.
       Eigen::Matrix3d corners;
-      for (int k = 0; k < 3; ++k) corners.col(k) = scene.p_camera[k];
+      for (int k = 0; k < 3; ++k) corners.col(k) = scene.p_camera[as_size(k)];
       const Vec3d m = corners.inverse() * kCamera.unproject(u, v, 1);
       const bool hit = m.minCoeff() > 0 && 1 / m.sum() >= kNear;
       const double* pixel = rgba.pixel(u - rect.u0, v - rect.v0);
       EXPECT_EQ(pixel[3] > 0.5, hit) << u << ", " << v;
       covered += hit;
       if (!hit) continue;
-      const Vec3d& texel = scene.texels[texel_index(m[0] / m.sum(), m[1] / m.sum(), 4)];
+      const Vec3d& texel = scene.texels[as_size(texel_index(m[0] / m.sum(), m[1] / m.sum(), 4))];
       for (int c = 0; c < 3; ++c) EXPECT_NEAR(pixel[c], texel[c], 1e-6) << u << ", " << v;
     }
   EXPECT_GT(covered, 60);
@@ -177,7 +177,7 @@ TEST(ProjectionGradient, CrossingFacesAgainstCentralDifferences) {
   for (int behind : {0, 1, 2})
     for (Texture texture : {Texture::atlas, Texture::vertex})
       for (bool perspective : {true, false})
-        for (std::uint64_t seed : {1, 2, 3}) {
+        for (std::uint64_t seed : {1u, 2u, 3u}) {
           SCOPED_TRACE(testing::Message() << behind << " behind, seed " << seed);
           const Scene scene = crossing_scene(seed, behind, texture, perspective);
           const auto result = check_gradient([&](const auto& x) { return scene.with(x).loss(); },

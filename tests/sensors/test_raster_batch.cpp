@@ -34,9 +34,10 @@ Ball ball(std::uint64_t seed, double distance, double sigma, double gamma, int s
     p.push_back(0.7 * random.uniform(.8, 1.2) * v + Vec3d(.3, -.4, distance));
   for (const Face& face : shape.faces) {
     std::array<Vec3d, 3> corners;
-    for (int k = 0; k < 3; ++k) {
-      const Vec2d pixel = camera.project(p[face[k]]);
-      corners[k] << ndc_from_pixel(pixel.x(), pixel.y(), camera.width, camera.height), p[face[k]].z();
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vec2d pixel = camera.project(p[as_size(face[k])]);
+      corners[k] << ndc_from_pixel(pixel.x(), pixel.y(), camera.width, camera.height),
+          p[as_size(face[k])].z();
     }
     mesh.faces.push_back(corners);
     const Vec3d color{random.uniform(), random.uniform(), random.uniform()};
@@ -88,7 +89,7 @@ Difference compare(const Ball& scene) {
     difference.image = std::max(difference.image, std::abs(expected.data[i] - double(tape.rgba.data[i])));
   double largest = 0, largest_texel = 0;
   for (std::size_t f = 0; f < gradient.faces.size(); ++f)
-    for (int k = 0; k < 3; ++k)
+    for (std::size_t k = 0; k < 3; ++k)
       for (int c = 0; c < 3; ++c) {
         // z counts in units of the depth range, x and y in NDC: compare them on one scale.
         const double error = std::abs(gradient.faces[f][k][c] - d_expected.faces[f][k][c]);

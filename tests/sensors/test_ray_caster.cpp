@@ -128,8 +128,8 @@ TEST(RayCaster, BatchEqualsSingleRaysForAnyThreadCount) {
       if (!one.hit()) continue;
       ++found;
       // The hit point is the barycentric point, and lies close to the unit sphere.
-      const Face& f = meshes[0].faces[one.face];
-      const auto at = [&](int k) { return Vec3f(meshes[0].vertices[f[k]].cast<float>()); };
+      const Face& f = meshes[0].faces[as_size(one.face)];
+      const auto at = [&](int k) { return Vec3f(meshes[0].vertices[as_size(f[as_size(k)])].cast<float>()); };
       const Vec3f p = (1 - one.b1 - one.b2) * at(0) + one.b1 * at(1) + one.b2 * at(2);
       ASSERT_LT((rays[i].origin + one.t * rays[i].direction - p).norm(), 1e-4f);
       ASSERT_NEAR(p.norm(), 1, 0.02);

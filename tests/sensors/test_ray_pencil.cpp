@@ -6,6 +6,7 @@
 
 #include "base/error.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 #include "sensors/ray_caster.h"
 #include "sensors/ray_pencil.h"
@@ -30,8 +31,8 @@ Mesh crumpled(int subdivisions, std::uint64_t seed, const Vec3d& centre) {
 }
 
 Vec3f on_face(const Mesh& mesh, int face, double b1, double b2, const Vec3d& centre) {
-  const Face& f = mesh.faces[static_cast<std::size_t>(face)];
-  const auto corner = [&](int k) { return mesh.vertices[static_cast<std::size_t>(f[k])]; };
+  const Face& f = mesh.faces[as_size(face)];
+  const auto corner = [&](int k) { return mesh.vertices[as_size(f[as_size(k)])]; };
   return ((1 - b1 - b2) * corner(0) + b1 * corner(1) + b2 * corner(2) - centre).cast<float>();
 }
 

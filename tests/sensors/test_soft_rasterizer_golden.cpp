@@ -73,8 +73,8 @@ std::vector<GoldenCase> golden_cases() {
     if (mesh.texture == Texture::atlas) mesh.resolution = json.at("R");
     for (const auto& face : json.at("faces")) {
       std::array<Vec3d, 3> f;
-      for (int k = 0; k < 3; ++k)
-        for (int c = 0; c < 3; ++c) f[k][c] = face.at(k).at(c);
+      for (std::size_t k = 0; k < 3; ++k)
+        for (int c = 0; c < 3; ++c) f[k][c] = face.at(k).at(as_size(c));
       mesh.faces.push_back(f);
     }
     for (const auto& face : json.at("textures"))
@@ -85,11 +85,12 @@ std::vector<GoldenCase> golden_cases() {
     upstream = Image<double>(n, n, 4);
     for (int v = 0; v < n; ++v)
       for (int u = 0; u < n; ++u) {
-        for (int c = 0; c < 3; ++c) target.background.at(u, v, c) = s.at("background_color").at(c);
+        for (int c = 0; c < 3; ++c) target.background.at(u, v, c) = s.at("background_color").at(as_size(c));
         for (int c = 0; c < 4; ++c)
-          upstream.at(u, v, c) = c < 3 && json.at("rgb_mask").at(v).at(u) == 0
-                                     ? 0.
-                                     : json.at("upstream").at(c).at(v).at(u).get<double>();
+          upstream.at(u, v, c) =
+              c < 3 && json.at("rgb_mask").at(as_size(v)).at(as_size(u)) == 0
+                  ? 0.
+                  : json.at("upstream").at(as_size(c)).at(as_size(v)).at(as_size(u)).get<double>();
       }
     settings.background = Background::authors_logit;
     cases.push_back(std::move(golden));
@@ -104,8 +105,10 @@ double worst_difference(const Image<double>& rgba, const nlohmann::json& expecte
   for (int c = 0; c < 4; ++c)
     for (int v = 0; v < rgba.height; ++v)
       for (int u = 0; u < rgba.width; ++u)
-        if (c == 3 || mask.at(v).at(u) != 0)
-          worst = std::max(worst, std::abs(rgba.at(u, v, c) - expected.at(c).at(v).at(u).get<double>()));
+        if (c == 3 || mask.at(as_size(v)).at(as_size(u)) != 0)
+          worst =
+              std::max(worst, std::abs(rgba.at(u, v, c) -
+                                       expected.at(as_size(c)).at(as_size(v)).at(as_size(u)).get<double>()));
   return worst;
 }
 
@@ -113,9 +116,9 @@ double worst_difference(const Image<double>& rgba, const nlohmann::json& expecte
 double worst_difference(const ScreenGradient<double>& gradient, const nlohmann::json& expected) {
   double scale = 1, worst = 0;
   for (std::size_t f = 0; f < gradient.faces.size(); ++f)
-    for (int k = 0; k < 3; ++k)
+    for (std::size_t k = 0; k < 3; ++k)
       for (int c = 0; c < 3; ++c) {
-        const double value = expected.at(f).at(k).at(c);
+        const double value = expected.at(f).at(k).at(as_size(c));
         scale = std::max(scale, std::abs(value));
         worst = std::max(worst, std::abs(gradient.faces[f][k][c] - value));
       }
@@ -147,8 +150,8 @@ TEST(SoftRasterizerGolden, ImagesAndGradients) {
       Vec3d sum = Vec3d::Zero();
       for (std::size_t t = 0; t < per_face; ++t) sum += gradient.texels[f * per_face + t];
       for (int c = 0; c < 3; ++c)
-        texels =
-            std::max(texels, std::abs(sum[c] - json.at("grad_textures_face_sum").at(f).at(c).get<double>()));
+        texels = std::max(
+            texels, std::abs(sum[c] - json.at("grad_textures_face_sum").at(f).at(as_size(c)).get<double>()));
     }
     EXPECT_LE(texels, 1e-6);
     std::printf("%s: image %.1e, paper's background %.1e, d faces %.1e, d textures %.1e\n",
@@ -176,19 +179,20 @@ TEST(SoftRasterizerGolden, OursIsTheExactGradientWhereTheAuthorsTakesAShortCut) 
     double ours_worst = 0, theirs_worst = 0;
     for (std::size_t f = 0; f < mesh.faces.size(); ++f)
       for (int k = 0; k < 3; ++k) {
-        const double z = mesh.faces[f][k].z();
+        const double z = mesh.faces[f][as_size(k)].z();
         inside_range = inside_range && z >= problem.settings.near && z <= problem.settings.far;
         for (int c = 0; c < 3; ++c) {
           if (untrusted.contains({static_cast<int>(f), k, c})) continue;
           const double step = 1e-7;
           ScreenMesh<double> above = mesh, below = mesh;
-          above.faces[f][k][c] += step;
-          below.faces[f][k][c] -= step;
+          above.faces[f][as_size(k)][c] += step;
+          below.faces[f][as_size(k)][c] -= step;
           const double numeric = (test::loss(problem, above) - test::loss(problem, below)) / (2 * step);
-          ours_worst = std::max(ours_worst, std::abs(gradient.faces[f][k][c] - numeric));
-          theirs_worst =
-              std::max(theirs_worst,
-                       std::abs(json.at("grad_faces_softras").at(f).at(k).at(c).get<double>() - numeric));
+          ours_worst = std::max(ours_worst, std::abs(gradient.faces[f][as_size(k)][c] - numeric));
+          theirs_worst = std::max(
+              theirs_worst,
+              std::abs(json.at("grad_faces_softras").at(f).at(as_size(k)).at(as_size(c)).get<double>() -
+                       numeric));
         }
       }
     EXPECT_LE(ours_worst, 1e-5 * scale);

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "base/random.h"
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 #include "sensors/exact_coverage.h"
 #include "sensors/light_nodes.h"
@@ -49,14 +50,14 @@ Pair pair_of(std::uint64_t seed, double near, double sigma) {
   for (std::size_t f = 0; f < shape.faces.size(); ++f)
     resolutions.push_back(kCoarse * (1 + static_cast<int>(random.uniform() * 3)));
   const TexelGrid grid(resolutions);
-  std::vector<Vec3d> colors(static_cast<std::size_t>(grid.first.back()));
+  std::vector<Vec3d> colors(as_size(grid.first.back()));
   for (Vec3d& color : colors) color = Vec3d{random.uniform(), random.uniform(), random.uniform()};
   Pair pair;
   std::vector<Vec3d> fine;
   for (std::size_t f = 0; f < shape.faces.size(); ++f)
     for (const Vec2d& b : texel_centroids(kFine)) {
-      pair.part_of.push_back(grid.first_texel(f) + static_cast<std::size_t>(texel_index<double>(
-                                                       b.x(), b.y(), grid.resolution_of(f))));
+      pair.part_of.push_back(grid.first_texel(f) +
+                             as_size(texel_index<double>(b.x(), b.y(), grid.resolution_of(f))));
       fine.push_back(colors[pair.part_of.back()]);
     }
   pair.own.settings.sigma = sigma;

@@ -7,6 +7,7 @@
 #include "base/error.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 #include "sensors/light_nodes.h"
 #include "sensors/lighting.h"
@@ -183,7 +184,7 @@ TEST(VisibleLight, AShadowsBorderRunsThroughTexels) {
     double mistaken = 0;
     for (const Vec2d& b : centroids) {
       const double x = -2 * b.x() + 2 * b.y();  // of vertices 0, 1 and 2
-      const auto part = static_cast<std::size_t>(texel_index<double>(b.x(), b.y(), v.shown.resolution_of(0)));
+      const auto part = as_size(texel_index<double>(b.x(), b.y(), v.shown.resolution_of(0)));
       // The wall is as wide as its triangle is at that height: whole where the plate's shadow falls.
       mistaken += std::abs(v.sun[part] - (x > 0.1 ? 1.0 : 0.0));
     }
@@ -219,7 +220,7 @@ TEST(VisibleLight, InAnEvenLightTheGlossIsItsShareOfIt) {
     for (std::size_t f = 0; f < normals.size(); ++f) {
       const Face& face = convex.mesh.faces[f];
       Vec3d centre = Vec3d::Zero();
-      for (const int v : face) centre += convex.mesh.vertices[static_cast<std::size_t>(v)] / 3;
+      for (const int v : face) centre += convex.mesh.vertices[as_size(v)] / 3;
       const double cosine = normals[f].normalized().dot((eye - centre).normalized());
       if (cosine < 0.1) continue;
       ++seen;

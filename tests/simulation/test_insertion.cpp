@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "base/random.h"
+#include "base/sizes.h"
 #include "scene/depth_completion.h"
 #include "simulation/camera_pass.h"
 #include "simulation/render_scene.h"
@@ -344,12 +345,12 @@ TEST(Insertion, MeasuredReturnsBehindItGoAndThoseInFrontStay) {
   EXPECT_EQ(s.removed_points, 7);
   EXPECT_EQ(s.occluded_points, 7);
   EXPECT_GT(s.adversary_points, 7);
-  EXPECT_EQ(s.sweep.size(), sweep.size() - 7 + static_cast<std::size_t>(s.adversary_points));
+  EXPECT_EQ(s.sweep.size(), sweep.size() - 7 + as_size(s.adversary_points));
   const auto survives = [&](const LidarPoint& p) {
     return std::any_of(s.sweep.begin(), s.sweep.end(),
                        [&](const LidarPoint& q) { return p.x == q.x && p.y == q.y && p.z == q.z; });
   };
-  for (int i = 0; i < 7; ++i) EXPECT_FALSE(survives(sweep[static_cast<std::size_t>(i)]));
+  for (int i = 0; i < 7; ++i) EXPECT_FALSE(survives(sweep[as_size(i)]));
   for (std::size_t i = 7; i < sweep.size(); ++i) EXPECT_TRUE(survives(sweep[i]));
 }
 

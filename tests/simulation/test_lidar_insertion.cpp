@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/sizes.h"
 #include "sensors/lidar_sweep.h"
 #include "support/gradient_check.h"
 #include "support/lidar_world.h"
@@ -21,7 +22,7 @@ std::vector<int> choices(const LidarTape& tape) {
   for (const auto& back : tape.returns) {
     all.insert(all.end(), {back.beam, back.firing, back.count, back.strongest});
     for (int p = 0; p < back.count; ++p) {
-      const auto& part = tape.parts[static_cast<std::size_t>(back.first + p)];
+      const auto& part = tape.parts[as_size(back.first + p)];
       all.insert(all.end(), {part.face, part.texel});
     }
   }
@@ -160,7 +161,7 @@ TEST(LidarInsertion, TheNearerReturnStaysRayByRay) {
   EXPECT_EQ(simulated.occluded_points, in_front);
   EXPECT_EQ(simulated.removed_points, behind);
   EXPECT_EQ(simulated.adversary_points, behind + none);
-  EXPECT_EQ(simulated.sweep.size(), sweep.size() - static_cast<std::size_t>(behind) + tape.returns.size());
+  EXPECT_EQ(simulated.sweep.size(), sweep.size() - as_size(behind) + tape.returns.size());
   // What stays is what was measured, in its order.
   std::size_t k = 0;
   for (std::size_t i = 0, s = 0; i < alone.returns.size(); ++i) {
@@ -270,10 +271,9 @@ TEST(LidarInsertion, MotionWritesPointsAsTheMovingUnitSawThem) {
         lidar.firing_time(back.beam, lidar.firing_azimuth(0) + back.firing * lidar.azimuth_step);
     const Vec3d there = start_from_moment(settings.lidar_effects, time) * p;
     Vec3d on_face = Vec3d::Zero();
-    const Face& face = object.mesh.faces[static_cast<std::size_t>(back.face)];
+    const Face& face = object.mesh.faces[as_size(back.face)];
     for (int k = 0; k < 3; ++k)
-      on_face += back.hit.barycentric[k] *
-                 object.mesh.vertices[static_cast<std::size_t>(face[static_cast<std::size_t>(k)])];
+      on_face += back.hit.barycentric[k] * object.mesh.vertices[as_size(face[as_size(k)])];
     ASSERT_LT((there - on_face).norm(), 1e-9);
   }
   // Seen 8 ms after the moment of the frame, the object has come nearer by 0.11 m.
@@ -303,12 +303,11 @@ TEST(LidarInsertion, EchoesAreThoseOfAWholeSweep) {
   surfaces[0].mesh = object.mesh;
   surfaces[0].material.lidar = 0.5f;
   const Firings swept = simulate_firings(RayScene(surfaces), lidar, 1, settings.lidar_effects);
-  const auto columns = static_cast<std::size_t>(lidar.azimuth_count());
+  const auto columns = as_size(lidar.azimuth_count());
   int split = 0, other = 0;
   for (const auto& back : inserted.returns) {
     ASSERT_GE(back.firing, 0);
-    const double whole =
-        swept.ranges[static_cast<std::size_t>(back.beam) * columns + static_cast<std::size_t>(back.firing)];
+    const double whole = swept.ranges[as_size(back.beam) * columns + as_size(back.firing)];
     split += back.count < 19;
     other += std::abs(whole - back.range) > 0.05;
   }

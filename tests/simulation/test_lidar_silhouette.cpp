@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "base/sizes.h"
 #include "simulation/adversary_lidar.h"
 #include "support/lidar_world.h"
 
@@ -165,7 +166,7 @@ constexpr int kSide = 20;
 
 TEST(LidarSilhouette, IsTheDerivativeOfTheMeanSweep) {
   const auto frames = rasters(false, kSide);
-  for (const std::uint64_t ball : {1, 6})
+  for (const std::uint64_t ball : {1u, 6u})
     check_motions(frames, dented_ball({10, 0.4, -0.9}, 0.8, ball), 2, 0.015);
 }
 
@@ -208,7 +209,7 @@ TEST(LidarSilhouette, IsSeenFromTheLasersAndNotFromTheUnitsCentre) {
   for (std::size_t i = 0; i < one.samples.size(); ++i) {
     EXPECT_EQ(one.samples[i].vertices, same.samples[i].vertices);
     EXPECT_NEAR((one.samples[i].gain - same.samples[i].gain).norm(), 0, 1e-9);
-    const auto at = [&](int k) { return box.mesh.vertices[static_cast<std::size_t>(k)]; };
+    const auto at = [&](int k) { return box.mesh.vertices[as_size(k)]; };
     const Vec3d a = at(one.samples[i].vertices[0]), b = at(one.samples[i].vertices[1]);
     rear += a.x() > 10.4 && b.x() > 10.4 && a.z() > 0.1 && b.z() > 0.1;
   }

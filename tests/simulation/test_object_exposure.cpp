@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "base/random.h"
+#include "base/sizes.h"
 #include "simulation/camera_pass.h"
 #include "support/gradient_check.h"
 
@@ -54,7 +55,7 @@ TEST(ObjectExposure, AnObjectAtThePicturesEdgeGoesOnBeyondIt) {
   const ImageF photograph = textured(8, 8);
   Image<double> rgba = with_patch(photograph, {-1, 0, 8, 8}, Vec3d(0.3, 0.3, 0.3));
   expose_object(parse_camera_effects("blur"), photograph, 0, 0, rgba);
-  for (int i = 0; i < 64; ++i) EXPECT_NEAR(rgba.data[4 * static_cast<std::size_t>(i)], 0.3, 1e-12);
+  for (int i = 0; i < 64; ++i) EXPECT_NEAR(rgba.data[4 * as_size(i)], 0.3, 1e-12);
 }
 
 TEST(ObjectExposure, NoiseHasItsVarianceAndIsOfThePixelAlone) {

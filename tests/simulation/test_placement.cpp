@@ -6,6 +6,7 @@
 
 #include "base/error.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "geometry/mesh.h"
 #include "simulation/insertion.h"
@@ -322,7 +323,7 @@ TEST(Upstream, TheReturnsInDoubleAreTheSweeps) {
   const Simulated s = simulate(world.prepared, world.placement, world.adversary);
   const auto exact = object_returns(s);
   ASSERT_GT(exact.size(), 20u);
-  ASSERT_EQ(exact.size(), static_cast<std::size_t>(s.adversary_points));
+  ASSERT_EQ(exact.size(), as_size(s.adversary_points));
   for (std::size_t i = 0; i < exact.size(); ++i) {
     const LidarPoint& point = s.sweep[s.sweep.size() - exact.size() + i];
     EXPECT_EQ(point.x, static_cast<float>(exact[i][0]));

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/random.h"
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 #include "simulation/insertion.h"
 #include "support/random_vector.h"
@@ -15,7 +16,7 @@ inline void paint(TexturedMesh& adversary, int resolution, RandomStream& random)
   TexelAtlas& atlas = adversary.atlas;
   atlas.resolution = resolution;
   atlas.texels.clear();
-  const auto side = static_cast<std::size_t>(resolution);
+  const auto side = as_size(resolution);
   for (std::size_t t = 0; t < side * side * adversary.mesh.faces.size(); ++t)
     atlas.texels.push_back(random_vector(random, .2, .9));
 }

@@ -13,6 +13,7 @@
 
 #include "base/files.h"
 #include "base/image.h"
+#include "base/names.h"
 #include "scene/data/kitti.h"
 #include "scene/data/kitti_rows.h"
 

@@ -5,6 +5,7 @@
 #include <random>
 
 #include "base/error.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "tracking/tracker.h"
 
@@ -72,10 +73,10 @@ TEST(Smoother, RidesWithinThreeCentimetresAndOneDegree) {
 TEST(Smoother, ConstantVelocityIsExactAndItsVelocityIsTold) {
   std::vector<PlaceMeasurement> measured(20);
   for (int i = 0; i < 20; ++i) {
-    measured[static_cast<std::size_t>(i)].time = 0.1 * i + (i > 9 ? 0.3 : 0);  // with a pause
-    const double t = measured[static_cast<std::size_t>(i)].time;
-    measured[static_cast<std::size_t>(i)].position = Vec3d(3 + 8 * t, -2 * t, 1);
-    measured[static_cast<std::size_t>(i)].yaw = 3.1 + 0.2 * t;
+    measured[as_size(i)].time = 0.1 * i + (i > 9 ? 0.3 : 0);  // with a pause
+    const double t = measured[as_size(i)].time;
+    measured[as_size(i)].position = Vec3d(3 + 8 * t, -2 * t, 1);
+    measured[as_size(i)].yaw = 3.1 + 0.2 * t;
   }
   const auto places = smooth(measured);
   for (std::size_t i = 0; i < 20; ++i) {
@@ -88,7 +89,7 @@ TEST(Smoother, ConstantVelocityIsExactAndItsVelocityIsTold) {
 
 TEST(Smoother, OneWildMeasurementMovesLittle) {
   std::vector<PlaceMeasurement> measured(21);
-  for (int i = 0; i < 21; ++i) measured[static_cast<std::size_t>(i)].time = 0.1 * i;
+  for (int i = 0; i < 21; ++i) measured[as_size(i)].time = 0.1 * i;
   measured[10].position = Vec3d(1, 0, 0);
   EXPECT_LT(smooth(measured)[10].position.norm(), 0.1);
 }

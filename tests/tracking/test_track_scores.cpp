@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "base/error.h"
+#include "base/sizes.h"
 #include "tracking/tracker.h"
 
 namespace mirage {
@@ -190,7 +191,7 @@ TEST_F(PublishedDetections, AreTrackedThroughBothDrives) {
     const int offset = sequence == "0000" ? 0 : 100000;
     Tracker tracker;
     for (int f = 0; f < static_cast<int>(pose.size()); ++f) {
-      const Eigen::Isometry2d& world = pose[static_cast<std::size_t>(f)];
+      const Eigen::Isometry2d& world = pose[as_size(f)];
       std::vector<TrackedDetection> at;
       for (const Row& row : seen)
         if (row.frame == f) at.push_back({moved(row.box, world), row.score});

@@ -9,6 +9,7 @@
 #include <random>
 
 #include "base/error.h"
+#include "base/sizes.h"
 #include "tracking/tracker.h"
 
 namespace mirage {
@@ -16,12 +17,12 @@ namespace {
 
 /// The least cost over all ways to give every row a column of its own (rows ≤ columns).
 double least_cost(const Eigen::MatrixXd& cost) {
-  std::vector<int> columns(static_cast<std::size_t>(cost.cols()));
+  std::vector<int> columns(as_size(cost.cols()));
   std::iota(columns.begin(), columns.end(), 0);
   double least = std::numeric_limits<double>::infinity();
   do {
     double sum = 0;
-    for (int r = 0; r < cost.rows(); ++r) sum += cost(r, columns[static_cast<std::size_t>(r)]);
+    for (int r = 0; r < cost.rows(); ++r) sum += cost(r, columns[as_size(r)]);
     least = std::min(least, sum);
   } while (std::next_permutation(columns.begin(), columns.end()));
   return least;

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "base/random.h"
+#include "base/sizes.h"
 #include "exchange/gltf.h"
 #include "validation/reference/reference_renderer.h"
 
@@ -98,9 +99,7 @@ class PlainReference : public ReferenceRenderer {
   static Meeting first_meeting(const Mesh& mesh, const Vec3d& origin, const Vec3d& direction) {
     Meeting nearest;
     for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-      const auto corner = [&](std::size_t k) {
-        return mesh.vertices[static_cast<std::size_t>(mesh.faces[f][k])];
-      };
+      const auto corner = [&](std::size_t k) { return mesh.vertices[as_size(mesh.faces[f][k])]; };
       const Vec3d a = corner(0), n = (corner(1) - a).cross(corner(2) - a);
       const double t = n.dot(a - origin) / n.dot(direction);  // not finite beside the plane
       if (!(t > 0 && t < nearest.t)) continue;
@@ -120,11 +119,9 @@ class PlainReference : public ReferenceRenderer {
     const Vec3d direction = velo_from_camera.linear() * scene.camera.unproject(u, v, 1);
     const Meeting meeting = first_meeting(object.mesh, velo_from_camera.translation(), direction);
     if (meeting.face < 0) return Eigen::Vector4d::Zero();
-    const auto f = static_cast<std::size_t>(meeting.face);
+    const auto f = as_size(meeting.face);
     const Face& face = object.mesh.faces[f];
-    const auto corner = [&](std::size_t k) {
-      return object.mesh.vertices[static_cast<std::size_t>(face[k])];
-    };
+    const auto corner = [&](std::size_t k) { return object.mesh.vertices[as_size(face[k])]; };
     const Vec3d n = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
     const Lighting& light = scene.lighting;
     const Vec3d irradiance = light.ambient + light.hemisphere * (1 + n.z()) / 2 +
@@ -133,7 +130,7 @@ class PlainReference : public ReferenceRenderer {
     const double x = meeting.b[0] * c, y = meeting.b[1] * c;
     const int ix = std::min(c - 1, static_cast<int>(x)), iy = std::min(c - 1, static_cast<int>(y));
     const int texel = x + y - ix - iy <= 1 ? iy * c + ix : (c - 1 - iy) * c + (c - 1 - ix);
-    const Vec3d albedo = object.atlas.texels[f * object.atlas.per_face() + static_cast<std::size_t>(texel)];
+    const Vec3d albedo = object.atlas.texels[f * object.atlas.per_face() + as_size(texel)];
     Eigen::Vector4d rgba;
     rgba << gain * albedo.cwiseProduct(irradiance), 1;
     return rgba;

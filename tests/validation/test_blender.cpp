@@ -14,6 +14,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image.h"
+#include "base/sizes.h"
 #include "exchange/mesh_files.h"
 #include "fixture.h"
 #include "geometry/mesh.h"
@@ -70,8 +71,9 @@ TEST_F(Blender, MatchedLightEqualsTheHardRasteriser) {
                         Case{6, -2, -1.1, 3, {0.9, -0.3, 0.2}}}) {
     PreparedFrame prepared = test::made_up_frame(c.x, c.y, c.yaw);
     prepared.frame.lighting.to_sun_velo = c.to_sun.normalized();
-    const auto scene = test::host_scene_of(prepared, test::random_mesh(c.resolution + index, c.resolution),
-                                           "matched" + std::to_string(index));
+    const auto scene =
+        test::host_scene_of(prepared, test::random_mesh(as_size(c.resolution + index), c.resolution),
+                            "matched" + std::to_string(index));
     ++index;
     const MatchedLight matched = matched_light(*worker_, scene);
     write_srgb(scene.scratch / "raster.png", matched.raster);
@@ -237,9 +239,9 @@ TEST_F(Blender, AnFbxIsOpenedWithTheSameVerticesTexelsAndPivot) {
   EXPECT_EQ(seen.at("materials"), 1);
   EXPECT_EQ(seen.at("pictures"), 1);
   EXPECT_TRUE(seen.at("packed").get<bool>());
-  for (int k = 0; k < 3; ++k) {
-    EXPECT_NEAR(seen.at("origin").at(static_cast<std::size_t>(k)).get<double>(), 0, 1e-6);
-    EXPECT_NEAR(seen.at("scale").at(static_cast<std::size_t>(k)).get<double>(), 1, 1e-5);
+  for (std::size_t k = 0; k < 3; ++k) {
+    EXPECT_NEAR(seen.at("origin").at(k).get<double>(), 0, 1e-6);
+    EXPECT_NEAR(seen.at("scale").at(k).get<double>(), 1, 1e-5);
   }
   const auto triangles = atlas_triangles(given.atlas.resolution);
   const auto& corners = seen.at("triangles");
@@ -256,22 +258,19 @@ TEST_F(Blender, AnFbxIsOpenedWithTheSameVerticesTexelsAndPivot) {
       for (int turn = 0; turn < 3; ++turn) {
         double worst = 0;
         for (int k = 0; k < 3; ++k) {
-          const Vec2d& b = triangle.corners[static_cast<std::size_t>(k)];
+          const Vec2d& b = triangle.corners[as_size(k)];
           const Face& face = standing.mesh.faces[f];
-          const auto vertex = [&](int of) {
-            return standing.mesh.vertices[static_cast<std::size_t>(face[static_cast<std::size_t>(of)])];
-          };
+          const auto vertex = [&](int of) { return standing.mesh.vertices[as_size(face[as_size(of)])]; };
           const Vec3d expected = b.x() * vertex(0) + b.y() * vertex(1) + (1 - b.x() - b.y()) * vertex(2);
-          const auto& p = corners.at(at).at(static_cast<std::size_t>((k + turn) % 3));
+          const auto& p = corners.at(at).at(as_size((k + turn) % 3));
           worst = std::max(worst, (Vec3d(p.at(0), p.at(1), p.at(2)) - expected).norm());
         }
         best = std::min(best, worst);
       }
       furthest = std::max(furthest, best);
       ImageF one(1, 1, 3);
-      const Vec3d& texel =
-          given.atlas.texels[f * given.atlas.per_face() + static_cast<std::size_t>(triangle.texel)];
-      for (int c = 0; c < 3; ++c) one.data[static_cast<std::size_t>(c)] = static_cast<float>(texel[c]);
+      const Vec3d& texel = given.atlas.texels[f * given.atlas.per_face() + as_size(triangle.texel)];
+      for (int c = 0; c < 3; ++c) one.data[as_size(c)] = static_cast<float>(texel[c]);
       const auto bytes = srgb_bytes(one);
       for (std::size_t c = 0; c < 3; ++c) other += texels.at(at).at(c) != bytes[c];
       ++at;

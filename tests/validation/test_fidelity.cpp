@@ -27,7 +27,7 @@ ImageF pattern(int k) {
 ImageF constant(float r, float g, float b) {
   ImageF image(40, 30, 3);
   for (int i = 0; i < 40 * 30; ++i)
-    image.data[3 * i] = r, image.data[3 * i + 1] = g, image.data[3 * i + 2] = b;
+    image.data[as_size(3 * i)] = r, image.data[as_size(3 * i + 1)] = g, image.data[as_size(3 * i + 2)] = b;
   return image;
 }
 

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "base/files.h"
+#include "base/sizes.h"
 #include "support/files.h"
 #include "validation/paper/experiments.h"
 #include "validation/paper/finding.h"
@@ -33,7 +34,7 @@ ReproduceSettings quick_in(const std::filesystem::path& out) {
 }
 
 std::size_t count_cases(const Experiments& list, Case::Kind kind) {
-  return static_cast<std::size_t>(
+  return as_size(
       std::count_if(list.cases.begin(), list.cases.end(), [&](const Case& one) { return one.kind == kind; }));
 }
 

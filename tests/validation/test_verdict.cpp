@@ -10,6 +10,7 @@
 
 #include "base/error.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "fixture.h"
 #include "validation/fidelity/budget.h"
 #include "validation/fidelity/ladders.h"
@@ -102,7 +103,7 @@ TEST(Verdict, IntervalsAreByVehicleWhereItIsKnown) {
                                outcome(i < 10 ? 0.1 : 0.8, i < 10)));
   const VerdictGroup apart = verdict(vehicles, {}).all;
   EXPECT_EQ(to_json(apart.clusters), (json{{"by", "frame"}, {"count", 40}}));
-  for (int i = 0; i < 40; ++i) vehicles[static_cast<std::size_t>(i)].track = i / 10;
+  for (int i = 0; i < 40; ++i) vehicles[as_size(i)].track = i / 10;
   const VerdictGroup together = verdict(vehicles, {}).all;
   EXPECT_EQ(to_json(together.clusters), (json{{"by", "vehicle"}, {"count", 4}}));
   EXPECT_EQ(variant(together, "soft").asr.value, 0.25);
@@ -184,7 +185,7 @@ TEST(Budget, KeepsTheRiskOnFramesItNeverSaw) {
     for (const BudgetScene& scene : scenes_of(30, seed + 1000, 0.3)) {
       const int rung = rule.choose(scene.features);
       ++total;
-      beyond += rung >= 0 && scene.errors[static_cast<std::size_t>(rung)] > 0.05;
+      beyond += rung >= 0 && scene.errors[as_size(rung)] > 0.05;
       cheap += rung >= 0;
     }
   }
@@ -238,7 +239,7 @@ std::vector<VehicleResult> vehicles_of(const std::vector<BudgetScene>& scenes) {
       rung.effect = effect;
       rung.group = k == 0 ? "raster" : "samples";
       rung.seconds = k == 0 ? 0.01 : 1.0;
-      const double error = scene.errors[static_cast<std::size_t>(k)];
+      const double error = scene.errors[as_size(k)];
       rung.error.drawn = error * error;
       ladder.light.push_back(std::move(rung));
     }

@@ -9,6 +9,7 @@
 #include "attack/observation.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/sizes.h"
 #include "bench.h"
 #include "detection/car_in_picture.h"
 #include "detection/detector_settings.h"
@@ -41,8 +42,8 @@ struct Street {
       }
       if (cars.size() < kHosts) continue;
       frames.push_back(std::make_unique<PreparedFrame>(prepare(std::move(frame), rig.lidar)));
-      for (int k = 0; k < kHosts; ++k) {
-        const Label& label = frames.back()->frame.labels[static_cast<std::size_t>(cars[k])];
+      for (std::size_t k = 0; k < kHosts; ++k) {
+        const Label& label = frames.back()->frame.labels[as_size(cars[k])];
         stands.push_back({*frames.back(),
                           {frames.back()->frame.id, cars[k]},
                           on_roof(BoxRoofFinder().find(frames.back()->frame, label))});

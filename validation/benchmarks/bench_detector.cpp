@@ -11,6 +11,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "bench.h"
 #include "detection/car_in_picture.h"
 #include "detection/process_detector.h"
@@ -32,7 +33,7 @@ struct Input {
 
 std::vector<Input> inputs_of(const Rig& rig) {
   std::vector<Input> inputs(kFrames);
-  for (int i = 0; i < kFrames; ++i) {
+  for (std::size_t i = 0; i < kFrames; ++i) {
     inputs[i].frame = generate_frame(rig, 21, static_cast<std::uint64_t>(i));
     inputs[i].points = points_in_view(inputs[i].frame.sweep, inputs[i].frame.calibration);
   }
@@ -68,7 +69,7 @@ void detector_passes(benchmark::State& state, const std::string& rig_name) {
     for (int round = -1; round < kRounds; ++round) {  // the first warms up
       Rounds warm;
       Rounds& into = round < 0 ? warm : rounds;
-      const Input& input = inputs[static_cast<std::size_t>(round + 1) % inputs.size()];
+      const Input& input = inputs[as_size(round + 1) % inputs.size()];
       SensorView blind = input.view();
       blind.points = {};
       for (const char* name : kDetectors) {

@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "bench.h"
 #include "geometry/mesh.h"
 #include "sensors/embree.h"
@@ -104,7 +105,7 @@ class BareEmbree {
       }
       for (std::size_t column = 0; column < rays_.columns; column += 16) {
         const std::size_t at = rays_.index(row, column);
-        for (int i = 0; i < 16; ++i) {
+        for (std::size_t i = 0; i < 16; ++i) {
           packet.ray.org_x[i] = rays_.origin[0][at + i];
           packet.ray.org_y[i] = rays_.origin[1][at + i];
           packet.ray.org_z[i] = rays_.origin[2][at + i];
@@ -117,7 +118,7 @@ class BareEmbree {
         if (column + 16 > rays_.columns)
           for (std::size_t i = rays_.columns - column; i < 16; ++i) valid[i] = 0;
         query.intersect(valid, scene_, packet);
-        for (int i = 0; i < 16; ++i) {
+        for (std::size_t i = 0; i < 16; ++i) {
           t_[at + i] = packet.ray.tfar[i];
           face_[at + i] = packet.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID ? ~0u : packet.hit.primID[i];
         }
@@ -249,7 +250,7 @@ void compare(int subdivisions) {
                                static_cast<float>(random.uniform(-1, 1))});
   for (std::size_t i = 0; i < kRays; ++i) {
     const Face& face = mesh.faces[i * mesh.faces.size() / kRays];
-    const auto corner = [&](int k) { return mesh.vertices[static_cast<std::size_t>(face[k])]; };
+    const auto corner = [&](int k) { return mesh.vertices[as_size(face[as_size(k)])]; };
     starts.push_back(((corner(0) + corner(1) + corner(2)) * (1.0001 / 3)).cast<float>());
   }
   Rounds rounds;

@@ -94,7 +94,7 @@ long pairs(const Scene& s) {
       const Vec2d p = ndc_from_pixel<double>(u, v, s.target.width, s.target.height);
       for (const auto& face : s.mesh.faces) {
         double nearest = cut, side[3];
-        for (int k = 0; k < 3; ++k) {
+        for (std::size_t k = 0; k < 3; ++k) {
           const Vec2d a = face[k].head<2>(), e = face[(k + 1) % 3].head<2>() - a, d = p - a;
           nearest = std::min(nearest, (d - std::clamp(d.dot(e) / e.squaredNorm(), 0., 1.) * e).squaredNorm());
           side[k] = e.x() * d.y() - e.y() * d.x();

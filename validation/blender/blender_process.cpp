@@ -14,6 +14,7 @@
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/ranks.h"
+#include "base/sizes.h"
 #include "exchange/gltf.h"
 #include "exchange/mesh_files.h"
 #include "validation/reference/host_scene.h"
@@ -34,17 +35,17 @@ ImageF read_channels(const std::filesystem::path& file, PictureSize size,
     throw Failure(file.string(),
                   fmt::format("is {}×{}, not {}×{}", spec.width, spec.height, size.width, size.height),
                   "use Blender 3.4 to 4.3");
-  std::vector<float> all(static_cast<std::size_t>(spec.width) * spec.height * spec.nchannels);
+  std::vector<float> all(as_size(spec.width) * as_size(spec.height) * as_size(spec.nchannels));
   if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, all.data()))
     throw Failure(file.string(), "cut short, as by a full disk", "free some space and run again");
   ImageF image(spec.width, spec.height, static_cast<int>(names.size()));
   for (std::size_t c = 0; c < names.size(); ++c) {
     int channel = -1;
     for (int k = 0; k < spec.nchannels; ++k)
-      if (spec.channelnames[k].ends_with("." + names[c])) channel = k;
+      if (spec.channelnames[as_size(k)].ends_with("." + names[c])) channel = k;
     if (channel < 0) return {};
     for (std::size_t i = 0; i < image.data.size() / names.size(); ++i)
-      image.data[i * names.size() + c] = all[i * spec.nchannels + channel];
+      image.data[i * names.size() + c] = all[i * as_size(spec.nchannels) + as_size(channel)];
   }
   return image;
 }
@@ -221,7 +222,7 @@ std::unique_ptr<ReferenceRenderer> start_blender(const std::filesystem::path& ou
 namespace fs = std::filesystem;
 
 CyclesRenderer::CyclesRenderer(const Settings& settings)
-    : settings_(settings), workers_(static_cast<std::size_t>(std::max(1, settings.workers))) {
+    : settings_(settings), workers_(as_size(std::max(1, settings.workers))) {
   start(0);
   reference_ = workers_[0].blender->identity();
 }
@@ -234,7 +235,8 @@ CyclesRenderer::~CyclesRenderer() {
 }
 
 void CyclesRenderer::start(std::size_t index) {
-  const std::string name = rank_count() * workers_.size() > 1 ? fmt::format("-{}-{}", rank(), index) : "";
+  const std::string name =
+      as_size(rank_count()) * workers_.size() > 1 ? fmt::format("-{}-{}", rank(), index) : "";
   Worker& worker = workers_[index];
   worker.blender = start_blender(settings_.out, fmt::format("blender{}.log", name), settings_.program);
   worker.scratch = settings_.out / kScratchFolder / ("cycles" + name);

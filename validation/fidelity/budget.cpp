@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "base/random.h"
+#include "base/sizes.h"
 #include "validation/fidelity/ladders.h"
 #include "validation/reference/unbiased_error.h"
 
@@ -130,7 +131,7 @@ int oracle(const BudgetScene& scene, double budget) {
   int best = -1;
   for (std::size_t r = 0; r < scene.errors.size(); ++r)
     if (scene.errors[r] <= budget && scene.alone[r] < scene.seconds_full &&
-        (best < 0 || scene.alone[r] < scene.alone[static_cast<std::size_t>(best)]))
+        (best < 0 || scene.alone[r] < scene.alone[as_size(best)]))
       best = static_cast<int>(r);
   return best;
 }
@@ -151,7 +152,7 @@ struct Tally {
 /// beside the reference's.
 BudgetChoice take(Tally& tally, const Table& table, const BudgetScene& scene, int rung,
                   const std::vector<double>& costs, double own_cost, double budget) {
-  const auto r = static_cast<std::size_t>(std::max(0, rung));
+  const auto r = as_size(std::max(0, rung));
   BudgetChoice choice;
   choice.name = scene.name, choice.frame = scene.frame, choice.group = scene.group;
   choice.chosen = rung < 0 ? "reference" : table.rungs[r];
@@ -286,7 +287,7 @@ void BudgetRule::calibrate(const std::vector<BudgetScene>& calibration, const Gr
     const double lambda = step * kLambdaStep;
     const auto is_beyond = [&](std::size_t i) {
       const int rung = choose(left_out[i], lambda);
-      return rung >= 0 && calibration[i].errors[static_cast<std::size_t>(rung)] > budget_;
+      return rung >= 0 && calibration[i].errors[as_size(rung)] > budget_;
     };
     if (!is_backed(groups, confidence, is_beyond)) break;
     lambda_ = lambda;
@@ -300,7 +301,7 @@ void BudgetRule::try_one_for_all(const std::vector<BudgetScene>& calibration, co
   for (std::size_t i = 0; i < calibration.size(); ++i) {
     const BudgetScene& scene = calibration[i];
     const int rung = choose(left_out[i], lambda_);
-    least += rung >= 0 ? scene.seconds[static_cast<std::size_t>(rung)]
+    least += rung >= 0 ? scene.seconds[as_size(rung)]
                        : scene.seconds_full + *std::min_element(scene.seconds.begin(), scene.seconds.end());
   }
   least /= n;
@@ -328,7 +329,7 @@ BudgetRule::Rung BudgetRule::fit(const std::vector<const BudgetScene*>& scenes, 
     const std::vector<double> z = standardised(scene->features);
     Eigen::VectorXd x(size);
     x(0) = 1;
-    for (Eigen::Index k = 1; k < size; ++k) x(k) = z[static_cast<std::size_t>(k) - 1];
+    for (Eigen::Index k = 1; k < size; ++k) x(k) = z[as_size(k) - 1];
     normal += x * x.transpose();
     right += logarithm(scene->errors[rung]) * x;
   }

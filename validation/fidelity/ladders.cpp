@@ -5,6 +5,7 @@
 #include <tuple>
 
 #include "base/schedule.h"
+#include "base/sizes.h"
 #include "sensors/ray_caster.h"
 #include "simulation/adversary_lidar.h"
 #include "simulation/render_scene.h"
@@ -235,7 +236,7 @@ MatchedResult check_lidar(ReferenceRenderer& renderer, const HostScene& scene, c
       result.range_error = std::max(result.range_error, std::abs(distances[i] - static_cast<double>(hit.t)));
   }
   // Each return that the simulation put into the sweep is a place that the reference's rays hit as well.
-  const std::size_t first = simulated.sweep.size() - static_cast<std::size_t>(simulated.adversary_points);
+  const std::size_t first = simulated.sweep.size() - as_size(simulated.adversary_points);
   for (std::size_t i = first; i < simulated.sweep.size(); ++i) {
     double nearest = kSameReturn;
     for (const Vec3d& hit : hits)

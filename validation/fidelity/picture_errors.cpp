@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "base/error.h"
+#include "base/sizes.h"
 #include "base/types.h"
 
 namespace mirage {
@@ -23,9 +24,9 @@ void check_sizes(const ImageF& a, const ImageF& b, const ImageF& mask) {
 template <class Body>
 std::size_t for_pixels(const ImageF& image, const ImageF& mask, const Body& body) {
   std::size_t count = 0;
-  const std::size_t pixels = static_cast<std::size_t>(image.width) * image.height;
+  const std::size_t pixels = as_size(image.width) * as_size(image.height);
   for (std::size_t i = 0; i < pixels; ++i)
-    if (mask.empty() || mask.data[i * mask.channels] > 0.5f) {
+    if (mask.empty() || mask.data[i * as_size(mask.channels)] > 0.5f) {
       body(i);
       ++count;
     }
@@ -38,7 +39,8 @@ double mean_term(const ImageF& a, const ImageF& b, const ImageF& mask, const Ter
   double sum = 0;
   const std::size_t n = for_pixels(a, mask, [&](std::size_t i) {
     for (int c = 0; c < a.channels; ++c)
-      sum += term(static_cast<double>(a.data[i * a.channels + c]) - b.data[i * a.channels + c]);
+      sum += term(static_cast<double>(a.data[i * as_size(a.channels) + as_size(c)]) -
+                  b.data[i * as_size(a.channels) + as_size(c)]);
   });
   return n == 0 ? 0 : sum / (static_cast<double>(n) * a.channels);
 }
@@ -95,7 +97,7 @@ Planes planes(const ImageF& image) {
       Vec3d linear;
       for (int c = 0; c < 3; ++c) linear[c] = linear_from_srgb(image.at(u, v, c));
       const Vec3d color = ycxcz_from_linear(linear);
-      for (int c = 0; c < 3; ++c) result[c].at<double>(v, u) = color[c];
+      for (int c = 0; c < 3; ++c) result[as_size(c)].at<double>(v, u) = color[c];
     }
   return result;
 }
@@ -223,7 +225,8 @@ double ssim(const ImageF& a, const ImageF& b, const ImageF& mask) {
 
 ImageF grey(const ImageF& rgb) {
   ImageF out(rgb.width, rgb.height, 1);
-  for (std::size_t i = 0; i < out.data.size(); ++i) out.data[i] = luminance(&rgb.data[i * rgb.channels]);
+  for (std::size_t i = 0; i < out.data.size(); ++i)
+    out.data[i] = luminance(&rgb.data[i * as_size(rgb.channels)]);
   return out;
 }
 
@@ -243,7 +246,7 @@ ImageF flip_map(const ImageF& reference, const ImageF& test, double pixels_per_d
   const Planes seen_a = as_seen(a, pixels_per_degree), seen_b = as_seen(b, pixels_per_degree);
   const cv::Mat light_a = (a[0] + 16) / 116, light_b = (b[0] + 16) / 116;
   std::array<cv::Mat, 2> feature_a, feature_b;
-  for (int points = 0; points < 2; ++points) {
+  for (std::size_t points = 0; points < 2; ++points) {
     feature_a[points] = feature_strength(light_a, points == 1, pixels_per_degree);
     feature_b[points] = feature_strength(light_b, points == 1, pixels_per_degree);
   }
@@ -260,7 +263,7 @@ ImageF flip_map(const ImageF& reference, const ImageF& test, double pixels_per_d
                                ? kKneeValue / knee * distance
                                : kKneeValue + (distance - knee) / (largest - knee) * (1 - kKneeValue);
       double change = 0;
-      for (int points = 0; points < 2; ++points)
+      for (std::size_t points = 0; points < 2; ++points)
         change = std::max(change,
                           std::abs(feature_a[points].at<double>(v, u) - feature_b[points].at<double>(v, u)));
       const double feature = std::pow(change / std::numbers::sqrt2, kFeatureExponent);

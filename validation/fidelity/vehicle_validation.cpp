@@ -9,6 +9,7 @@
 #include "attack/observation.h"
 #include "base/image.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "detection/average_precision.h"
 #include "detection/detect.h"
 #include "detection/reliance.h"
@@ -91,7 +92,7 @@ json bev_json(const PreparedFrame& prepared, const Label& host, const Simulated&
   };
   auto measured = json::array(), added = json::array(), truth = json::array();
   const auto millimetres = [](float value) { return std::round(1000.0 * value) / 1000; };
-  const std::size_t first = simulated.sweep.size() - static_cast<std::size_t>(simulated.adversary_points);
+  const std::size_t first = simulated.sweep.size() - as_size(simulated.adversary_points);
   for (std::size_t i = 0; i < simulated.sweep.size(); ++i) {
     const LidarPoint& p = simulated.sweep[i];
     if (near_host(p.x, p.y)) (i < first ? measured : added).push_back({millimetres(p.x), millimetres(p.y)});
@@ -158,7 +159,7 @@ std::vector<std::size_t> cameras_seeing(const Simulated& simulated, const Label&
   std::vector<std::size_t> cameras;
   for (std::size_t k = 0; k <= simulated.others.size(); ++k)
     if (!simulated.sight(k).rect.empty()) cameras.push_back(k);
-  const auto own = static_cast<std::size_t>(host.camera);
+  const auto own = as_size(host.camera);
   std::stable_sort(cameras.begin(), cameras.end(), [&](std::size_t a, std::size_t b) {
     if (a == own || b == own) return a == own && b != own;
     return simulated.sight(a).visible_share > simulated.sight(b).visible_share;
@@ -383,7 +384,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
 
   const Label& host = *scene.host;
   result.shown["crop_rect"] = {full.rect.u0, full.rect.v0, full.rect.u1, full.rect.v1};
-  result.shown["host_rect"] = static_cast<std::size_t>(host.camera) == best.camera
+  result.shown["host_rect"] = as_size(host.camera) == best.camera
                                   ? json({host.left, host.top, host.right, host.bottom})
                                   : result.shown["crop_rect"];
   for (const Looked& at : looks) {

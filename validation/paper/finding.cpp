@@ -11,6 +11,7 @@
 #include "attack/host_outcome.h"
 #include "base/config.h"
 #include "base/files.h"
+#include "base/sizes.h"
 
 namespace mirage::paper {
 namespace {
@@ -80,8 +81,7 @@ Verdict verdict_of(const Check& check) {
 std::string with_thousands(long number) {
   std::string text = std::to_string(number);
   for (int at = static_cast<int>(text.size()) - 3; at > 0; at -= 3)
-    text = fmt::format("{} {}", text.substr(0, static_cast<std::size_t>(at)),
-                       text.substr(static_cast<std::size_t>(at)));
+    text = fmt::format("{} {}", text.substr(0, as_size(at)), text.substr(as_size(at)));
   return text;
 }
 

@@ -21,6 +21,7 @@
 #include "base/memory.h"
 #include "base/ranks.h"
 #include "base/schedule.h"
+#include "base/sizes.h"
 #include "frames/made_of.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
@@ -68,8 +69,7 @@ void add_outcomes(json& entry, const Table& table, const Row& row, const Outcome
                   const Outcomes* sized) {
   const ClusterCount clusters = outcomes.clusters();
   entry.update({{"vehicles", outcomes.vehicles},
-                {"hosts", outcomes.hosts.size() /
-                              static_cast<std::size_t>(std::max(1, outcomes.meshes * outcomes.runs))},
+                {"hosts", outcomes.hosts.size() / as_size(std::max(1, outcomes.meshes * outcomes.runs))},
                 {"frames", outcomes.frames()},
                 {"meshes", outcomes.meshes},
                 {"runs", outcomes.runs},

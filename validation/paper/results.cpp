@@ -11,6 +11,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/json_fields.h"
+#include "base/sizes.h"
 
 namespace mirage::paper {
 namespace {
@@ -117,7 +118,7 @@ Judged pooled(const std::vector<Judged>& runs) {
     pool.hosts.clear();
     pool.runs = static_cast<int>(runs.size());
     for (int r = 0; r < pool.runs; ++r) {
-      const Outcomes& own = runs[static_cast<std::size_t>(r)].at(mesh);
+      const Outcomes& own = runs[as_size(r)].at(mesh);
       pool.meshes = std::max(pool.meshes, own.meshes);
       for (const Outcome& host : own.hosts) {
         pool.hosts.push_back(host);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/sizes.h"
 #include "sensors/raster/limits.h"
 
 namespace mirage {
@@ -59,8 +60,7 @@ PreparedFrame facing(const PreparedFrame& prepared, std::size_t camera) {
 HostScene facing(const HostScene& scene, const PreparedFrame& turned, std::size_t camera) {
   HostScene there = scene;
   there.prepared = &turned;
-  there.host =
-      &turned.frame.labels[static_cast<std::size_t>(scene.host - scene.prepared->frame.labels.data())];
+  there.host = &turned.frame.labels[as_size(scene.host - scene.prepared->frame.labels.data())];
   if (there.placement.carrier) renumber(there.placement.carrier->label, camera);
   for (Label& target : there.placement.targets) renumber(target, camera);
   return there;
@@ -166,7 +166,7 @@ PixelRect full_rect(const Simulated& simulated, const ImageF& photograph) {
 ImageF with_window(const ImageF& image, const ImageF& window, const PixelRect& rect) {
   ImageF out = image;
   for (int v = 0; v < window.height; ++v)
-    std::copy_n(window.pixel(0, v), static_cast<std::size_t>(window.width) * window.channels,
+    std::copy_n(window.pixel(0, v), as_size(window.width) * as_size(window.channels),
                 out.pixel(rect.u0, rect.v0 + v));
   return out;
 }

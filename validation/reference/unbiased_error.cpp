@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -43,7 +44,7 @@ SquaredError squared_error(const Halves& drawn, const Halves& reference, const I
   if (!(pixels > 0) || !(mean > 0)) return result;
   const double share = 1 / (pixels * a1.channels * mean * mean);
   const int columns = (a1.width + kTile - 1) / kTile, rows = (a1.height + kTile - 1) / kTile;
-  std::vector<double> tiles(static_cast<std::size_t>(columns) * rows, 0.0);
+  std::vector<double> tiles(as_size(columns) * as_size(rows), 0.0);
   std::vector<bool> holds(tiles.size(), false);
   for (int v = 0; v < a1.height; ++v)
     for (int u = 0; u < a1.width; ++u) {
@@ -60,7 +61,7 @@ SquaredError squared_error(const Halves& drawn, const Halves& reference, const I
       result.plain += share * plain;
       result.floor += share * (own + others);
       result.drawn += share * (plain - others);
-      const std::size_t tile = static_cast<std::size_t>(v / kTile) * columns + u / kTile;
+      const std::size_t tile = as_size(v / kTile) * as_size(columns) + as_size(u / kTile);
       tiles[tile] += share * (plain - own - others);
       holds[tile] = true;
     }

@@ -12,6 +12,7 @@
 #include "base/files.h"
 #include "base/image.h"
 #include "base/logging.h"
+#include "base/sizes.h"
 #include "detection/average_precision.h"
 #include "detection/car_in_picture.h"
 
@@ -122,8 +123,7 @@ json features_json(Detector& detector, const SensorView& clean, const SensorView
 std::string picture_name(const RunEvaluation& evaluation, const HostOutcome& outcome) {
   std::string name = host_name(outcome.id);
   if (evaluation.objects.size() > 1)
-    name +=
-        fmt::format("_{}", evaluation.objects[static_cast<std::size_t>(outcome.mesh)].file.stem().string());
+    name += fmt::format("_{}", evaluation.objects[as_size(outcome.mesh)].file.stem().string());
   return name;
 }
 
@@ -136,9 +136,8 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
   const PreparedFrame& prepared = *held;
   const Frame& frame = prepared.frame;
   const Label& host = label_of(frame, {id.frame, outcome.victim < 0 ? id.label : outcome.victim});
-  const TexturedMesh& mesh = evaluation.objects.empty()
-                                 ? evaluation.run.adversary
-                                 : evaluation.objects[static_cast<std::size_t>(outcome.mesh)].mesh;
+  const TexturedMesh& mesh =
+      evaluation.objects.empty() ? evaluation.run.adversary : evaluation.objects[as_size(outcome.mesh)].mesh;
   const Simulated simulated =
       simulate(prepared, store.placement(id), mesh, evaluation.stage.settings.simulation);
   const std::string name = picture_name(evaluation, outcome);
@@ -146,7 +145,7 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
   write_srgb(folder / "clean.png", frame.image);
   write_srgb(folder / "attacked.png", simulated.image);
   std::vector<float> points;  // x, y, whether it is a return on the adversary
-  const auto first = simulated.sweep.size() - static_cast<std::size_t>(simulated.adversary_points);
+  const auto first = simulated.sweep.size() - as_size(simulated.adversary_points);
   for (std::size_t i = 0; i < simulated.sweep.size(); ++i)
     points.insert(points.end(), {simulated.sweep[i].x, simulated.sweep[i].y, i >= first ? 1.0f : 0.0f});
   write_floats(folder / "points.f32", points);
@@ -191,7 +190,7 @@ std::vector<std::size_t> spread_over_frames(const std::vector<HostOutcome>& host
   std::set<std::string> frames;
   for (const std::size_t i : places) (frames.insert(hosts[i].id.frame).second ? first : others).push_back(i);
   first.insert(first.end(), others.begin(), others.end());
-  first.resize(std::min(first.size(), static_cast<std::size_t>(std::max(0, count))));
+  first.resize(std::min(first.size(), as_size(std::max(0, count))));
   return first;
 }
 

@@ -40,6 +40,7 @@
 #include "base/files.h"
 #include "base/image.h"
 #include "base/intervals.h"
+#include "base/sizes.h"
 #include "base/types.h"
 #include "exchange/gltf.h"
 #include "exchange/mesh_files.h"
@@ -158,7 +159,7 @@ std::vector<Place> places(FrameStore& store, const std::filesystem::path& data, 
   }
   std::ranges::stable_sort(found, {}, &Place::range);
   std::vector<Place> chosen;
-  for (std::size_t i = 0; i < found.size(); i += static_cast<std::size_t>(choice.every))
+  for (std::size_t i = 0; i < found.size(); i += as_size(choice.every))
     if (!choice.nearest || static_cast<int>(i) < *choice.nearest) chosen.push_back(found[i]);
   return chosen;
 }

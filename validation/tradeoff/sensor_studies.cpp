@@ -7,6 +7,7 @@
 #include "base/error.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "scene/depth_completion.h"
 #include "sensors/ray_caster.h"
 #include "simulation/adversary_lidar.h"
@@ -166,8 +167,7 @@ class Study {
       met[i].range = table.t[i];
       if (arithmetic == Arithmetic::embree) continue;
       const LidarRay& ray = sent_[sampled[i]].ray;
-      met[i].hit = intersect_face<double>(ray.origin, ray.direction,
-                                          corners_[static_cast<std::size_t>(met[i].face)], 1);
+      met[i].hit = intersect_face<double>(ray.origin, ray.direction, corners_[as_size(met[i].face)], 1);
       met[i].range = met[i].hit.range;
     }
     return met;
@@ -220,13 +220,12 @@ class Study {
       const double azimuth = std::atan2(d.y(), d.x()), elevation = std::asin(std::clamp(d.z(), -1.0, 1.0));
       const double weight = (std::cos(150 * azimuth + 0.4) + std::sin(210 * elevation)) *
                             static_cast<double>(sent_.size()) / static_cast<double>(sampled.size());
-      const std::size_t f = static_cast<std::size_t>(met[i].face);
+      const std::size_t f = as_size(met[i].face);
       const auto d_face =
           intersect_face_vjp<double>(d, corners_[f], met[i].hit, 1, settings_.grazing_cosine, weight * d, 0);
       for (std::size_t k = 0; k < 3; ++k)
         for (std::size_t c = 0; c < 3; ++c)
-          d_vertices[3 * static_cast<std::size_t>(placed_.mesh.faces[f][k]) + c] +=
-              d_face[k][static_cast<Eigen::Index>(c)];
+          d_vertices[3 * as_size(placed_.mesh.faces[f][k]) + c] += d_face[k][static_cast<Eigen::Index>(c)];
     }
     return d_vertices;
   }
@@ -329,7 +328,7 @@ std::vector<double> CameraStudy::along_directions(const std::vector<double>& gra
   for (const auto& direction : directions_) {
     double sum = 0;
     for (std::size_t i = 0; i < direction.size(); ++i)
-      for (int c = 0; c < 3; ++c) sum += gradient[3 * i + static_cast<std::size_t>(c)] * direction[i][c];
+      for (int c = 0; c < 3; ++c) sum += gradient[3 * i + as_size(c)] * direction[i][c];
     along.push_back(sum);
   }
   return along;
@@ -358,7 +357,7 @@ void CameraStudy::make_upstream(const PixelRect& rect) {
     for (int u = std::max(0, rect.u0 - kReach); u < std::min(photograph.width, rect.u1 + kReach); ++u)
       for (int c = 0; c < 3; ++c) {
         double sum = 0;
-        for (const Wave& wave : waves[static_cast<std::size_t>(c)])
+        for (const Wave& wave : waves[as_size(c)])
           sum += wave.size * std::cos(wave.x * u + wave.y * v + wave.phase);
         upstream_.at(u, v, c) = static_cast<float>(sum);
       }
@@ -474,7 +473,7 @@ std::vector<TradeoffPoint> lidar_study(const PreparedFrame& prepared, const Text
       study.measure("arithmetic", "Embree's float range", Arithmetic::embree, 1, repeats),
       study.measure("arithmetic", "Embree's face, range in double", Arithmetic::face, 1, repeats),
       study.measure("arithmetic", "every face in double", Arithmetic::plain, 1, repeats)};
-  for (std::size_t stride : {1, 2, 4, 8})
+  for (const std::size_t stride : {1u, 2u, 4u, 8u})
     all.push_back(study.measure("rays",
                                 stride == 1   ? "every ray"
                                 : stride == 2 ? "every 2nd ray"

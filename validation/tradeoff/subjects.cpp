@@ -8,6 +8,7 @@
 
 #include "attack/adversary.h"
 #include "base/error.h"
+#include "base/sizes.h"
 #include "scene/data/read_frames.h"
 #include "simulation/insertion.h"
 
@@ -45,9 +46,9 @@ Subjects choose_subjects(const TradeoffSettings& settings, const Run* run, Frame
   if (run) {
     all = run->test;
     all.insert(all.end(), run->train.begin(), run->train.end());
-    all = evenly(all, static_cast<std::size_t>(4 * settings.hosts));
+    all = evenly(all, as_size(4 * settings.hosts));
   } else {
-    const auto frames = evenly(list_frames(settings.source.data), static_cast<std::size_t>(settings.frames));
+    const auto frames = evenly(list_frames(settings.source.data), as_size(settings.frames));
     const LabelCensus census = count_labels(settings.source.data, frames);
     require_cars(census, "a trade-off");
     warn_of_labels(census);
@@ -65,7 +66,7 @@ Subjects choose_subjects(const TradeoffSettings& settings, const Run* run, Frame
   };
   std::stable_sort(all.begin(), all.end(),
                    [&](const HostId& a, const HostId& b) { return distance(a) < distance(b); });
-  subjects.hosts = evenly(all, static_cast<std::size_t>(settings.hosts));
+  subjects.hosts = evenly(all, as_size(settings.hosts));
   return subjects;
 }
 

@@ -19,6 +19,7 @@
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/schedule.h"
+#include "base/sizes.h"
 #include "detection/detector_settings.h"
 #include "exchange/gltf.h"
 #include "scene/data/kitti.h"
@@ -181,7 +182,7 @@ DepthPoints depth_points(const TradeoffSettings& settings, const TexturedMesh& a
   }
   DepthScoreOptions options;
   options.data = settings.source.data;
-  options.frames = static_cast<std::size_t>(settings.depth_frames);
+  options.frames = as_size(settings.depth_frames);
   options.seed = settings.seed;
   auto ids = list_frames(settings.source.data);
   if (ids.size() > options.frames) ids.resize(options.frames);
@@ -284,7 +285,7 @@ std::vector<TradeoffPoint> pass_points(const TradeoffSettings& settings, const S
   std::vector<std::shared_ptr<const PreparedFrame>> held;
   std::vector<StepHost> hosts;
   if (settings.detector_hosts > 0)
-    for (const HostId& id : evenly(subjects.hosts, static_cast<std::size_t>(settings.detector_hosts))) {
+    for (const HostId& id : evenly(subjects.hosts, as_size(settings.detector_hosts))) {
       held.push_back(store.get(id.frame));
       hosts.push_back({*held.back(), id, store.placement(id)});
     }
@@ -299,7 +300,7 @@ std::vector<TradeoffPoint> cycles_points(const TradeoffSettings& settings, const
   const std::unique_ptr<ReferenceRenderer> renderer = start(settings.out);
   std::vector<std::shared_ptr<const PreparedFrame>> held;
   std::vector<CyclesHost> hosts;
-  for (const HostId& id : evenly(subjects.hosts, static_cast<std::size_t>(settings.cycles_hosts))) {
+  for (const HostId& id : evenly(subjects.hosts, as_size(settings.cycles_hosts))) {
     held.push_back(store.get(id.frame));
     hosts.push_back({held.back().get(), store.placement(id), subjects.adversary, host_name(id)});
   }

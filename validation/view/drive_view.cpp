@@ -9,6 +9,7 @@
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
+#include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "detection/defenses.h"
 #include "scene/data/read_frames.h"
@@ -68,7 +69,7 @@ Box3 box_at(const double* row) {
 
 std::vector<ViewDetections> shown_of(const JsonFields& vehicle, DriveVersion version, std::size_t frames) {
   if (!vehicle.has("shown")) vehicle.fail("shown", "is missing");
-  const JsonFields shown = vehicle.object("shown").object(kDriveVersions[static_cast<std::size_t>(version)]);
+  const JsonFields shown = vehicle.object("shown").object(kDriveVersions[as_size(version)]);
   const auto boxes = rows_of(shown, "boxes", frames, 8), tracks = rows_of(shown, "tracks", frames, 9);
   std::vector<ViewDetections> all(frames);
   for (std::size_t i = 0; i < frames; ++i) {
@@ -178,7 +179,7 @@ void DriveView::add(ViewFrame& view) {
   ViewAttack attack = attack_of(view, *prepared, hosts_[k], simulated);
   attack.found = attacked_[k];
   const auto& sights = vehicle_.frames[k].sights;
-  const auto found = [&](DriveVersion version) { return sights[static_cast<std::size_t>(version)].found; };
+  const auto found = [&](DriveVersion version) { return sights[as_size(version)].found; };
   attack.outcome.update({{"learned_on", false},
                          {"detected", found(DriveVersion::clean)},
                          {"hidden", found(DriveVersion::clean) && !found(DriveVersion::attacked)}});
@@ -198,9 +199,8 @@ DriveAnimation::~DriveAnimation() {
 
 void DriveAnimation::add(const ViewFrame& view) {
   const ViewAttack& attack = view.attacks.front();
-  const Label& label = view.frame.labels.at(static_cast<std::size_t>(attack.label));
-  const std::size_t camera =
-      std::min(static_cast<std::size_t>(std::max(0, label.camera)), view.frame.cameras() - 1);
+  const Label& label = view.frame.labels.at(as_size(attack.label));
+  const std::size_t camera = std::min(as_size(std::max(0, label.camera)), view.frame.cameras() - 1);
   const std::string photo = fmt::format("{:05}.jpg", frames_.size());
   write_file(folder_ / photo, encode_jpeg(view.frame.image_of(camera), kFrameQuality));
   const BevBox& bev = label.box.bev;

@@ -14,6 +14,7 @@
 #include "base/fields.h"
 #include "base/intervals.h"
 #include "base/names.h"
+#include "base/sizes.h"
 #include "detection/average_precision.h"
 #include "detection/car_in_picture.h"
 #include "detection/defenses.h"
@@ -73,7 +74,7 @@ std::string packed_points(const Sweep& points, const std::vector<unsigned char>&
   const std::size_t n = points.size();
   std::string bytes(8 * n, '\0');
   for (int axis = 0; axis < 3; ++axis) {
-    char* low = bytes.data() + 2 * n * static_cast<std::size_t>(axis);
+    char* low = bytes.data() + 2 * n * as_size(axis);
     char* high = low + n;
     int before = 0;
     for (std::size_t i = 0; i < n; ++i) {
@@ -116,7 +117,7 @@ json page_box(const PictureBox& box) {
 json labels_json(const ViewFrame& view) {
   std::vector<int> returns(view.frame.labels.size());
   for (const int k : view.instance)
-    if (k >= 0) ++returns[static_cast<std::size_t>(k)];
+    if (k >= 0) ++returns[as_size(k)];
   json list = json::array();
   for (std::size_t k = 0; k < view.frame.labels.size(); ++k) {
     const Label& label = view.frame.labels[k];
@@ -180,7 +181,7 @@ std::vector<bool> kept_points(const ViewFrame& view, int step) {
   const Sweep& sweep = view.frame.sweep;
   std::vector<bool> kept(sweep.size());
   for (std::size_t i = 0; i < sweep.size(); ++i) {
-    bool needed = i % static_cast<std::size_t>(step) == 0 || view.instance[i] >= 0;
+    bool needed = i % as_size(step) == 0 || view.instance[i] >= 0;
     for (const ViewAttack& attack : view.attacks) needed = needed || attack.removed[i];
     kept[i] = needed && within_reach(sweep[i]);
   }
@@ -308,7 +309,7 @@ PackedFrame pack(const ViewFrame& view, std::size_t limit, PackSettings start) {
   while (true) {
     const std::vector<bool> kept = kept_points(view, packed.settings.step);
     packed.text = OIIO::Strutil::base64_encode(gzip(container(view, photos, kept)));
-    packed.kept = static_cast<std::size_t>(std::count(kept.begin(), kept.end(), true));
+    packed.kept = as_size(std::count(kept.begin(), kept.end(), true));
     if (packed.text.size() <= limit) break;
     if (packed.settings.step >= kCoarsest)
       throw FieldError("size", "",

@@ -16,6 +16,7 @@
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/parallel.h"
+#include "base/sizes.h"
 #include "detection/detect.h"
 #include "frames/data_check.h"
 #include "frames/frame_store.h"
@@ -179,8 +180,7 @@ json make_view(const ViewSettings& given) {
       cameras = parse_word<Cameras>(settings.asked.at("cameras"), "cameras");
     check_data(settings.data, settings.asked.contains("rig") ? settings.asked.at("rig") : "",
                UnitUse::reads_sweeps);
-    if (settings.frames > 0 && ids.size() > static_cast<std::size_t>(settings.frames))
-      ids.resize(static_cast<std::size_t>(settings.frames));
+    if (settings.frames > 0 && ids.size() > as_size(settings.frames)) ids.resize(as_size(settings.frames));
   }
   warn_of_labels(count_labels(settings.data, ids));
   std::optional<DetectionFiles> file;
@@ -210,7 +210,7 @@ json make_view(const ViewSettings& given) {
   json attacks =
       json::array();  // a frame's vehicles each: "hidden", "found", "unfound"; "" without a detector
   Progress progress("view", ids.size(), settings.quiet);
-  const std::size_t batch = 2 * static_cast<std::size_t>(std::max(1, thread_count()));
+  const std::size_t batch = 2 * as_size(std::max(1, thread_count()));
   for (std::size_t first = 0; first < ids.size(); first += batch) {
     throw_if_interrupted("no page was written yet");
     const std::size_t count = std::min(batch, ids.size() - first);

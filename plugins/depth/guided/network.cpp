@@ -4,6 +4,7 @@
 #include <cmath>
 #include <vector>
 
+#include "base/sizes.h"
 #include "scene/depth_completion.h"
 
 namespace mirage::guided {
@@ -22,15 +23,15 @@ constexpr float kToneMean = 0.45f, kToneSpread = 0.28f;
 /// nearest depth.
 std::vector<float> widened(const MirageDepthInput& input) {
   const int w = input.width, h = input.height;
-  std::vector<float> wide(static_cast<std::size_t>(w) * h);
+  std::vector<float> wide(as_size(w) * as_size(h));
   for (int v = 0; v < h; ++v) {
-    const float* row = input.sparse + static_cast<std::size_t>(v) * w;
+    const float* row = input.sparse + as_size(v) * as_size(w);
     for (int u = 0; u < w; ++u)
       for (int reach = 0; reach <= kReach; ++reach) {
         const float left = u >= reach ? row[u - reach] : 0, right = u + reach < w ? row[u + reach] : 0;
         const float depth = left > 0 && right > 0 ? std::min(left, right) : std::max(left, right);
         if (!(depth > 0)) continue;
-        wide[static_cast<std::size_t>(v) * w + u] = 1 / std::max(depth, kNearest);
+        wide[as_size(v) * as_size(w) + as_size(u)] = 1 / std::max(depth, kNearest);
         break;
       }
   }
@@ -40,15 +41,15 @@ std::vector<float> widened(const MirageDepthInput& input) {
 /// Carries each return along the columns, downwards (first row to last) or upwards.
 void carry(const std::vector<float>& wide, int width, int height, bool downwards, float* inverse,
            float* distance) {
-  std::vector<float> value(static_cast<std::size_t>(width)), away(static_cast<std::size_t>(width), 1e9f);
+  std::vector<float> value(as_size(width)), away(as_size(width), 1e9f);
   for (int i = 0; i < height; ++i) {
-    const std::size_t row = static_cast<std::size_t>(downwards ? i : height - 1 - i) * width;
+    const std::size_t row = as_size(downwards ? i : height - 1 - i) * as_size(width);
     for (int u = 0; u < width; ++u) {
-      const float here = wide[row + u];
-      value[u] = here > 0 ? here : value[u];
-      away[u] = here > 0 ? 0 : away[u] + 1;
-      inverse[row + u] = value[u];
-      distance[row + u] = away[u] / (away[u] + kHalfDistance);
+      const float here = wide[row + as_size(u)];
+      value[as_size(u)] = here > 0 ? here : value[as_size(u)];
+      away[as_size(u)] = here > 0 ? 0 : away[as_size(u)] + 1;
+      inverse[row + as_size(u)] = value[as_size(u)];
+      distance[row + as_size(u)] = away[as_size(u)] / (away[as_size(u)] + kHalfDistance);
     }
   }
 }
@@ -88,13 +89,13 @@ constexpr double kAbsolute = 0.3, kRelative = 1, kPresenceWeight = 1;
 
 Features make_features(const MirageDepthInput& input) {
   const int w = input.width, h = input.height;
-  const auto area = static_cast<std::size_t>(w) * h;
+  const auto area = as_size(w) * as_size(h);
   Features features;
   features.candidates = torch::zeros({kCandidates, h, w});
   torch::Tensor values = torch::empty({kFeatures, h, w});
   float* out = values.data_ptr<float>();
   for (std::size_t i = 0; i < area; ++i)
-    for (int c = 0; c < 3; ++c)  // a square root spreads the shadows much as sRGB does
+    for (std::size_t c = 0; c < 3; ++c)  // a square root spreads the shadows much as sRGB does
       out[c * area + i] = (std::sqrt(std::clamp(input.image[3 * i + c], 0.f, 4.f)) - kToneMean) / kToneSpread;
 
   float* inverse = features.candidates.data_ptr<float>();

@@ -10,6 +10,7 @@
 #include <unordered_map>
 
 #include "base/intervals.h"
+#include "base/sizes.h"
 
 namespace mirage::clusters {
 namespace {
@@ -274,7 +275,7 @@ Ground::Ground(std::span<const Return> returns) : heights_(kSectors * kBins, 0.0
       for (const bool all : {false, true}) {
         votes.clear();
         for (int k = -kVoters; k <= kVoters; ++k) {
-          const auto other = static_cast<std::size_t>(static_cast<int>(sector + kSectors) + k) % kSectors;
+          const auto other = as_size(static_cast<int>(sector + kSectors) + k) % kSectors;
           if (all || distance[other * kBins + bin] < seen) votes.push_back(raw[other * kBins + bin]);
         }
         if (!votes.empty()) break;
@@ -330,11 +331,10 @@ std::vector<Cluster> clusters_of(std::span<const Return> returns) {
     thinned.push_back(square->second);
   }
   const std::vector<int> number = joined(places, reach, reach_at(kFar));
-  const std::size_t count =
-      number.empty() ? 0 : static_cast<std::size_t>(*std::max_element(number.begin(), number.end())) + 1;
+  const std::size_t count = number.empty() ? 0 : as_size(*std::max_element(number.begin(), number.end())) + 1;
   std::vector<std::vector<Standing>> things(count);
   for (std::size_t i = 0; i < standing.size(); ++i)
-    things[static_cast<std::size_t>(number[thinned[i]])].push_back(standing[i]);
+    things[as_size(number[thinned[i]])].push_back(standing[i]);
 
   std::vector<Cluster> found;
   std::vector<Vec2d> from_above;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "base/sizes.h"
 #include "joins.h"
 #include "sampling.h"
 
@@ -16,18 +17,17 @@ using torch::Tensor;
 void add_fusion(const SensorTensors& input, NetworkImpl& network, CleanFrame& frame,
                 std::vector<Tensor>& given) {
   const int width = static_cast<int>(frame.width), height = static_cast<int>(frame.height);
-  const auto nearest =
-      nearest_points({frame.points.data_ptr<float>(), static_cast<std::size_t>(frame.points.numel())},
-                     frame.projection, width, height);
+  const auto nearest = nearest_points({frame.points.data_ptr<float>(), as_size(frame.points.numel())},
+                                      frame.projection, width, height);
   const Layer& map = frame.camera_plan->plan[frame.camera_plan->read];
-  frame.footprints.resize(static_cast<std::size_t>(frame.points.size(0)));
+  frame.footprints.resize(as_size(frame.points.size(0)));
   for (std::size_t level = 0; level < kGrids.size(); ++level) {
     auto& of_cell = frame.nearest[level];
-    of_cell.assign(static_cast<std::size_t>(kGrids[level].rows * kGrids[level].columns), -1);
+    of_cell.assign(as_size(kGrids[level].rows * kGrids[level].columns), -1);
     for (std::size_t k = 0; k < nearest[level].cells.size(); ++k) {
       const std::int64_t point = nearest[level].points[k];
-      of_cell[static_cast<std::size_t>(nearest[level].cells[k])] = static_cast<std::int32_t>(point);
-      Footprint& footprint = frame.footprints[static_cast<std::size_t>(point)];
+      of_cell[as_size(nearest[level].cells[k])] = static_cast<std::int32_t>(point);
+      Footprint& footprint = frame.footprints[as_size(point)];
       if (footprint.bottom >= 0) continue;
       const auto seen = seen_at(frame.points.data_ptr<float>() + 4 * point, frame.projection, width, height);
       if (seen)
@@ -37,7 +37,7 @@ void add_fusion(const SensorTensors& input, NetworkImpl& network, CleanFrame& fr
   }
   const auto added = network.fused(input);
   for (std::size_t level = 0; level < kGrids.size(); ++level)
-    given[static_cast<std::size_t>(frame.backbone_plan->added[level])] = added[level];
+    given[as_size(frame.backbone_plan->added[level])] = added[level];
 }
 
 }  // namespace
@@ -141,7 +141,7 @@ std::shared_ptr<CleanFrame> CleanFrames::make(const SensorTensors& given_input) 
     frame->camera_plan = camera_plan(frame->height, frame->width);
     const CameraPlan& plan = *frame->camera_plan;
     std::vector<Tensor> given(plan.plan.layers().size());
-    given[static_cast<std::size_t>(plan.picture)] = focused(input.image, plan.plan[plan.picture].whole());
+    given[as_size(plan.picture)] = focused(input.image, plan.plan[plan.picture].whole());
     frame->camera = run(plan.plan, given);
     input.camera.features = frame->camera[plan.features];
     input.camera.mask = frame->camera[plan.mask];
@@ -155,7 +155,7 @@ std::shared_ptr<CleanFrame> CleanFrames::make(const SensorTensors& given_input) 
     frame->painted = painted_voxels(input);
     voxels = torch::cat({voxels, frame->painted}, 1);
   }
-  given[static_cast<std::size_t>(plan.voxels)] = voxels;
+  given[as_size(plan.voxels)] = voxels;
   if (parts.image && frame->camera_plan) add_fusion(input, *network_, *frame, given);
   frame->backbone = run(plan.plan, given);
   return frame;
@@ -174,7 +174,7 @@ SweepChange sweep_change(const Tensor& clean, const Tensor& points) {
   const float *a = clean.data_ptr<float>(), *b = points.data_ptr<float>();
   const std::int64_t from = clean.size(0), to = points.size(0);
   SweepChange change;
-  change.now.assign(static_cast<std::size_t>(from), -1);
+  change.now.assign(as_size(from), -1);
   std::int64_t next = 0;  // of the clean sweep: all before it are settled
   for (std::int64_t i = 0; i < to; ++i) {
     std::int64_t at = next;
@@ -184,7 +184,7 @@ SweepChange sweep_change(const Tensor& clean, const Tensor& points) {
       continue;
     }
     for (; next < at; ++next) change.gone.push_back(next);
-    change.now[static_cast<std::size_t>(at)] = i;
+    change.now[as_size(at)] = i;
     next = at + 1;
   }
   for (; next < from; ++next) change.gone.push_back(next);
@@ -225,27 +225,25 @@ std::array<std::vector<ChangedCell>, kGrids.size()> changed_cells(const CleanFra
     for (const float* p : moved) reached.add(cells_reached(grid, p));
     std::vector<std::uint8_t> settled(clean.nearest[level].size(), 0);
     for (const Window& cells : reached.windows(256)) {
-      const auto best = nearest_in(grid, {now, static_cast<std::size_t>(points.numel())}, candidates, cells);
+      const auto best = nearest_in(grid, {now, as_size(points.numel())}, candidates, cells);
       std::size_t k = 0;
       for (std::int64_t row = cells.top; row < cells.bottom; ++row)
         for (std::int64_t column = cells.left; column < cells.right; ++column, ++k) {
           const std::int64_t cell = row * grid.columns + column;
           if (row >= reached.rows() || column < reached.row(row).low || column >= reached.row(row).high)
             continue;  // not all of its points are candidates
-          const std::int32_t was = clean.nearest[level][static_cast<std::size_t>(cell)];
-          const std::int64_t same = was < 0 ? -1 : change.now[static_cast<std::size_t>(was)];
+          const std::int32_t was = clean.nearest[level][as_size(cell)];
+          const std::int64_t same = was < 0 ? -1 : change.now[as_size(was)];
           if (best[k] == same && !(was >= 0 && same < 0)) continue;
-          settled[static_cast<std::size_t>(cell)] = 1;
+          settled[as_size(cell)] = 1;
           changed[level].push_back({cell, best[k]});
         }
     }
     if (read.empty()) continue;
     for (std::size_t cell = 0; cell < settled.size(); ++cell) {
       const std::int32_t point = clean.nearest[level][cell];
-      if (settled[cell] || point < 0 || !touches(clean.footprints[static_cast<std::size_t>(point)], read))
-        continue;
-      changed[level].push_back(
-          {static_cast<std::int64_t>(cell), change.now[static_cast<std::size_t>(point)]});
+      if (settled[cell] || point < 0 || !touches(clean.footprints[as_size(point)], read)) continue;
+      changed[level].push_back({static_cast<std::int64_t>(cell), change.now[as_size(point)]});
     }
   }
   return changed;

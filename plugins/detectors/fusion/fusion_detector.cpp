@@ -10,6 +10,7 @@
 
 #include "../../torch_threads.h"
 #include "base/files.h"
+#include "base/sizes.h"
 #include "joins.h"
 #include "region.h"
 #include "scopes.h"
@@ -133,7 +134,7 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
   kept_input_ = copy_input(input, reads_image());
   take_watched(kept_input_, keep_graph);
   kept_input_ = in_type_of(*network_, kept_input_);
-  kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
+  kept_image_values_ = input.image ? std::size_t{3} * as_size(input.width) * as_size(input.height) : 0;
   set_torch_threads(1);
   torch::AutoGradMode mode(keep_graph);
   const Bfloat16 rounded(options_.precision == Precision::bfloat16);
@@ -165,7 +166,7 @@ void FusionDetector::propose(const Tensor& output, float score_threshold) {
     const float logit = value[k];
     if (!(1 / (1 + std::exp(-logit)) > score_threshold)) continue;
     std::array<float, 6> box{};
-    for (int c = 0; c < 6; ++c) box[c] = value[(kDx + c) * cells + k];
+    for (int c = 0; c < 6; ++c) box[as_size(c)] = value[(kDx + c) * cells + k];
     proposals_.push_back({decode_box(k, box), {}, logit});
     proposal_cells_.push_back(k);
   }
@@ -203,7 +204,7 @@ void FusionDetector::backward(std::span<const float> d_logits, float* d_image, f
       torch::autograd::grad({kept_logits_}, inputs, {seed.to(kept_logits_.scalar_type())}, true, false, true);
   const auto copy = [](const Tensor& gradient, const Tensor& like, float* out) {
     if (!out) return;
-    const auto bytes = sizeof(float) * static_cast<std::size_t>(like.numel());
+    const auto bytes = sizeof(float) * as_size(like.numel());
     if (bytes == 0) return;
     if (gradient.defined())
       std::memcpy(out, gradient.to(torch::kFloat).contiguous().data_ptr<float>(), bytes);
@@ -222,7 +223,7 @@ void FusionDetector::watch(const float* places, std::int64_t count) {
   watched_ = Tensor();
   if (count == 0) return;
   watched_ = torch::empty({count, 4});
-  std::memcpy(watched_.data_ptr<float>(), places, sizeof(float) * watched_.numel());
+  std::memcpy(watched_.data_ptr<float>(), places, sizeof(float) * as_size(watched_.numel()));
 }
 
 void FusionDetector::take_watched(SensorTensors& input, bool keep_graph) {
@@ -235,7 +236,7 @@ void FusionDetector::take_watched(SensorTensors& input, bool keep_graph) {
 }
 
 void FusionDetector::keep_presence(const Tensor& masses, std::int64_t count) {
-  presence_.assign(static_cast<std::size_t>(count), 0.f);
+  presence_.assign(as_size(count), 0.f);
   if (!masses.defined()) return;
   const Tensor values = masses.to(torch::kFloat).contiguous();
   std::copy_n(values.data_ptr<float>(), count, presence_.begin());
@@ -365,7 +366,7 @@ const std::vector<MirageProposal>& FusionDetector::forward_changed(const MirageS
   kept_logits_ = Tensor();
   local_.reset();
   kept_input_ = {};
-  kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
+  kept_image_values_ = input.image ? std::size_t{3} * as_size(input.width) * as_size(input.height) : 0;
   set_torch_threads(1);
   SensorTensors now = view_input(input, reads_image());
   take_watched(now, keep_graph);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "loss.h"
 #include "second_stage.h"
@@ -95,14 +96,14 @@ std::vector<std::int64_t> nearest_before(std::span<const float> points, const Pr
     double depth = std::numeric_limits<double>::infinity();
     std::int64_t point = -1;
   };
-  std::vector<Front> fronts(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows));
+  std::vector<Front> fronts(as_size(columns) * as_size(rows));
   const auto cell_of = [](double pixel) {
     return static_cast<int>(std::floor((pixel + 0.5) / kImageStride));
   };
   for (std::size_t i = 0; i < points.size() / 4; ++i) {
     const auto at = seen_at(points.data() + 4 * i, projection, width, height);
     if (!at) continue;
-    Front& front = fronts[static_cast<std::size_t>(cell_of(at->v) * columns + cell_of(at->u))];
+    Front& front = fronts[as_size(cell_of(at->v) * columns + cell_of(at->u))];
     if (at->depth < front.depth) front = {at->depth, static_cast<std::int64_t>(i)};
   }
   std::vector<std::int64_t> before(indices.begin(), indices.end());
@@ -113,7 +114,7 @@ std::vector<std::int64_t> nearest_before(std::span<const float> points, const Pr
     const int column = cell_of(at->u), row = cell_of(at->v);
     for (int r = std::max(0, row - 1); r <= std::min(rows - 1, row + 1); ++r)
       for (int c = std::max(0, column - 1); c <= std::min(columns - 1, column + 1); ++c)
-        if (const Front& front = fronts[static_cast<std::size_t>(r * columns + c)]; front.depth < nearest) {
+        if (const Front& front = fronts[as_size(r * columns + c)]; front.depth < nearest) {
           nearest = front.depth;
           point = front.point;
         }
@@ -142,7 +143,7 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
   const std::vector<std::int64_t> boxes = highest(input.camera.logits, kLeastBox, kMostBoxes);
   const Tensor rectangles = input.camera.boxes.detach().to(torch::kFloat).contiguous();
   const Tensor points = input.points.detach().to(torch::kFloat).contiguous();
-  const LowestReturns returns({points.data_ptr<float>(), static_cast<std::size_t>(points.numel())},
+  const LowestReturns returns({points.data_ptr<float>(), as_size(points.numel())},
                               {kXMin, kXMax, kYMin, kYMax, kZMin, kZMax});
   const Tensor values = output.detach().to(torch::kFloat).reshape({kOutputs, -1}).contiguous();
   const std::int64_t cells = values.size(1);
@@ -153,7 +154,8 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
   std::vector<float> fixed;  // IoU, distance, "there is a box"
   for (std::size_t k = 0; k < proposals.size(); ++k) {
     std::array<float, 6> coded{};
-    for (int c = 0; c < 6; ++c) coded[c] = values.data_ptr<float>()[(kDx + c) * cells + proposals[k]];
+    for (int c = 0; c < 6; ++c)
+      coded[as_size(c)] = values.data_ptr<float>()[(kDx + c) * cells + proposals[k]];
     const MirageBox decoded = decode_box(proposals[k], coded);
     const BevBox box = {decoded.x, decoded.y, decoded.length, decoded.width, decoded.yaw};
     const auto distance = static_cast<float>(std::hypot(box.x, box.y) / kDistanceUnit);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "base/sizes.h"
 #include "joins.h"
 #include "region.h"
 #include "sampling.h"
@@ -126,13 +127,12 @@ void LocalNetwork::add_features() {
           network_->fuse[level]->rows(read, at - centres_of(cells, grid).to(at.scalar_type())).contiguous();
     }
     const Layer& layer = clean_->backbone_plan->plan[number];
-    const std::size_t bytes = static_cast<std::size_t>(layer.channels) * read_.element_size();  // a cell's
-    std::vector<const std::byte*> row_of(static_cast<std::size_t>(grid.rows * grid.columns), nullptr);
+    const std::size_t bytes = as_size(layer.channels) * as_size(read_.element_size());  // a cell's
+    std::vector<const std::byte*> row_of(as_size(grid.rows * grid.columns), nullptr);
     const std::vector<std::byte> nothing(bytes);
-    for (const ChangedCell& changed : cells_[level])
-      row_of[static_cast<std::size_t>(changed.cell)] = nothing.data();
+    for (const ChangedCell& changed : cells_[level]) row_of[as_size(changed.cell)] = nothing.data();
     for (std::size_t k = 0; k < cells.size(); ++k)
-      row_of[static_cast<std::size_t>(cells[k])] = static_cast<const std::byte*>(rows.data_ptr()) + k * bytes;
+      row_of[as_size(cells[k])] = static_cast<const std::byte*>(rows.data_ptr()) + k * bytes;
     std::vector<Patch> patches;
     for (const Window& at : windows_of(dirty, layer)) {
       Patch patch;
@@ -141,7 +141,7 @@ void LocalNetwork::add_features() {
       auto* value = static_cast<std::byte*>(patch.value.data_ptr());
       for (std::int64_t row = at.top; row < at.bottom; ++row)
         for (std::int64_t column = at.left; column < at.right; ++column, value += bytes)
-          if (const std::byte* from = row_of[static_cast<std::size_t>(row * grid.columns + column)])
+          if (const std::byte* from = row_of[as_size(row * grid.columns + column)])
             std::memcpy(value, from, bytes);
       patches.push_back(std::move(patch));
     }

@@ -51,7 +51,7 @@ void paste(const Tensor& from, const Window& from_at, Tensor& into, const Window
   };
   for (std::int64_t row = both.top; row < both.bottom; ++row)
     std::memcpy(target + offset(into_at, row), source + offset(from_at, row),
-                static_cast<std::size_t>(both.columns() * place));
+                as_size(both.columns() * place));
 }
 
 /// Channels-last whatever its sizes say: a map of one channel or one column is any order.
@@ -125,7 +125,7 @@ LocalPass::LocalPass(const Plan& plan, const CleanMaps& clean)
 }
 
 void LocalPass::give(int layer, Dirty dirty, std::vector<Patch> patches) {
-  nodes_[static_cast<std::size_t>(layer)] = {std::move(dirty), std::move(patches)};
+  nodes_[as_size(layer)] = {std::move(dirty), std::move(patches)};
 }
 
 Dirty LocalPass::spread(const Layer& layer) const {
@@ -168,7 +168,7 @@ std::vector<Window> LocalPass::windows(const Layer& layer, const Dirty& dirty) c
     return windows_of(dirty, layer);
   // Place by place: in the input's own windows nothing around them is needed, and nothing is kept for it.
   std::vector<Window> same;
-  for (const Patch& patch : nodes_[static_cast<std::size_t>(layer.from[0])].patches) {
+  for (const Patch& patch : nodes_[as_size(layer.from[0])].patches) {
     Window at = patch.at;
     if (twice) at = {2 * at.top, 2 * at.left, std::min(2 * at.bottom, layer.rows), 2 * at.right};
     if (!at.empty()) same.push_back(at);
@@ -223,7 +223,7 @@ void LocalPass::compute(const Layer& layer, Patch& patch) {
 }
 
 Tensor LocalPass::window(int layer, const Window& at, float fill) const {
-  const Node& node = nodes_[static_cast<std::size_t>(layer)];
+  const Node& node = nodes_[as_size(layer)];
   for (const Patch& patch : node.patches) {
     if (patch.at == at) return patch.value;
     if (holds(patch.at, at)) return around(patch.value, patch.at, at);
@@ -253,14 +253,14 @@ void LocalPass::add_gradient(int layer, const Tensor& map) {
 
 Window LocalPass::touched(int layer) const {
   Window all;
-  for (const Patch& patch : nodes_[static_cast<std::size_t>(layer)].patches)
+  for (const Patch& patch : nodes_[as_size(layer)].patches)
     for (const Window& at : patch.touched.windows(plan_[layer].places())) all = bounds(all, at);
   return all;
 }
 
 Tensor LocalPass::gradient(int layer, const Window& at) const {
   Tensor all = zeros(plan_[layer].channels, at, plan_.type());
-  for (const Patch& patch : nodes_[static_cast<std::size_t>(layer)].patches)
+  for (const Patch& patch : nodes_[as_size(layer)].patches)
     if (patch.gradient.defined()) paste(patch.gradient, patch.at, all, at);
   return all;
 }

@@ -10,6 +10,7 @@
 // layers are small by the change and the late ones by the loss.
 #pragma once
 
+#include "base/sizes.h"
 #include "plan.h"
 
 namespace mirage::fusion {
@@ -43,8 +44,8 @@ class LocalPass {
   Dirty near(std::int64_t rows, std::int64_t columns) const;
   void forward();
 
-  const Dirty& dirty(int layer) const { return nodes_[static_cast<std::size_t>(layer)].dirty; }
-  std::vector<Patch>& patches(int layer) { return nodes_[static_cast<std::size_t>(layer)].patches; }
+  const Dirty& dirty(int layer) const { return nodes_[as_size(layer)].dirty; }
+  std::vector<Patch>& patches(int layer) { return nodes_[as_size(layer)].patches; }
   /// The layer's map as it is now. Of a kept layer.
   torch::Tensor whole(int layer) const;
   /// A window of it, `fill` beyond the map. Of a kept layer, or of what is known.

@@ -5,6 +5,7 @@
 #include <numbers>
 #include <numeric>
 
+#include "base/sizes.h"
 #include "geometry/box.h"
 #include "region.h"
 #include "sensor_tensors.h"
@@ -133,8 +134,8 @@ Targets make_targets(std::span<const MirageBox> boxes, std::span<const MirageBox
       negative[k] = std::min(negative[k], static_cast<float>(std::pow(1 - heat, 4)));
       const bool centre = r == row && c == column;
       if (centre || radius < kPositiveRadius) positive[k] = 1;
-      if (!(centre || radius < kBoxRadius) || radius >= nearest[k]) return;
-      nearest[k] = radius;
+      if (!(centre || radius < kBoxRadius) || radius >= nearest[as_size(k)]) return;
+      nearest[as_size(k)] = radius;
       box_weight[k] = 1;
       values[k] = static_cast<float>(box.x - cell_x(r, kCell));
       values[cells + k] = static_cast<float>(box.y - cell_y(c, kCell));
@@ -228,9 +229,9 @@ PictureMatch match(std::span<const Place> places, std::span<const float> predict
                       [](const Candidate& a, const Candidate& c) { return a.cost < c.cost; });
     for (std::size_t k = 0; k < count; ++k) {
       const auto [place, cost, iou] = candidates[k];
-      if (cost >= cheapest[place]) continue;
-      cheapest[place] = cost;
-      owner[place] = static_cast<std::int64_t>(b);
+      if (cost >= cheapest[as_size(place)]) continue;
+      cheapest[as_size(place)] = cost;
+      owner[as_size(place)] = static_cast<std::int64_t>(b);
     }
   }
   PictureMatch matched;
@@ -264,7 +265,8 @@ LossTerms picture_loss(const CameraOutput& output, std::span<const MiragePicture
     const Tensor matched_places = torch::tensor(matched.places);
     std::vector<float> wanted;
     for (const std::int64_t b : matched.boxes)
-      wanted.insert(wanted.end(), {boxes[b].left, boxes[b].top, boxes[b].right, boxes[b].bottom});
+      wanted.insert(wanted.end(), {boxes[as_size(b)].left, boxes[as_size(b)].top, boxes[as_size(b)].right,
+                                   boxes[as_size(b)].bottom});
     const Tensor iou =
         row_iou(output.boxes.index_select(0, matched_places), torch::tensor(wanted).view({-1, 4}));
     target.index_copy_(0, matched_places, iou.detach());

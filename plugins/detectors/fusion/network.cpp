@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/sizes.h"
 #include "region.h"
 #include "sampling.h"
 
@@ -198,7 +199,7 @@ ReadFeatures NetworkImpl::read_image(const SensorTensors& input) {
   const int width = static_cast<int>(input.image.size(1)), height = static_cast<int>(input.image.size(0));
   const Tensor rows =  // for the discrete choice of points only
       input.points.detach().to(torch::kFloat).contiguous();
-  const std::span<const float> flat(rows.data_ptr<float>(), static_cast<std::size_t>(rows.numel()));
+  const std::span<const float> flat(rows.data_ptr<float>(), as_size(rows.numel()));
   sampled.nearest = nearest_points(flat, input.projection, width, height);
   // All scales read the same map: one look-up for all of them.
   std::vector<std::int64_t> indices;

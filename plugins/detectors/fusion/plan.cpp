@@ -53,7 +53,7 @@ int Plan::add(Layer layer) {
   const bool reads_around = layer.reach.kernel > 1 || layer.op == Layer::Op::sum ||
                             layer.op == Layer::Op::join || layer.op == Layer::Op::halve;
   for (const int from : layer.from) {
-    Layer& before = layers_[static_cast<std::size_t>(from)];
+    Layer& before = layers_[as_size(from)];
     if (reads_around && before.op != Layer::Op::given) before.kept = true;
   }
   layers_.push_back(std::move(layer));
@@ -155,15 +155,13 @@ CleanMaps run(const Plan& plan, const std::vector<Tensor>& given) {
   const auto& layers = plan.layers();
   std::vector<int> last_reader(layers.size(), 0);
   for (std::size_t i = 0; i < layers.size(); ++i)
-    for (const int from : layers[i].from) last_reader[static_cast<std::size_t>(from)] = static_cast<int>(i);
+    for (const int from : layers[i].from) last_reader[as_size(from)] = static_cast<int>(i);
   CleanMaps clean;
   std::vector<Tensor>& maps = clean.maps;
   maps.resize(layers.size());
   for (std::size_t i = 0; i < layers.size(); ++i) {
     const Layer& layer = layers[i];
-    const auto in = [&](std::size_t k) -> const Tensor& {
-      return maps[static_cast<std::size_t>(layer.from[k])];
-    };
+    const auto in = [&](std::size_t k) -> const Tensor& { return maps[as_size(layer.from[k])]; };
     Tensor& y = maps[i];
     switch (layer.op) {
       case Layer::Op::given:
@@ -196,7 +194,7 @@ CleanMaps run(const Plan& plan, const std::vector<Tensor>& given) {
     }
     y = y.contiguous(kChannelsLast);
     for (const int from : layer.from) {
-      const auto f = static_cast<std::size_t>(from);
+      const auto f = as_size(from);
       if (last_reader[f] == static_cast<int>(i) && !layers[f].kept) maps[f] = Tensor();
     }
     if (last_reader[i] == 0 && !layer.kept) y = Tensor();

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "base/sizes.h"
 #include "window.h"
 
 namespace mirage::fusion {
@@ -63,10 +64,10 @@ class Plan {
   int pool(int from, std::int64_t side);
   int halve(int from);
   /// Its clean map is kept.
-  void keep(int layer) { layers_[static_cast<std::size_t>(layer)].kept = true; }
+  void keep(int layer) { layers_[as_size(layer)].kept = true; }
 
   const std::vector<Layer>& layers() const { return layers_; }
-  const Layer& operator[](int layer) const { return layers_[static_cast<std::size_t>(layer)]; }
+  const Layer& operator[](int layer) const { return layers_[as_size(layer)]; }
   double work() const;                         ///< of a pass over whole maps
   torch::Dtype type() const { return type_; }  ///< of its maps: that of its weights
 
@@ -81,7 +82,7 @@ class Plan {
 struct CleanMaps {
   std::vector<torch::Tensor> maps;
   std::size_t bytes() const;
-  const torch::Tensor& operator[](int layer) const { return maps[static_cast<std::size_t>(layer)]; }
+  const torch::Tensor& operator[](int layer) const { return maps[as_size(layer)]; }
 };
 
 /// The plan over whole maps. `given`: by layer number, undefined elsewhere; a given layer without a map is

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/sizes.h"
+
 namespace mirage::fusion {
 namespace {
 
@@ -83,7 +85,7 @@ void read_places_vjp(const Tensor& cells, const Tensor& places, const Tensor& d_
     const auto [x, y, at, weight] = Around<T>(places.data_ptr<T>() + 2 * i, cells);
     T along_x = 0, along_y = 0;
     for (std::int64_t c = 0; c < channels; ++c) {
-      for (int k = 0; k < 4; ++k) df[at[k] + c] += weight[k] * d[c];
+      for (std::size_t k = 0; k < 4; ++k) df[at[k] + c] += weight[k] * d[c];
       const T f00 = f[at[0] + c], f01 = f[at[1] + c], f10 = f[at[2] + c], f11 = f[at[3] + c];
       along_x += d[c] * ((1 - y.share) * (f01 - f00) + y.share * (f11 - f10));
       along_y += d[c] * ((1 - x.share) * (f10 - f00) + x.share * (f11 - f01));
@@ -132,7 +134,7 @@ template <class T>
 Corner<T> corner_of(const T* point) {
   constexpr std::array<double, 3> origin = {kXMin, kYMin, kZMin};
   Corner<T> corner;
-  for (int a = 0; a < 3; ++a) {
+  for (std::size_t a = 0; a < 3; ++a) {
     const double at = (point[a] - origin[a]) / kPitch[a] - 0.5;
     if (!(at > -1 && at < static_cast<double>(kSize[a]))) return corner;
     const double low = std::floor(at);
@@ -154,7 +156,7 @@ void for_each_corner(const Corner<T>& corner, const Window& in, const Visit& vis
     std::array<std::int64_t, 3> at{};
     std::array<T, 3> weight{}, slope{};
     bool inside = true;
-    for (int a = 0; a < 3; ++a) {
+    for (std::size_t a = 0; a < 3; ++a) {
       const int upper = (k >> a) & 1;
       at[a] = corner.low[a] + upper;
       inside = inside && at[a] >= 0 && at[a] < kSize[a];
@@ -301,16 +303,16 @@ bool feeds_cells(const float* p, const Projection& projection, int width, int he
 
 std::vector<std::int64_t> nearest_in(const Grid& grid, std::span<const float> points,
                                      std::span<const std::int64_t> candidates, const Window& cells) {
-  std::vector<std::int64_t> best(static_cast<std::size_t>(cells.area()), -1);
+  std::vector<std::int64_t> best(as_size(cells.area()), -1);
   std::vector<double> distance(best.size(), grid.reach * grid.reach);
   for (const std::int64_t i : candidates) {
-    const double x = points[4 * i], y = points[4 * i + 1];
+    const double x = points[as_size(4 * i)], y = points[as_size(4 * i + 1)];
     const Window offered = intersection(reached(grid, x, y), cells);
     for (std::int64_t row = offered.top; row < offered.bottom; ++row) {
       const double dx = x - cell_x(row, grid.cell);
       for (std::int64_t column = offered.left; column < offered.right; ++column) {
         const double dy = y - cell_y(column, grid.cell), squared = dx * dx + dy * dy;
-        const std::size_t at = (row - cells.top) * cells.columns() + column - cells.left;
+        const std::size_t at = as_size((row - cells.top) * cells.columns() + column - cells.left);
         // Points are offered in their order: of two at the same distance the first one stays.
         if (squared > distance[at] || (squared == distance[at] && best[at] >= 0)) continue;
         distance[at] = squared;

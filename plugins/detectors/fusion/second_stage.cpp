@@ -4,6 +4,7 @@
 #include <cmath>
 #include <span>
 
+#include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "region.h"
 #include "sampling.h"
@@ -48,13 +49,13 @@ class Buckets {
         continue;
       cell[i] = static_cast<std::int32_t>(row) * static_cast<std::int32_t>(kCellsY) +
                 static_cast<std::int32_t>(column);
-      ++first_[static_cast<std::size_t>(cell[i]) + 1];
+      ++first_[as_size(cell[i]) + 1];
     }
     for (std::size_t k = 1; k < first_.size(); ++k) first_[k] += first_[k - 1];
     points_.resize(first_.back());
     std::vector<std::size_t> next(first_.begin(), first_.end() - 1);
     for (std::size_t i = 0; i < count; ++i)
-      if (cell[i] >= 0) points_[next[static_cast<std::size_t>(cell[i])]++] = static_cast<std::int64_t>(i);
+      if (cell[i] >= 0) points_[next[as_size(cell[i])]++] = static_cast<std::int64_t>(i);
   }
   /// Of the cells up to `reach` m around (x, y).
   template <class Visit>
@@ -65,8 +66,8 @@ class Buckets {
     const std::int64_t low = bound(y - reach - kYMin, kCellsY), high = bound(y + reach - kYMin, kCellsY);
     for (std::int64_t row = bound(x - reach - kXMin, kCellsX); row <= bound(x + reach - kXMin, kCellsX);
          ++row)
-      for (std::size_t k = first_[static_cast<std::size_t>(row * kCellsY + low)];
-           k < first_[static_cast<std::size_t>(row * kCellsY + high) + 1]; ++k)
+      for (std::size_t k = first_[as_size(row * kCellsY + low)];
+           k < first_[as_size(row * kCellsY + high) + 1]; ++k)
         visit(points_[k]);
   }
 
@@ -153,12 +154,12 @@ Tensor from_picture(const Tensor& map, const Tensor& boxes, const Tensor& ground
 
 RegionReturns::RegionReturns(const Tensor& boxes, const SensorTensors& input, int width, int height) {
   const Tensor all = everything(input), plain = boxes.detach().to(torch::kFloat).contiguous();
-  const std::span<const float> points(all.data_ptr<float>(), static_cast<std::size_t>(all.numel()));
+  const std::span<const float> points(all.data_ptr<float>(), as_size(all.numel()));
   const std::int64_t recorded = input.points.size(0);
-  const LowestReturns returns(points.first(static_cast<std::size_t>(4 * recorded)),
+  const LowestReturns returns(points.first(as_size(4 * recorded)),
                               {kXMin, kXMax, kYMin, kYMax, kZMin, kZMax});
   const Buckets buckets(points);
-  std::vector<std::int64_t> row_of(static_cast<std::size_t>(all.size(0)), -1), mine;
+  std::vector<std::int64_t> row_of(as_size(all.size(0)), -1), mine;
   for (std::int64_t k = 0; k < plain.size(0); ++k) {
     const float* b = plain.data_ptr<float>() + 5 * k;
     const BevBox box{b[0], b[1], b[2], b[3], b[4]};
@@ -182,7 +183,7 @@ RegionReturns::RegionReturns(const Tensor& boxes, const SensorTensors& input, in
     const std::size_t own = mine.size() - watched,
                       step = std::max<std::size_t>(1, (own + kMostReturns - 1) / kMostReturns);
     const auto take = [&](std::int64_t i) {
-      std::int64_t& row = row_of[static_cast<std::size_t>(i)];
+      std::int64_t& row = row_of[as_size(i)];
       if (row < 0) {
         row = static_cast<std::int64_t>(rows_.size());
         if (seen_at(points.data() + 4 * i, input.projection, width, height)) seen_.push_back(row);

@@ -7,6 +7,7 @@
 
 #include "../../torch_threads.h"
 #include "augment.h"
+#include "base/sizes.h"
 #include "fusion_detector.h"
 #include "loss.h"
 #include "scopes.h"
@@ -70,9 +71,9 @@ LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& tar
   LossTerms terms{torch::zeros({}), 0, 0};
   if (options_.parts.second && input.image.defined()) {
     const FirstStage first = network_->first_stage(input);
-    terms = region_loss(network_->second->look(first, input, SecondStageImpl::chosen(first)),
-                        {sample.boxes, static_cast<std::size_t>(sample.box_count)},
-                        {sample.ignore, static_cast<std::size_t>(sample.ignore_count)});
+    terms =
+        region_loss(network_->second->look(first, input, SecondStageImpl::chosen(first)),
+                    {sample.boxes, as_size(sample.box_count)}, {sample.ignore, as_size(sample.ignore_count)});
     if (lidar_learns())
       terms = sum(terms, detection_loss(first.output.to(torch::kFloat), targets, positives, boxed));
   } else if (options_.parts.lidar) {
@@ -96,8 +97,8 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
   std::vector<Targets> targets;
   double positives = 0, boxed = 0;
   for (const MirageSample& sample : samples) {
-    targets.push_back(make_targets({sample.boxes, static_cast<std::size_t>(sample.box_count)},
-                                   {sample.ignore, static_cast<std::size_t>(sample.ignore_count)}));
+    targets.push_back(make_targets({sample.boxes, as_size(sample.box_count)},
+                                   {sample.ignore, as_size(sample.ignore_count)}));
     positives += targets.back().positives;
     boxed += targets.back().boxed;
   }

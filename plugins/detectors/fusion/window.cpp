@@ -72,7 +72,7 @@ void Dirty::add(const Window& window) {
   const Window inside = intersection(window, {0, 0, rows(), columns_});
   if (inside.empty()) return;
   for (std::int64_t r = inside.top; r < inside.bottom; ++r)
-    rows_[static_cast<std::size_t>(r)].add({inside.left, inside.right});
+    rows_[as_size(r)].add({inside.left, inside.right});
 }
 
 void Dirty::add(const Dirty& other) {
@@ -92,8 +92,7 @@ Dirty Dirty::through(const Reach& reach, std::int64_t out_rows, std::int64_t out
     const Span columns = readers(row(r), reach, out_columns);
     if (columns.empty()) continue;
     const Span reading = readers({r, r + 1}, reach, out_rows);
-    for (std::int64_t o = reading.low; o < reading.high; ++o)
-      out.rows_[static_cast<std::size_t>(o)].add(columns);
+    for (std::int64_t o = reading.low; o < reading.high; ++o) out.rows_[as_size(o)].add(columns);
   }
   return out;
 }
@@ -101,7 +100,7 @@ Dirty Dirty::through(const Reach& reach, std::int64_t out_rows, std::int64_t out
 Dirty Dirty::doubled(std::int64_t out_rows) const {
   Dirty out(out_rows, 2 * columns_);
   for (std::int64_t r = 0; r < out_rows; ++r)
-    out.rows_[static_cast<std::size_t>(r)] = {2 * row(r / 2).low, 2 * row(r / 2).high};
+    out.rows_[as_size(r)] = {2 * row(r / 2).low, 2 * row(r / 2).high};
   return out;
 }
 

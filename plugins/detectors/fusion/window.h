@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/sizes.h"
+
 namespace mirage::fusion {
 
 /// Places [top, bottom) × [left, right) of a map.
@@ -38,11 +40,11 @@ class Dirty {
     void add(Span other);
   };
   Dirty() = default;
-  Dirty(std::int64_t rows, std::int64_t columns) : rows_(static_cast<std::size_t>(rows)), columns_(columns) {}
+  Dirty(std::int64_t rows, std::int64_t columns) : rows_(as_size(rows)), columns_(columns) {}
 
   std::int64_t rows() const { return static_cast<std::int64_t>(rows_.size()); }
   std::int64_t columns() const { return columns_; }
-  const Span& row(std::int64_t r) const { return rows_[static_cast<std::size_t>(r)]; }
+  const Span& row(std::int64_t r) const { return rows_[as_size(r)]; }
   bool empty() const;
   std::int64_t area() const;
   void add(std::int64_t row, std::int64_t column) { add(Window{row, column, row + 1, column + 1}); }

@@ -14,6 +14,7 @@
 
 #include "../../c_interface.h"
 #include "../probe_scene.h"
+#include "base/sizes.h"
 #include "detection/detector_abi.h"
 
 namespace {
@@ -104,7 +105,7 @@ class Model {
     static float nothing = 0;
     const auto add = [&](const Place& place, const float* data, const std::vector<std::int64_t>& shape) {
       std::size_t size = 1;
-      for (const std::int64_t side : shape) size *= static_cast<std::size_t>(side);
+      for (const std::int64_t side : shape) size *= as_size(side);
       values.push_back(Ort::Value::CreateTensor<float>(memory, size > 0 ? const_cast<float*>(data) : &nothing,
                                                        size, shape.data(), shape.size()));
       names.push_back(place.name.c_str());
@@ -265,7 +266,7 @@ class OnnxDetector {
     for (std::size_t k = 0; k < answer.logits.size(); ++k) {
       const float logit = answer.logits[k];
       if (!(1 / (1 + std::exp(-logit)) > pass.score_threshold)) continue;
-      const float* box = answer.boxes.data() + k * static_cast<std::size_t>(answer.columns);
+      const float* box = answer.boxes.data() + k * as_size(answer.columns);
       MirageDetection made{};
       if (model_->in_picture())
         made.left = box[0], made.top = box[1], made.right = box[2], made.bottom = box[3], made.camera = which;

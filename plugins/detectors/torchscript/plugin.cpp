@@ -108,7 +108,8 @@ Tensor floating(const Tensor& tensor, const char* name) {
 
 Tensor from_memory(const float* values, std::vector<std::int64_t> shape) {
   Tensor tensor = torch::empty(shape);
-  if (tensor.numel() > 0) std::memcpy(tensor.data_ptr<float>(), values, sizeof(float) * tensor.numel());
+  if (tensor.numel() > 0)
+    std::memcpy(tensor.data_ptr<float>(), values, sizeof(float) * as_size(tensor.numel()));
   return tensor;
 }
 
@@ -327,7 +328,7 @@ void TorchScriptDetector::backward(std::span<const float> d_logits, float* d_ima
     if (!torch::isfinite(gradient).all().item<bool>())
       bad(std::string("the gradient to ") + name, "is not finite",
           "look for roots and norms of 0, and for divisions, in the model");
-    std::memcpy(out, gradient.contiguous().data_ptr<float>(), sizeof(float) * like.numel());
+    std::memcpy(out, gradient.contiguous().data_ptr<float>(), sizeof(float) * as_size(like.numel()));
   };
   copy(gradients[0], image_, "image", d_image);
   copy(gradients[1], points_, "points", d_points);

@@ -1,6 +1,7 @@
 #include "arrays.h"
 
 #include "base/error.h"
+#include "base/sizes.h"
 
 namespace mirage::python {
 namespace {
@@ -44,7 +45,7 @@ std::vector<Vec3d> rows_of_three(const py::handle& values, const std::string& na
   check_shape(any, name, shape);
   if (shape.empty() || shape.back() != 3)
     throw InputError(name, "shape", "is " + text_of(shape), "give rows of three numbers");
-  std::vector<Vec3d> rows(static_cast<std::size_t>(any.size() / 3));
+  std::vector<Vec3d> rows(as_size(any.size() / 3));
   if (rows.empty()) return rows;
   double* const to = rows.front().data();
   using Floats = py::array_t<float, py::array::c_style>;

@@ -13,6 +13,7 @@
 #include "base/error.h"
 #include "base/image.h"
 #include "base/logging.h"
+#include "base/sizes.h"
 #include "bind.h"
 #include "cli/field_options.h"
 #include "detection/car_in_picture.h"
@@ -56,8 +57,7 @@ class PythonDetector : public Detector {
                               .cast<std::tuple<Array<float>, Array<float>, std::optional<Array<std::int32_t>>,
                                                std::optional<Array<std::int32_t>>>>();
       const auto& [boxes, logits, classes, identities] = output;
-      RawBoxes raw{boxes.data(), logits.data(), static_cast<std::size_t>(logits.shape(0)),
-                   static_cast<std::size_t>(boxes.shape(1))};
+      RawBoxes raw{boxes.data(), logits.data(), as_size(logits.shape(0)), as_size(boxes.shape(1))};
       if (classes) raw.classes = {classes->data(), raw.count};
       if (identities) raw.identities = {identities->data(), raw.count};
       return rows_.proposals(raw, word_.can, score_threshold, seen ? image->width : 0,
@@ -82,7 +82,7 @@ class PythonDetector : public Detector {
       std::vector<float> values(camera ? ImageF(width, height, 3).data.size()
                                        : 4 * sensor.points.size() + sensor.values.size());
       if (const auto found = given.find(sensor.name); found != given.end()) {
-        if (static_cast<std::size_t>(found->second.size()) != values.size())
+        if (as_size(found->second.size()) != values.size())
           throw InputError("detector", "gradient to " + sensor.name,
                            fmt::format("has {} values for {}", found->second.size(), values.size()),
                            "give one for each that was given");

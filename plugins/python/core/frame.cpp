@@ -3,6 +3,7 @@
 
 #include "arrays.h"
 #include "base/error.h"
+#include "base/sizes.h"
 #include "bind.h"
 #include "cli/field_options.h"
 #include "detection/car_in_picture.h"
@@ -46,8 +47,7 @@ std::vector<HostHandle> hosts_of(const std::shared_ptr<FrameHandle>& frame, doub
   std::vector<HostHandle> hosts;
   for (const HostView& seen :
        host_views(*prepared, carriers, settings.placement, kRegion, settings.simulation))
-    if (seen.share >= min_view)
-      hosts.push_back({seen.label, labels[static_cast<std::size_t>(seen.label)], seen.share});
+    if (seen.share >= min_view) hosts.push_back({seen.label, labels[as_size(seen.label)], seen.share});
   return hosts;
 }
 
@@ -78,7 +78,7 @@ Frame frame_of_arrays(const py::object& image, const py::object& points,
   if (frame.image.empty() || !(*least >= 0 && *most <= 1))
     throw InputError("image", "", "is empty or not within [0, 1]", "give scene-linear RGB, H×W×3");
   const auto sweep = array_of<float>(points, "points", {-1, 4});
-  frame.sweep.resize(static_cast<std::size_t>(sweep.shape(0)));
+  frame.sweep.resize(as_size(sweep.shape(0)));
   if (!frame.sweep.empty())
     std::memcpy(static_cast<void*>(frame.sweep.data()), sweep.data(),
                 frame.sweep.size() * sizeof(LidarPoint));

@@ -1,6 +1,7 @@
 #include <optional>
 
 #include "arrays.h"
+#include "base/sizes.h"
 #include "bind.h"
 #include "handles.h"
 #include "sensors/ray_caster.h"
@@ -53,7 +54,7 @@ py::array image(const Result& result) {
   for (int v = rect.v0; v < rect.v1; ++v)
     for (int u = rect.u0; u < rect.u1; ++u)
       for (int c = 0; c < 3; ++c)
-        values[3 * (static_cast<std::size_t>(v) * picture.width + u) + c] =
+        values[3 * (as_size(v) * as_size(picture.width) + as_size(u)) + as_size(c)] =
             std::clamp(rgba.at(u - rect.u0, v - rect.v0, c), 0.0, 1.0);
   return own(std::move(values), shape);
 }
@@ -76,7 +77,7 @@ py::array_t<float> picture_of(const Simulated& simulated, std::vector<float> val
   const auto& rect = simulated.rect;
   const int width = simulated.image.width;
   for (int v = rect.v0; v < rect.v1; ++v)
-    for (int u = rect.u0; u < rect.u1; ++u) value(u, v, values[static_cast<std::size_t>(v) * width + u]);
+    for (int u = rect.u0; u < rect.u1; ++u) value(u, v, values[as_size(v) * as_size(width) + as_size(u)]);
   return own(std::move(values), {simulated.image.height, width});
 }
 
@@ -111,13 +112,12 @@ class UpstreamArray {
       : array_(any_array(values, name)) {
     check_shape(array_, name, shape);
     if (py::array_t<S, py::array::c_style>::check_(array_)) return;
-    const auto rows = static_cast<std::size_t>(shape[0]), columns = static_cast<std::size_t>(shape[1]);
+    const auto rows = as_size(shape[0]), columns = as_size(shape[1]);
     const int channels = shape.size() > 2 ? static_cast<int>(shape[2]) : 1;
-    filled_.reset(new S[rows * columns * static_cast<std::size_t>(channels)]);
+    filled_.reset(new S[rows * columns * as_size(channels)]);
     read_in_place(array_, name, shape, [&](const auto& from) {
       take(from, part, channels, [&](int u, int v) {
-        return filled_.get() + (static_cast<std::size_t>(v) * columns + static_cast<std::size_t>(u)) *
-                                   static_cast<std::size_t>(channels);
+        return filled_.get() + (as_size(v) * columns + as_size(u)) * as_size(channels);
       });
     });
   }

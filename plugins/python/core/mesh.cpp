@@ -3,6 +3,7 @@
 #include "arrays.h"
 #include "attack/adversary.h"
 #include "base/error.h"
+#include "base/sizes.h"
 #include "bind.h"
 #include "exchange/mesh_files.h"
 
@@ -15,7 +16,7 @@ constexpr double kGrey = 0.5;
 
 std::vector<Face> faces_of(const py::handle& values) {
   const auto array = array_of<int>(values, "faces", {-1, 3});
-  std::vector<Face> faces(static_cast<std::size_t>(array.shape(0)));
+  std::vector<Face> faces(as_size(array.shape(0)));
   const int* index = array.data();
   for (Face& face : faces)
     for (int& corner : face) corner = *index++;

@@ -4,6 +4,7 @@
 #include "arrays.h"
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/sizes.h"
 #include "bind.h"
 #include "sensors/projection.h"
 #include "sensors/raster_batch.h"
@@ -131,9 +132,8 @@ template <class T>
 void fill_background(const Raster& raster, std::size_t from, std::size_t to, int channels, T* out) {
   const float* photograph = raster.photograph();
   for (std::size_t i = from; i < to; ++i) {
-    for (int c = 0; c < 3; ++c)
-      *out++ = static_cast<T>(photograph ? photograph[3 * i + static_cast<std::size_t>(c)]
-                                         : raster.color[static_cast<std::size_t>(c)]);
+    for (std::size_t c = 0; c < 3; ++c)
+      *out++ = static_cast<T>(photograph ? photograph[3 * i + c] : raster.color[c]);
     for (int c = 3; c < channels; ++c) *out++ = 0;
   }
 }
@@ -149,9 +149,9 @@ void draw_subject(const Raster& raster, Subject& subject, int supersampling) {
   if (rect.empty()) target.rect = {};
   target.background = ImageF(rect.width(), rect.height(), 3);
   for (int v = rect.v0; v < rect.v1; ++v) {
-    const std::size_t row = static_cast<std::size_t>(v) * static_cast<std::size_t>(raster.width);
-    fill_background(raster, row + static_cast<std::size_t>(rect.u0), row + static_cast<std::size_t>(rect.u1),
-                    3, target.background.pixel(0, v - rect.v0));
+    const std::size_t row = as_size(v) * as_size(raster.width);
+    fill_background(raster, row + as_size(rect.u0), row + as_size(rect.u1), 3,
+                    target.background.pixel(0, v - rect.v0));
   }
   if (raster.in_double)
     subject.rgba = rasterize(subject.projected.screen, raster.settings, to_double(target));
@@ -179,8 +179,8 @@ void put(const Raster& raster, std::size_t n, int first, int count, T* out) {
 /// A subject's whole picture: RGB, or RGBA.
 template <class T>
 void compose(const Raster& raster, std::size_t n, int channels, T* out) {
-  const auto width = static_cast<std::size_t>(raster.width), row = static_cast<std::size_t>(channels) * width;
-  for (std::size_t v = 0; v < static_cast<std::size_t>(raster.height); ++v)
+  const auto width = as_size(raster.width), row = as_size(channels) * width;
+  for (std::size_t v = 0; v < as_size(raster.height); ++v)
     if (raster.photograph() || v == 0)
       fill_background(raster, v * width, (v + 1) * width, channels, out + v * row);
     else
@@ -211,7 +211,7 @@ Gradient gather(const Subject& subject, const ScreenGradient<double>& screen) {
   const bool by_vertex = subject.projected.screen.texture == Texture::vertex;
   for (std::size_t f = 0; f < subject.faces.size(); ++f)
     for (std::size_t k = 0; k < 3; ++k) {
-      const auto vertex = static_cast<std::size_t>(subject.faces[f][k]);
+      const auto vertex = as_size(subject.faces[f][k]);
       gradient.vertices[vertex] += screen.faces[f][k].cwiseProduct(subject.scale);
       if (by_vertex) gradient.colors[vertex] += screen.texels[3 * f + k];
     }
@@ -389,22 +389,23 @@ void read_screen(Subject& subject, const py::handle& vertices, const py::handle&
   const std::vector<Vec3d> given = rows_of_three(colors, "colors");
   subject.colors = given.size();
   const auto corners = array_of<int>(faces, "faces", {-1, 3});
-  const auto count = static_cast<std::size_t>(corners.shape(0));
+  const auto count = as_size(corners.shape(0));
   subject.faces.resize(count);
   const int* index = corners.data();
   for (Face& face : subject.faces)
     for (int& corner : face) {
       corner = *index++;
-      if (corner < 0 || static_cast<std::size_t>(corner) >= subject.vertices.size())
+      if (corner < 0 || as_size(corner) >= subject.vertices.size())
         throw InputError("faces", "", std::to_string(corner) + " is no vertex",
                          "give 0 to " + std::to_string(subject.vertices.size()) + " − 1");
     }
   ScreenMesh<double>& screen = subject.projected.screen;
   screen.texture = by_vertex ? Texture::vertex : Texture::atlas;
   if (!by_vertex)
-    while (count * screen.resolution * screen.resolution < given.size()) ++screen.resolution;
+    while (count * as_size(screen.resolution) * as_size(screen.resolution) < given.size())
+      ++screen.resolution;
   const std::size_t wanted =
-      by_vertex ? subject.vertices.size() : count * screen.resolution * screen.resolution;
+      by_vertex ? subject.vertices.size() : count * as_size(screen.resolution) * as_size(screen.resolution);
   if (given.size() != wanted)
     throw InputError("colors", "shape",
                      std::to_string(given.size()) + " colours for " +
@@ -414,14 +415,13 @@ void read_screen(Subject& subject, const py::handle& vertices, const py::handle&
   screen.faces.resize(count);
   for (std::size_t f = 0; f < count; ++f)
     for (std::size_t k = 0; k < 3; ++k)
-      screen.faces[f][k] =
-          subject.vertices[static_cast<std::size_t>(subject.faces[f][k])].cwiseProduct(scale);
+      screen.faces[f][k] = subject.vertices[as_size(subject.faces[f][k])].cwiseProduct(scale);
   if (!by_vertex) {
     screen.texels = given;
     return;
   }
   for (const Face& face : subject.faces)
-    for (const int corner : face) screen.texels.push_back(given[static_cast<std::size_t>(corner)]);
+    for (const int corner : face) screen.texels.push_back(given[as_size(corner)]);
 }
 
 Shared rasterize_screens(const std::vector<py::object>& vertices, const std::vector<py::object>& faces,
@@ -444,7 +444,7 @@ std::array<double, 2> time_rasterization(const TexturedMesh& mesh, const std::ar
                                          int height, int width, const py::object& background,
                                          const std::map<std::string, double>& numbers,
                                          const std::map<std::string, std::string>& words, int channels) {
-  const auto size = static_cast<std::size_t>(channels) * static_cast<std::size_t>(height * width);
+  const auto size = as_size(channels) * as_size(height * width);
   const std::vector<float> d_image(size, 1);
   std::vector<float> picture(size);
   const std::ptrdiff_t pixel = std::ptrdiff_t{4} * channels;

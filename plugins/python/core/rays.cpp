@@ -1,5 +1,6 @@
 #include "arrays.h"
 #include "base/error.h"
+#include "base/sizes.h"
 #include "bind.h"
 #include "sensors/lidar_model.h"
 #include "sensors/ray_caster.h"
@@ -17,10 +18,8 @@ struct Hits {
 using Shared = std::shared_ptr<Hits>;
 
 std::array<Vec3d, 3> corners_of(const Hits& hits, std::size_t ray) {
-  const Mesh& mesh = hits.meshes[static_cast<std::size_t>(hits.mesh[ray])]->mesh;
-  const Face& face = mesh.faces[static_cast<std::size_t>(hits.face[ray])];
-  return {mesh.vertices[static_cast<std::size_t>(face[0])], mesh.vertices[static_cast<std::size_t>(face[1])],
-          mesh.vertices[static_cast<std::size_t>(face[2])]};
+  const Mesh& mesh = hits.meshes[as_size(hits.mesh[ray])]->mesh;
+  return mesh.corners(mesh.faces[as_size(hits.face[ray])]);
 }
 
 FaceReturn<double> place_of(const Hits& hits, std::size_t ray, const Vec3d& unit) {
@@ -93,11 +92,11 @@ std::vector<py::array_t<double>> vjp(const Hits& hits, const py::object& d_point
     const Vec3d unit = hits.directions[i].normalized();
     const auto d_face = intersect_face_vjp<double>(unit, corners_of(hits, i), place_of(hits, i, unit), 1.0,
                                                    kGrazing, upstream[i], 0.0);
-    const auto mesh = static_cast<std::size_t>(hits.mesh[i]);
-    const Face& face = hits.meshes[mesh]->mesh.faces[static_cast<std::size_t>(hits.face[i])];
+    const auto mesh = as_size(hits.mesh[i]);
+    const Face& face = hits.meshes[mesh]->mesh.faces[as_size(hits.face[i])];
     for (std::size_t k = 0; k < 3; ++k)
       for (std::size_t c = 0; c < 3; ++c)
-        gradients[mesh][3 * static_cast<std::size_t>(face[k]) + c] += d_face[k][static_cast<Eigen::Index>(c)];
+        gradients[mesh][3 * as_size(face[k]) + c] += d_face[k][static_cast<Eigen::Index>(c)];
   }
   std::vector<py::array_t<double>> arrays;
   for (auto& gradient : gradients) {

@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 
+#include "base/sizes.h"
+
 namespace mirage::generator::american {
 namespace {
 
@@ -31,7 +33,7 @@ void add_letters(Mesh& mesh, double x, double y0, double y1, double z, double he
   const double pitch = 0.75 * height, stroke = 0.17 * height, direction = y1 < y0 ? -1 : 1;
   const int count = static_cast<int>(std::abs(y1 - y0) / pitch);
   for (int i = 0; i < count; ++i) {
-    const unsigned shape = letters[static_cast<std::size_t>(random.below(12))];
+    const unsigned shape = letters[as_size(random.below(12))];
     if (i > 0 && i + 1 < count && random.uniform() < 0.12) continue;  // a gap between words
     const double a = y0 + direction * pitch * (i + 0.1), b = y0 + direction * pitch * (i + 0.82);
     const auto bar = [&](double s0, double s1, double t0, double t1) {

@@ -23,6 +23,7 @@
 #include "base/json_fields.h"
 #include "base/logging.h"
 #include "base/names.h"
+#include "base/sizes.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/data/layouts.h"
 
@@ -96,7 +97,7 @@ nlohmann::json surround_json(const Frame& frame) {
     if (label.camera == 0) continue;
     const BevBox& bev = label.box.bev;
     labels.push_back(
-        {{"camera", frame.name_of(static_cast<std::size_t>(label.camera))},
+        {{"camera", frame.name_of(as_size(label.camera))},
          {"type", label.type},
          {"truncated", label.truncated},
          {"occluded", label.occluded},
@@ -125,7 +126,7 @@ Surround read_surround(const fs::path& part, const std::string& id) {
     PinholeCamera& c = side.calibration.camera;
     c = {k[0], k[1], k[2], k[3], static_cast<int>(size[0]), static_cast<int>(size[1])};
     if (!(c.fx > 0 && c.fy > 0)) camera.fail("intrinsics", "have no focal length");
-    for (int i = 0; i < 12; ++i) side.calibration.camera_from_velo.matrix()(i / 4, i % 4) = pose[i];
+    for (int i = 0; i < 12; ++i) side.calibration.camera_from_velo.matrix()(i / 4, i % 4) = pose[as_size(i)];
     const Eigen::Matrix3d r = side.calibration.camera_from_velo.linear();
     if ((r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() > 1e-3 || r.determinant() < 0)
       camera.fail("camera_from_velo", "its 3x3 part is not a rotation");
@@ -161,8 +162,8 @@ Vec3d read_triple(const nlohmann::json& json, const char* key, const fs::path& f
   if (!value.is_array() || value.size() != 3) throw bad("not a list of three numbers");
   Vec3d result;
   for (int i = 0; i < 3; ++i) {
-    if (!value[i].is_number()) throw bad("not a list of three numbers");
-    result[i] = value[i].get<double>();
+    if (!value[as_size(i)].is_number()) throw bad("not a list of three numbers");
+    result[i] = value[as_size(i)].get<double>();
   }
   if (!result.allFinite() || result.minCoeff() < low || result.maxCoeff() > 1e3) throw bad("out of range");
   return result;

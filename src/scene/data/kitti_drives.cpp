@@ -12,6 +12,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/sizes.h"
 #include "scene/data/data_set.h"
 #include "scene/data/kitti.h"
 #include "scene/data/kitti_rows.h"
@@ -159,7 +160,7 @@ class KittiRaw : public DataSet {
     const auto pose = [](const fs::path& file) { return oxts_row(text_line(file, 0), file, 0); };
     const auto time = [&](std::size_t k) { return stamp_seconds(text_line(times, k), times, k); };
     const Transform velo_from_imu = rigid(pose_row(CalibrationFile(inertial), inertial));
-    const auto row = static_cast<std::size_t>(at.frame);
+    const auto row = as_size(at.frame);
     return Moment{at.drive.filename().string(), at.frame,
                   fs::exists(times) ? time(row) - time(0) : at.frame * kSweepSeconds,
                   world_from_imu(pose(poses / (at.name + ".txt")), pose(*first)) * velo_from_imu.inverse()};
@@ -287,7 +288,7 @@ class KittiTracking : public DataSet {
     const fs::path poses = part_ / "oxts" / (at.sequence + ".txt"),
                    times = part_ / "times" / (at.sequence + ".txt");
     if (!fs::exists(poses)) return std::nullopt;
-    const auto row = static_cast<std::size_t>(at.frame);
+    const auto row = as_size(at.frame);
     const auto pose = [&](std::size_t k) { return oxts_row(text_line(poses, k), poses, k); };
     const auto time = [&](std::size_t k) { return stamp_seconds(text_line(times, k), times, k); };
     const Transform velo_from_imu =

@@ -10,6 +10,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/sizes.h"
 #include "base/types.h"
 
 namespace mirage {
@@ -50,7 +51,8 @@ PictureBox extent(const Box3& box, const Calibration& calibration) {
   for (int k = 0; k < 4; ++k)
     for (const auto& [from, to] :
          {std::pair(k, (k + 1) % 4), std::pair(k + 4, (k + 1) % 4 + 4), std::pair(k, k + 4)}) {
-      const Vec3d a = calibration.camera_from_velo * at[from], b = calibration.camera_from_velo * at[to];
+      const Vec3d a = calibration.camera_from_velo * at[as_size(from)],
+                  b = calibration.camera_from_velo * at[as_size(to)];
       for (const Vec3d& end : {a, b})
         if (end.z() >= kNearCamera) join(end);
       if ((a.z() < kNearCamera) != (b.z() < kNearCamera))
@@ -118,13 +120,13 @@ std::string to_row(const RectBox& box) {
 void KittiRow::demand(bool good, int column, const std::string& problem) const {
   if (!good)
     throw InputError(file.string(), place(number, column),
-                     fmt::format("{} {}", shown(words[static_cast<std::size_t>(column)]), problem),
-                     advice.fix_value);
+                     fmt::format("{} {}", shown(words[as_size(column)]), problem), advice.fix_value);
 }
 
 Box3 KittiRow::box(const Calibration& calibration) const {
-  for (int i = 8; i < 11; ++i) demand(value[i] > 0 && value[i] <= 50, i, "m is no size of a road user");
-  for (int i = 11; i < 14; ++i) demand(std::abs(value[i]) <= 1000, i, "m is further than 1 km away");
+  for (int i = 8; i < 11; ++i)
+    demand(value[as_size(i)] > 0 && value[as_size(i)] <= 50, i, "m is no size of a road user");
+  for (int i = 11; i < 14; ++i) demand(std::abs(value[as_size(i)]) <= 1000, i, "m is further than 1 km away");
   return velo_box({value[8], value[9], value[10], value[11], value[12], value[13], value[14]}, calibration);
 }
 

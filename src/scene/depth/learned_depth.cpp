@@ -221,8 +221,8 @@ void change_picture(ImageF& image, RandomStream& random) {
   for (double& g : gain) g = exposure * std::exp(random.uniform(-0.15, 0.15));
   for (std::size_t i = 0; i < image.data.size(); i += 3) {
     double rgb[3], mean = 0;
-    for (int c = 0; c < 3; ++c) mean += (rgb[c] = gain[c] * image.data[i + c]) / 3;
-    for (int c = 0; c < 3; ++c) {
+    for (std::size_t c = 0; c < 3; ++c) mean += (rgb[c] = gain[c] * image.data[i + c]) / 3;
+    for (std::size_t c = 0; c < 3; ++c) {
       const double x = std::pow(std::clamp(rgb[c] + grey * (mean - rgb[c]), 0.0, 1.0), gamma);
       // Uniform noise of that deviation: a normal deviate a channel would cost more than the network.
       image.data[i + c] = static_cast<float>(
@@ -245,7 +245,7 @@ class DepthData {
   std::vector<DepthSample> prepare(std::int64_t step) {
     std::vector<DepthSample> samples;
     for (int i = 0; i < options_.batch; ++i) {
-      const auto index = static_cast<std::uint64_t>(step) * options_.batch + i;
+      const auto index = static_cast<std::uint64_t>(step) * as_size(options_.batch) + as_size(i);
       samples.push_back(
           augmented_crop(frame(frame_of(index)), options_.crop, options_.seed, index, options_.augmentation));
     }
@@ -259,7 +259,8 @@ class DepthData {
     std::vector<std::size_t> order(count);
     std::iota(order.begin(), order.end(), std::size_t{0});
     RandomStream random(options_.seed, "depth training order", index / count);
-    for (std::size_t i = count; i-- > 1;) std::swap(order[i], order[random.below(static_cast<int>(i) + 1)]);
+    for (std::size_t i = count; i-- > 1;)
+      std::swap(order[i], order[as_size(random.below(static_cast<int>(i) + 1))]);
     return order[index % count];
   }
 

@@ -16,6 +16,7 @@
 #include "base/files.h"
 #include "base/intervals.h"
 #include "base/parallel.h"
+#include "base/sizes.h"
 
 namespace mirage {
 namespace {
@@ -304,7 +305,7 @@ VehicleEvidence gather_evidence(const SweepIndex& sweep, const Box3& box, const 
     double& top = highest.try_emplace(strip_of(returns_seen[i].x()), -1e9).first->second;
     top = std::max(top, returns_seen[i].y());
     std::array<int, 3> cell;
-    for (int a = 0; a < 3; ++a) cell[a] = static_cast<int>(std::floor(p[a] / settings.cell));
+    for (int a = 0; a < 3; ++a) cell[as_size(a)] = static_cast<int>(std::floor(p[a] / settings.cell));
     if (taken.insert(cell).second) evidence.surface.push_back(p);
   }
   std::erase_if(candidates, [&](const Candidate& c) {
@@ -313,7 +314,7 @@ VehicleEvidence gather_evidence(const SweepIndex& sweep, const Box3& box, const 
       if (it->second > c.seen.y()) return true;
     return false;
   });
-  const auto count = candidates.size(), keep = std::min(count, static_cast<std::size_t>(settings.max_rays));
+  const auto count = candidates.size(), keep = std::min(count, as_size(settings.max_rays));
   for (std::size_t i = 0; i < keep; ++i) evidence.empty.push_back(candidates[i * count / keep].segment);
   return evidence;
 }
@@ -366,15 +367,15 @@ Vec3d roof_point(const Mesh& vehicle, double depth) {
   const double floor = box.max().z() - depth;
   const int nx = static_cast<int>(box.sizes().x() / kCell) + 1,
             ny = static_cast<int>(box.sizes().y() / kCell) + 1;
-  std::vector<double> height(static_cast<std::size_t>(nx) * ny, kNone);
-  const auto at = [&](int i, int j) -> double& { return height[i + static_cast<std::size_t>(nx) * j]; };
+  std::vector<double> height(as_size(nx) * as_size(ny), kNone);
+  const auto at = [&](int i, int j) -> double& { return height[as_size(i) + as_size(nx) * as_size(j)]; };
   // Cell (i, j) has its centre at min + (i + ½, j + ½) cells.
   const auto place = [&](const Vec3d& v) {
     return Vec3d((v.x() - box.min().x()) / kCell - 0.5, (v.y() - box.min().y()) / kCell - 0.5, v.z());
   };
   for (const Face& f : vehicle.faces) {
-    const Vec3d a = place(vehicle.vertices[f[0]]), b = place(vehicle.vertices[f[1]]),
-                c = place(vehicle.vertices[f[2]]);
+    const Vec3d a = place(vehicle.vertices[as_size(f[0])]), b = place(vehicle.vertices[as_size(f[1])]),
+                c = place(vehicle.vertices[as_size(f[2])]);
     if (std::max({a.z(), b.z(), c.z()}) < floor) continue;
     const double area = (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x());
     if (std::abs(area) < 1e-12) continue;
@@ -423,8 +424,7 @@ std::shared_ptr<const SweepIndex> ShapeRoofFinder::index_of(const Sweep& sweep) 
   auto known = std::find_if(indexed_.begin(), indexed_.end(),
                             [&](const Indexed& indexed) { return same(indexed.sweep, sweep); });
   if (known == indexed_.end()) {
-    if (indexed_.size() >= static_cast<std::size_t>(std::max(1, thread_count())))
-      indexed_.erase(indexed_.begin());
+    if (indexed_.size() >= as_size(std::max(1, thread_count()))) indexed_.erase(indexed_.begin());
     indexed_.push_back({sweep, std::make_shared<const SweepIndex>(sweep, lidar_)});
     known = std::prev(indexed_.end());
   }

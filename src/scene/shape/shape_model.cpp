@@ -14,6 +14,7 @@
 #include "base/files.h"
 #include "base/names.h"
 #include "base/parallel.h"
+#include "base/sizes.h"
 #include "sensors/ray_caster.h"
 
 namespace mirage {
@@ -36,11 +37,11 @@ double ShapeModel::distance(const double* q, const Vec3d& p, double* derivatives
   const Vec3d x = shrink.cwiseProduct(r);
   const double* code = q + 7;
   const GridCell cell = cell_at(layout, {x.x(), std::abs(x.y()), x.z()});
-  const std::size_t stride = 1 + static_cast<std::size_t>(dimension);
+  const std::size_t stride = 1 + as_size(dimension);
   double d = 0;
   Vec3d g = Vec3d::Zero();  // ∂d/∂x
   if (derivatives) std::fill(derivatives + 7, derivatives + 7 + dimension, 0.0);
-  for (int n = 0; n < 8; ++n) {
+  for (std::size_t n = 0; n < 8; ++n) {
     const float* node = values.data() + cell.nodes[n] * stride;
     double value = node[0];
     for (int k = 0; k < dimension; ++k) value += code[k] * node[1 + k];
@@ -62,7 +63,7 @@ double ShapeModel::distance(const double* q, const Vec3d& p, double* derivatives
 
 Mesh ShapeModel::mesh(const ShapeParameters& q) const {
   const auto [nx, ny, nz] = layout.count;
-  const std::size_t stride = 1 + static_cast<std::size_t>(dimension);
+  const std::size_t stride = 1 + as_size(dimension);
   DistanceGrid grid;
   grid.layout = layout;
   grid.layout.origin.y() = -layout.spacing.y() * (ny - 1);
@@ -86,7 +87,7 @@ Mesh ShapeModel::mesh(const ShapeParameters& q) const {
 
 ShapeParameters project(const ShapeModel& model, const Mesh& mesh) {
   const std::vector<float> d = normalised_distances(mesh, model);
-  const std::size_t stride = 1 + static_cast<std::size_t>(model.dimension);
+  const std::size_t stride = 1 + as_size(model.dimension);
   ShapeParameters q;
   q.log_size = bounds(mesh).sizes().cwiseQuotient(model.reference).array().log();
   q.code = Eigen::VectorXd::Zero(model.dimension);
@@ -199,7 +200,7 @@ ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeMo
                              const std::function<void(std::size_t)>& tell) {
   const std::size_t n = samples.size();
   const int dimension = settings.dimension;
-  if (dimension < 1 || n < static_cast<std::size_t>(dimension) + kFew)
+  if (dimension < 1 || n < as_size(dimension) + kFew)
     throw InputError("shape model", "vehicles",
                      std::to_string(n) + " are too few for " + std::to_string(dimension) + " dimensions",
                      "give at least two more than dimensions, and one dimension or more");
@@ -233,9 +234,9 @@ ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeMo
   const Eigen::MatrixXd gram = (data.transpose() * data).cast<double>() / static_cast<double>(n - 1);
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(gram);
   const double total = std::max(eigen.eigenvalues().sum(), 1e-30);
-  const std::size_t stride = 1 + static_cast<std::size_t>(dimension);
-  model.values.assign(static_cast<std::size_t>(nodes) * stride, 0);
-  for (Eigen::Index i = 0; i < nodes; ++i) model.values[static_cast<std::size_t>(i) * stride] = mean[i];
+  const std::size_t stride = 1 + as_size(dimension);
+  model.values.assign(as_size(nodes) * stride, 0);
+  for (Eigen::Index i = 0; i < nodes; ++i) model.values[as_size(i) * stride] = mean[i];
   double sum = 0;
   for (int k = 0; k < dimension; ++k) {
     const auto column = static_cast<Eigen::Index>(n) - 1 - k;
@@ -249,7 +250,7 @@ ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeMo
     const Eigen::VectorXf component = data * (z / static_cast<double>(n - 1)).cast<float>();
     q.row(3 + k) = z.transpose();
     for (Eigen::Index i = 0; i < nodes; ++i)
-      model.values[static_cast<std::size_t>(i) * stride + 1 + k] = component[i];
+      model.values[as_size(i) * stride + 1 + as_size(k)] = component[i];
     sum += variance;
     model.explained.push_back(sum / total);
   }
@@ -261,7 +262,7 @@ ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeMo
 }
 
 void write_shape_model(const std::filesystem::path& file, const ShapeModel& model) {
-  const std::size_t stride = 1 + static_cast<std::size_t>(model.dimension), nodes = model.layout.size();
+  const std::size_t stride = 1 + as_size(model.dimension), nodes = model.layout.size();
   std::vector<double> scales(stride, 1e-12);
   for (std::size_t i = 0; i < model.values.size(); ++i)
     scales[i % stride] = std::max<double>(scales[i % stride], std::abs(model.values[i]));
@@ -309,7 +310,7 @@ ShapeModel read_shape_model(const std::filesystem::path& file) {
   model.layout.origin = {origin[0], origin[1], origin[2]};
   model.layout.spacing = header.positive("spacing");
   double nodes = 1;
-  for (int a = 0; a < 3; ++a) {
+  for (std::size_t a = 0; a < 3; ++a) {
     if (count[a] < 2 || count[a] > 1000 || count[a] != std::floor(count[a]))
       header.fail("count", "out of range");
     model.layout.count[a] = static_cast<int>(count[a]);
@@ -319,7 +320,7 @@ ShapeModel read_shape_model(const std::filesystem::path& file) {
   model.cut = header.number("cut", 1e-3, 10);
   model.dimension = static_cast<int>(header.number("dimension", 1, 200));
   model.vehicles = static_cast<int>(header.number("vehicles", 1, 1e7));
-  const auto k = static_cast<std::size_t>(model.dimension);
+  const auto k = as_size(model.dimension);
   model.explained = header.list("explained", k);
   const auto scales = header.list("scales", k + 1);
   const auto mean = header.list("prior_mean", 3 + k),

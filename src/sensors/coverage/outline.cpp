@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 
 namespace mirage::coverage {
@@ -33,12 +34,12 @@ struct TextureCorners {
   std::size_t owner = 0;
 
   TextureCorners(const ScreenMesh<double>& mesh, const ScreenFace& face) {
-    const auto f = static_cast<std::size_t>(face.face);
+    const auto f = as_size(face.face);
     const bool part = !mesh.corner_barycentrics.empty();
     for (int k = 0; k < 3; ++k)
-      at[k] = part ? mesh.corner_barycentrics[f][static_cast<std::size_t>(face.corner[k])]
-                   : Vec3d(Vec3d::Unit(face.corner[k]));
-    owner = part ? static_cast<std::size_t>(mesh.texel_face[f]) : f;
+      at[k] =
+          part ? mesh.corner_barycentrics[f][as_size(face.corner[k])] : Vec3d(Vec3d::Unit(face.corner[k]));
+    owner = part ? as_size(mesh.texel_face[f]) : f;
   }
   /// The three quantities whose whole multiples of 1/C are texel borders: b0, b1, b0 + b1 (TexelAtlas).
   double border(int family, int k) const {
@@ -102,7 +103,7 @@ void divide(const ScreenFace& face, int index, const TextureCorners& texture, in
 Point carried(const Visible& visible, const Vec2d& p, const Side& side, double inv_limit) {
   Point point{p, side.on, side.edge, side.face, side.other, 0, 0};
   if (side.on == On::fixed) return point;
-  const ScreenFace& face = visible.faces[static_cast<std::size_t>(side.face)];
+  const ScreenFace& face = visible.faces[as_size(side.face)];
   if (side.on == On::edge) {
     const Vec2d& from = face.s[side.edge];
     const Vec2d e = face.s[(side.edge + 1) % 3] - from;
@@ -118,7 +119,7 @@ Point carried(const Visible& visible, const Vec2d& p, const Side& side, double i
 
 /// All texels of a face that is seen whole: each border once, with the texels of both sides.
 void outline_whole(const ScreenMesh<double>& mesh, const ScreenFace& face, int index, Outline& outline) {
-  const auto owner = static_cast<std::size_t>(face.face);
+  const auto owner = as_size(face.face);
   const int c = mesh.resolution_of(owner), base = static_cast<int>(mesh.first_texel(owner)),
             first = static_cast<int>(outline.points.size());
   const bool flipped = face.corner[1] == 2;
@@ -185,7 +186,7 @@ void add_inv_depth(const ScreenFace& face, const Vec2d& p, double scale, FaceFor
 
 void outline_piece(const ScreenMesh<double>& mesh, const Visible& visible, const Piece& piece,
                    Outline& outline, double limit) {
-  const ScreenFace& face = visible.faces[static_cast<std::size_t>(piece.face)];
+  const ScreenFace& face = visible.faces[as_size(piece.face)];
   const double inv_limit = 1 / limit;
   if (face.nearest <= inv_limit) return;
   const bool clipped = face.farthest < inv_limit;
@@ -236,8 +237,8 @@ void add_forces(const ScreenMesh<double>& mesh, const Visible& visible, const Ou
     const Point& point = outline.points[i];
     const Vec2d& f = force[i];
     if (point.on == On::fixed || (f.x() == 0 && f.y() == 0)) continue;
-    const ScreenFace& face = visible.faces[static_cast<std::size_t>(point.face)];
-    FaceForce& own = faces[static_cast<std::size_t>(point.face)];
+    const ScreenFace& face = visible.faces[as_size(point.face)];
+    FaceForce& own = faces[as_size(point.face)];
     switch (point.on) {
       case On::edge:
         own.s[point.edge] += (1 - point.a) * f;
@@ -247,12 +248,12 @@ void add_forces(const ScreenMesh<double>& mesh, const Visible& visible, const Ou
         add_texel_force(mesh, face, point, f, own);
         break;
       case On::crossing: {
-        const ScreenFace& other = visible.faces[static_cast<std::size_t>(point.other)];
+        const ScreenFace& other = visible.faces[as_size(point.other)];
         const double scale =
             face.slope.norm() + other.slope.norm() + std::max(face.nearest, other.nearest) / image_size;
         const double speed = crossing(face.slope - other.slope, scale, f);
         add_inv_depth(face, point.p, speed, own);
-        add_inv_depth(other, point.p, -speed, faces[static_cast<std::size_t>(point.other)]);
+        add_inv_depth(other, point.p, -speed, faces[as_size(point.other)]);
         break;
       }
       case On::limit:

@@ -11,7 +11,7 @@ namespace {
 Polygon part(Pool& pool, const Polygon& polygon, double sign, double slack, const Side& cut) {
   Polygon result{static_cast<int>(pool.corners.size()), 0};
   const auto place = [&](int i) {
-    const double d = sign * pool.distances[static_cast<std::size_t>(i)];
+    const double d = sign * pool.distances[as_size(i)];
     return d > slack ? 1 : d < -slack ? -1 : 0;
   };
   for (int i = 0; i < polygon.count; ++i) {
@@ -19,8 +19,7 @@ Polygon part(Pool& pool, const Polygon& polygon, double sign, double slack, cons
     const Corner corner = pool.corner(polygon, i);
     if (here >= 0) pool.corners.push_back({corner.p, here == 0 && there < 0 ? cut : corner.side});
     if (here * there >= 0) continue;
-    const double a = pool.distances[static_cast<std::size_t>(i)],
-                 b = pool.distances[static_cast<std::size_t>(next)];
+    const double a = pool.distances[as_size(i)], b = pool.distances[as_size(next)];
     // From the end with the lower distance, so that both parts get the same point.
     const Vec2d to = pool.corner(polygon, next).p;
     const Vec2d p =
@@ -38,7 +37,7 @@ bool set_up(const std::array<Vec3d, 3>& corners, int width, int height, const Pi
             ScreenFace& face) {
   const double half = std::max(width, height) / 2.0;
   for (int k = 0; k < 3; ++k) {
-    const Vec3d& v = corners[static_cast<std::size_t>(k)];
+    const Vec3d& v = corners[as_size(k)];
     if (!v.allFinite() || !(v.z() > 0)) return false;
     face.s[k] = Vec2d(v.x() * half + width / 2.0 - window.u0, height / 2.0 - v.y() * half - window.v0);
     face.z[k] = v.z();
@@ -176,7 +175,7 @@ struct Hidings {
 /// Compares the two faces, i before j in the mesh, whose boxes have an overlap of `size`.
 void find_hiding(const std::vector<ScreenFace>& faces, int i, int j, double size, Hidings& result) {
   Line line;
-  const Order seen = order_of(faces[static_cast<std::size_t>(i)], faces[static_cast<std::size_t>(j)], line);
+  const Order seen = order_of(faces[as_size(i)], faces[as_size(j)], line);
   if (seen == Order::apart) return;
   const auto add = [&](int hidden, int by) {
     result.list.push_back({hidden, by, -1, size});
@@ -226,12 +225,11 @@ void find_hidings(const std::vector<ScreenFace>& faces, Hidings& hidings) {
   }
   // By hidden face in two steps: few entries each, but thousands in all.
   hidings.first.assign(faces.size() + 1, 0);
-  for (const Hiding& h : hidings.list) ++hidings.first[static_cast<std::size_t>(h.hidden) + 1];
+  for (const Hiding& h : hidings.list) ++hidings.first[as_size(h.hidden) + 1];
   for (std::size_t f = 0; f < faces.size(); ++f) hidings.first[f + 1] += hidings.first[f];
   hidings.sorted.resize(hidings.list.size());
   hidings.cursor = hidings.first;
-  for (const Hiding& h : hidings.list)
-    hidings.sorted[static_cast<std::size_t>(hidings.cursor[static_cast<std::size_t>(h.hidden)]++)] = h;
+  for (const Hiding& h : hidings.list) hidings.sorted[as_size(hidings.cursor[as_size(h.hidden)]++)] = h;
   for (std::size_t f = 0; f < faces.size(); ++f)
     std::sort(
         hidings.sorted.begin() + hidings.first[f], hidings.sorted.begin() + hidings.first[f + 1],
@@ -248,8 +246,8 @@ class Subtraction {
 
   /// `part`: only where this line is positive; null: all of it.
   void take(const Hiding& hiding, const Line* part) {
-    const ScreenFace& by = faces_[static_cast<std::size_t>(hiding.by)];
-    const ScreenFace& of = faces_[static_cast<std::size_t>(hiding.hidden)];
+    const ScreenFace& by = faces_[as_size(hiding.by)];
+    const ScreenFace& of = faces_[as_size(hiding.hidden)];
     count_ = 0;
     if (part) {
       sides_[count_] = {On::crossing, 0, hiding.hidden, hiding.by};
@@ -348,11 +346,11 @@ double Pool::area(const Polygon& polygon) const {
 }
 
 void split(Pool& pool, Polygon polygon, const Line& line, const Side& cut, Polygon& front, Polygon& back) {
-  pool.distances.resize(std::max(pool.distances.size(), static_cast<std::size_t>(polygon.count)));
+  pool.distances.resize(std::max(pool.distances.size(), as_size(polygon.count)));
   double low = 0, high = 0;
   for (int i = 0; i < polygon.count; ++i) {
     const double d = line.at(pool.corner(polygon, i).p);
-    pool.distances[static_cast<std::size_t>(i)] = d;
+    pool.distances[as_size(i)] = d;
     low = std::min(low, d);
     high = std::max(high, d);
   }
@@ -394,9 +392,8 @@ void find_visible(const ScreenMesh<double>& mesh, int width, int height, const P
     subtraction.left.clear();
     if (!start.empty()) subtraction.left.push_back(start);
     for (int h = hidings.first[i]; h < hidings.first[i + 1] && !subtraction.left.empty(); ++h) {
-      const Hiding& hiding = hidings.sorted[static_cast<std::size_t>(h)];
-      subtraction.take(hiding,
-                       hiding.line < 0 ? nullptr : &hidings.lines[static_cast<std::size_t>(hiding.line)]);
+      const Hiding& hiding = hidings.sorted[as_size(h)];
+      subtraction.take(hiding, hiding.line < 0 ? nullptr : &hidings.lines[as_size(hiding.line)]);
     }
     const bool whole = inside && subtraction.left.size() == 1 && subtraction.left[0].first == start.first;
     for (const Polygon& polygon : subtraction.left) {

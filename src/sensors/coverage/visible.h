@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/sizes.h"
 #include "base/types.h"
 #include "sensors/soft_rasterizer.h"
 
@@ -61,9 +62,7 @@ struct Pool {
   std::vector<double> distances;  ///< scratch
 
   /// Corner i of the polygon, 0 to count − 1.
-  const Corner& corner(const Polygon& polygon, int i) const {
-    return corners[static_cast<std::size_t>(polygon.first + i)];
-  }
+  const Corner& corner(const Polygon& polygon, int i) const { return corners[as_size(polygon.first + i)]; }
   /// A copy of a polygon of another pool.
   Polygon copy(const Pool& from, const Polygon& polygon);
   /// Signed area (px²): positive for counter-clockwise corners; 0 for an empty polygon.

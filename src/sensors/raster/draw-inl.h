@@ -7,6 +7,7 @@
 #define MIRAGE_SENSORS_RASTER_DRAW_INL_H_
 #endif
 
+#include "base/sizes.h"
 #include "sensors/raster/tile-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -24,7 +25,7 @@ void DrawFaces(const TileJob& job) {
     const FaceSetup& face = job.setup->faces[job.faces[i]];
     const LocalFace local = Localise(job, face);
     const int count = CoverBlocks<kPlain, false>(job, local, grid, kFarBehind, list);
-    for (const Covered& at : std::span(list, static_cast<std::size_t>(count))) {
+    for (const Covered& at : std::span(list, as_size(count))) {
       const auto load = [&](int field) HWY_ATTR { return Read(tape, at.first, field); };
       const auto store = [&](V v, int field) HWY_ATTR { hn::Store(v, d, At(tape, at.first, field)); };
       const bool colored = !at.behind && face.colored;

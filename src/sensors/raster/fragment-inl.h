@@ -7,6 +7,7 @@
 #define MIRAGE_SENSORS_RASTER_FRAGMENT_INL_H_
 #endif
 
+#include "base/sizes.h"
 #include "sensors/raster/vector-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -43,8 +44,8 @@ inline LocalFace Localise(const TileJob& job, const FaceSetup& face) {
   local.turn = local.nx[0] * local.ey[0] > local.ny[0] * local.ex[0] ? -1.f : 1.f;
   const Constants& constants = *job.constants;
   const ScreenMesh<double>& mesh = *constants.mesh;
-  const auto f = static_cast<std::size_t>(face.face);
-  const auto owner = mesh.texel_face.empty() ? f : static_cast<std::size_t>(mesh.texel_face[f]);
+  const auto f = as_size(face.face);
+  const auto owner = mesh.texel_face.empty() ? f : as_size(mesh.texel_face[f]);
   local.resolution = mesh.resolution_of(owner);
   local.first_texel = static_cast<int>(mesh.first_texel(owner));
   local.texel_stride =
@@ -154,7 +155,7 @@ HWY_INLINE VI TexelIndex(const LocalFace& local, const Place& f) {
     for (int c = 0; c < 2; ++c) {
       m[c] = Zero();
       for (int e = 0; e < 3; ++e)
-        m[c] = hn::MulAdd(f.lookup[e], Set(static_cast<float>((*local.corners)[e][c])), m[c]);
+        m[c] = hn::MulAdd(f.lookup[e], Set(static_cast<float>((*local.corners)[as_size(e)][c])), m[c]);
     }
     b0 = m[0], b1 = m[1];
   }

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/sizes.h"
 #include "geometry/mesh.h"
 #include "sensors/screen_mesh.h"
 
@@ -46,9 +47,10 @@ template <class S>
 FaceSetup<S> set_up(const std::array<Vec3<S>, 3>& face, const SoftRasterSettings<S>& settings) {
   FaceSetup<S> setup;
   for (int k = 0; k < 3; ++k) {
-    if (!face[k].allFinite() || !(face[k].z() > 0)) return setup;
-    setup.v[k] = face[k].template head<2>();
-    setup.z[k] = face[k].z();
+    const Vec3<S>& corner = face[as_size(k)];
+    if (!corner.allFinite() || !(corner.z() > 0)) return setup;
+    setup.v[k] = corner.template head<2>();
+    setup.z[k] = corner.z();
   }
   const Vec2<S>* v = setup.v;
   const Vec2<S> e1 = v[1] - v[0], e2 = v[2] - v[0];
@@ -119,20 +121,20 @@ template <class S>
 void read_texture(const ScreenMesh<S>& mesh, Fragment<S>& f) {
   if (mesh.texture == Texture::vertex) {
     f.texel = 3 * f.face;
-    f.color = f.lookup[0] * mesh.texels[f.texel] + f.lookup[1] * mesh.texels[f.texel + 1] +
-              f.lookup[2] * mesh.texels[f.texel + 2];
+    const auto first = mesh.texels.begin() + f.texel;
+    f.color = f.lookup[0] * first[0] + f.lookup[1] * first[1] + f.lookup[2] * first[2];
     return;
   }
   Vec3<S> on_face = f.lookup;
-  int owner = f.face;
+  std::size_t owner = as_size(f.face);
   if (!mesh.texel_face.empty()) {
-    const auto& corner = mesh.corner_barycentrics[f.face];
+    const auto& corner = mesh.corner_barycentrics[owner];
     on_face = f.lookup[0] * corner[0] + f.lookup[1] * corner[1] + f.lookup[2] * corner[2];
-    owner = mesh.texel_face[f.face];
+    owner = as_size(mesh.texel_face[owner]);
   }
   f.texel = static_cast<int>(mesh.first_texel(owner)) +
             texel_index(on_face[0], on_face[1], mesh.resolution_of(owner));
-  f.color = mesh.texels[f.texel];
+  f.color = mesh.texels[as_size(f.texel)];
 }
 
 /// The fragment of face number `face` at sample p, or false where it is skipped.
@@ -176,8 +178,8 @@ void fragment_vjp(const Fragment<S>& f, const FaceSetup<S>& setup, const SoftRas
   if (settings.coverage == Coverage::euclidean && d.x != 0) {
     // d² = |p − q|², q the nearest boundary point; by the envelope theorem its place on the edge is constant.
     const Vec2<S> push = -2 * d.x * f.d_x_scale * f.offset;
-    d_face[f.edge].template head<2>() += (1 - f.along) * push;
-    d_face[(f.edge + 1) % 3].template head<2>() += f.along * push;
+    d_face[as_size(f.edge)].template head<2>() += (1 - f.along) * push;
+    d_face[as_size(f.edge + 1) % 3].template head<2>() += f.along * push;
   } else if (settings.coverage == Coverage::barycentric) {
     d_raw[f.smallest] = d.x * f.d_x_scale;
   }
@@ -193,7 +195,7 @@ void fragment_vjp(const Fragment<S>& f, const FaceSetup<S>& setup, const SoftRas
         d_clipped += d.lookup;
     }
     for (int k = 0; k < 3; ++k) {
-      d_face[k].z() -= d_over_z[k] / setup.z[k] * (f.clipped[k] / setup.z[k]);
+      d_face[as_size(k)].z() -= d_over_z[k] / setup.z[k] * (f.clipped[k] / setup.z[k]);
       d_clipped[k] += d_over_z[k] / setup.z[k];
     }
     if (!frozen) {
@@ -207,7 +209,7 @@ void fragment_vjp(const Fragment<S>& f, const FaceSetup<S>& setup, const SoftRas
   d_raw *= std::min(S(1), setup.altitude / settings.edge_on_altitude);
   // raw solves Σ raw_k v_k = p, Σ raw_k = 1, so d raw_k / d v_m = −raw_m ∇raw_k.
   const Vec2<S> slope = d_raw[0] * setup.slope[0] + d_raw[1] * setup.slope[1] + d_raw[2] * setup.slope[2];
-  for (int m = 0; m < 3; ++m) d_face[m].template head<2>() -= f.raw[m] * slope;
+  for (int m = 0; m < 3; ++m) d_face[as_size(m)].template head<2>() -= f.raw[m] * slope;
 }
 
 }  // namespace mirage::plain_raster

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/error.h"
+#include "base/sizes.h"
 
 namespace mirage::raster {
 namespace {
@@ -16,7 +17,7 @@ bool set_up_face(const std::array<Vec3<double>, 3>& corners, const SoftRasterSet
   const double scale = setup.samples_per_ndc;
   const double width = double(target.supersampling) * target.width,
                height = double(target.supersampling) * target.height;
-  for (int k = 0; k < 3; ++k) {
+  for (std::size_t k = 0; k < 3; ++k) {
     face.x[k] = corners[k].x() * scale + (width - 1) / 2;
     face.y[k] = (height - 1) / 2 - corners[k].y() * scale;
   }
@@ -109,7 +110,7 @@ void set_up(const ScreenMesh<double>& mesh, const SoftRasterSettings<double>& se
     if (!set_up_face(mesh.faces[f], settings, target, setup, face)) continue;
     face.face = static_cast<int>(f);
     double z_front = mesh.faces[f][0].z();
-    for (int k = 0; k < 3; ++k) {
+    for (std::size_t k = 0; k < 3; ++k) {
       face.delta[k] = static_cast<float>((setup.middle - mesh.faces[f][k].z()) / mesh.faces[f][k].z());
       z_front = std::min(z_front, mesh.faces[f][k].z());
     }
@@ -131,7 +132,7 @@ void set_up(const ScreenMesh<double>& mesh, const SoftRasterSettings<double>& se
   setup.rows = (target.rect.height() + setup.tile_pixels - 1) / setup.tile_pixels;
   const double side = double(setup.tile_pixels) * s, x0 = double(s) * target.rect.u0,
                y0 = double(s) * target.rect.v0;
-  const auto tiles = static_cast<std::size_t>(setup.columns) * setup.rows;
+  const auto tiles = as_size(setup.columns) * as_size(setup.rows);
   // Half a tile's diagonal: a tile whose centre is further outside an edge's line than this and the reach
   // holds no sample of the face.
   const double radius = (side - 1) / 2 * std::sqrt(2.0) + setup.reach;
@@ -146,23 +147,23 @@ void set_up(const ScreenMesh<double>& mesh, const SoftRasterSettings<double>& se
         bool far = false;
         for (int k = 0; k < 3; ++k)
           far |= face.nx[k] * (x - face.x[k]) + face.ny[k] * (y - face.y[k]) < -radius;
-        if (!far) visit(static_cast<std::size_t>(r) * setup.columns + c);
+        if (!far) visit(as_size(r) * as_size(setup.columns) + as_size(c));
       }
   };
   setup.first.assign(tiles + 1, 0);
   for (const FaceSetup& face : setup.faces) for_each_tile(face, [&](std::size_t t) { ++setup.first[t + 1]; });
   for (std::size_t t = 0; t < tiles; ++t) setup.first[t + 1] += setup.first[t];
-  setup.binned.resize(static_cast<std::size_t>(setup.first[tiles]));
+  setup.binned.resize(as_size(setup.first[tiles]));
   setup.cursor.assign(setup.first.begin(), setup.first.end());
   for (std::size_t f = 0; f < setup.faces.size(); ++f)
     for_each_tile(setup.faces[f], [&](std::size_t t) {
-      setup.binned[static_cast<std::size_t>(setup.cursor[t]++)] = static_cast<std::uint32_t>(f);
+      setup.binned[as_size(setup.cursor[t]++)] = static_cast<std::uint32_t>(f);
     });
 }
 
 void add_face_gradient(const Setup& setup, const FaceSetup& face, const FaceSums& sums,
                        std::array<Vec3<double>, 3>& d_face) {
-  for (int k = 0; k < 3; ++k) {
+  for (std::size_t k = 0; k < 3; ++k) {
     const double ratio = 1 + static_cast<double>(face.delta[k]);  // middle / z_k
     d_face[k].x() += sums.x[k] * setup.samples_per_ndc;
     d_face[k].y() -= sums.y[k] * setup.samples_per_ndc;  // y points up in NDC

@@ -7,6 +7,7 @@
 #define MIRAGE_SENSORS_RASTER_VJP_INL_H_
 #endif
 
+#include "base/sizes.h"
 #include "sensors/raster/tile-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -55,7 +56,7 @@ void BeginVjp(const TileJob& job, SampleGradients& g) {
 class TexelSums {
  public:
   void Begin(int texels) {
-    const std::size_t size = 4 * kBanks * static_cast<std::size_t>(texels);
+    const std::size_t size = 4 * kBanks * as_size(texels);
     if (sums_.size() < size) sums_.assign(size, 0);
   }
   /// Lanes without weight add nothing, which is quicker than to pass over them.
@@ -146,7 +147,7 @@ void DrawFacesVjp(const TileJob& job) {
       for (int c = 0; c < 3; ++c) sums.corner[e][c] = Zero();
     }
     const int count = CoverBlocks<kPlain, true>(job, local, grid, kNoWeightBehind, scratch.list);
-    for (const Covered& at : std::span(scratch.list, static_cast<std::size_t>(count))) {
+    for (const Covered& at : std::span(scratch.list, as_size(count))) {
       const auto load = [&](int field) HWY_ATTR { return Read(samples, at.first, field); };
       const bool colored = !at.behind && face.colored;
       V coverage = hn::Load(d, at.coverage), open = hn::Load(d, at.open);

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "augment.h"
+#include "base/sizes.h"
 #include "camera.h"
 #include "fusion_detector.h"
 #include "loss.h"
@@ -117,11 +118,13 @@ TEST(CameraLoss, APlaceAnswersForTheBoxItLiesIn) {
   const PictureMatch matched = match(places, boxes, logits, std::array{car}, std::array{ignored}, 96, 150);
   ASSERT_FALSE(matched.places.empty());
   for (const std::int64_t p : matched.places) {
-    EXPECT_NEAR(places[p].x, 60, 2.5 * places[p].stride);
-    EXPECT_NEAR(places[p].y, 40, 2.5 * places[p].stride);
+    EXPECT_NEAR(places[as_size(p)].x, 60, 2.5 * places[as_size(p)].stride);
+    EXPECT_NEAR(places[as_size(p)].y, 40, 2.5 * places[as_size(p)].stride);
   }
   for (const std::int64_t p : matched.silent)
-    EXPECT_TRUE(places[p].x > 150 || (places[p].x > 100 && places[p].x < 140 && places[p].y > 60)) << p;
+    EXPECT_TRUE(places[as_size(p)].x > 150 ||
+                (places[as_size(p)].x > 100 && places[as_size(p)].x < 140 && places[as_size(p)].y > 60))
+        << p;
   EXPECT_FALSE(matched.silent.empty());
   // A box that no place's centre lies in has its nearest places.
   const MiragePictureBox thin{60.1f, 40.1f, 60.9f, 40.4f};
@@ -157,7 +160,7 @@ TEST(CameraLoss, TeachesWhatIsLabelledAndNothingOfWhatIsIgnored) {
   const MiragePictureBox car{30, 20, 70, 44};
   std::vector<std::uint8_t> mask(64 * 96, 0);
   for (int v = 20; v < 44; ++v)
-    for (int u = 30; u < 70; ++u) mask[static_cast<std::size_t>(v) * 96 + u] = 1;
+    for (int u = 30; u < 70; ++u) mask[as_size(v) * 96 + as_size(u)] = 1;
   CameraOutput said = untaught();
   std::vector<Tensor> outputs = {said.boxes, said.logits, said.mask};
   for (Tensor& output : outputs) output.requires_grad_(true);
@@ -225,7 +228,7 @@ TEST(MovedPicture, BoxesAndMaskGoWithTheirPixels) {
   for (std::uint64_t index = 0; index < 60; ++index) {
     const TaughtPicture moved = moved_picture(given, 5, index);
     const std::int64_t rows = moved.image.size(0), columns = moved.image.size(1);
-    ASSERT_EQ(moved.vehicle_mask.size(), static_cast<std::size_t>(rows * columns));
+    ASSERT_EQ(moved.vehicle_mask.size(), as_size(rows * columns));
     larger += rows == 90;
     smaller += rows < 90;
     if (moved.boxes.size() != 1) continue;  // cut away

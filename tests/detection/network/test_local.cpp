@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "base/sizes.h"
 #include "detection/average_precision.h"
 #include "detection/car_in_picture.h"
 #include "generator/generator.h"
@@ -84,7 +85,7 @@ struct Mixed {
 Tensor whole(const Plan& plan, std::vector<Tensor> maps, int output) {
   for (std::size_t i = 0; i < plan.layers().size(); ++i) {
     const Layer& layer = plan.layers()[i];
-    const auto in = [&](std::size_t k) { return maps[static_cast<std::size_t>(layer.from[k])]; };
+    const auto in = [&](std::size_t k) { return maps[as_size(layer.from[k])]; };
     Tensor& y = maps[i];
     if (layer.op == Layer::Op::conv) {
       const Window read = read_by(layer.whole(), layer.reach);
@@ -106,22 +107,22 @@ Tensor whole(const Plan& plan, std::vector<Tensor> maps, int output) {
     if (layer.curve == Curve::relu) y = torch::relu(y);
     if (layer.curve == Curve::silu) y = torch::silu(y);
   }
-  return maps[static_cast<std::size_t>(output)];
+  return maps[as_size(output)];
 }
 
 TEST(LocalPass, EveryLayerForwardAndBackwardIsThatOfTheWholeMap) {
   const Mixed mixed;
   const auto count = mixed.plan.layers().size();
   std::vector<Tensor> given(count);
-  given[static_cast<std::size_t>(mixed.input)] = torch::randn({1, 5, 46, 70});
-  given[static_cast<std::size_t>(mixed.added)] = torch::randn({1, 8, 23, 35});
+  given[as_size(mixed.input)] = torch::randn({1, 5, 46, 70});
+  given[as_size(mixed.added)] = torch::randn({1, 8, 23, 35});
   const CleanMaps clean = run(mixed.plan, given);
   for (const Window& at : {Window{20, 30, 23, 36}, {0, 0, 2, 3}, {44, 66, 46, 70}, {10, 0, 12, 70}}) {
-    Tensor x = given[static_cast<std::size_t>(mixed.input)].clone();
+    Tensor x = given[as_size(mixed.input)].clone();
     x.narrow(2, at.top, at.rows()).narrow(3, at.left, at.columns()).add_(1);
     x.requires_grad_(true);
     std::vector<Tensor> changed = given;
-    changed[static_cast<std::size_t>(mixed.input)] = x;
+    changed[as_size(mixed.input)] = x;
     const Tensor expected = whole(mixed.plan, changed, mixed.output);
     LocalPass pass(mixed.plan, clean);
     Dirty dirty(46, 70);
@@ -334,7 +335,7 @@ void Reach::add(const Frame& frame) {
 
 TEST(PictureReach, OfGeneratedCars) {
   Reach reach;
-  for (const std::uint64_t index : {0, 1, 2, 3}) reach.add(generate_frame(kitti64(), 3, index));
+  for (const std::uint64_t index : {0u, 1u, 2u, 3u}) reach.add(generate_frame(kitti64(), 3, index));
   reach.print("generated");
   EXPECT_GT(reach.cars, 10);
   EXPECT_EQ(reach.unseen, 0);

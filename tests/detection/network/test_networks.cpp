@@ -87,24 +87,24 @@ TEST(FusionKernels, EachCellTakesTheNearestPointThatTheCameraSees) {
   };
   for (std::size_t level = 0; level < kGrids.size(); ++level) {
     const Grid& grid = kGrids[level];
-    std::vector<std::int64_t> taken(grid.rows * grid.columns, -1);
+    std::vector<std::int64_t> taken(as_size(grid.rows * grid.columns), -1);
     for (std::size_t k = 0; k < nearest[level].cells.size(); ++k)
-      taken[nearest[level].cells[k]] = nearest[level].points[k];
+      taken[as_size(nearest[level].cells[k])] = nearest[level].points[k];
     for (std::int64_t cell = 0; cell < grid.rows * grid.columns; ++cell) {
       const auto distance = [&](std::int64_t i) {
-        return std::hypot(street.points[4 * i] - cell_x(cell / grid.columns, grid.cell),
-                          street.points[4 * i + 1] - cell_y(cell % grid.columns, grid.cell));
+        return std::hypot(street.points[as_size(4 * i)] - cell_x(cell / grid.columns, grid.cell),
+                          street.points[as_size(4 * i + 1)] - cell_y(cell % grid.columns, grid.cell));
       };
       double best = 1e9;
       for (std::int64_t i = 0; i < static_cast<std::int64_t>(street.points.size() / 4); ++i)
         if (visible(i)) best = std::min(best, distance(i));
-      if (taken[cell] < 0) {
+      if (taken[as_size(cell)] < 0) {
         EXPECT_GT(best, grid.reach) << "level " << level << ", cell " << cell;
         continue;
       }
-      EXPECT_TRUE(visible(taken[cell]));
+      EXPECT_TRUE(visible(taken[as_size(cell)]));
       EXPECT_LE(best, grid.reach);
-      EXPECT_DOUBLE_EQ(distance(taken[cell]), best) << "level " << level << ", cell " << cell;
+      EXPECT_DOUBLE_EQ(distance(taken[as_size(cell)]), best) << "level " << level << ", cell " << cell;
     }
   }
 }
