@@ -161,14 +161,11 @@ nlohmann::json arm_json(const RunEvaluation& all, const std::string& name, const
                         {"target", to_word(all.run.settings.target)},
                         {"seeds", seeds},
                         {"meshes", of.meshes},
-                        {"vehicles", of.vehicles},
                         {"extents_m", {size.x(), size.y(), size.z()}},
-                        {"hidden", to_json(of.hiding)},
-                        {"bound", to_json(hidden_bound(of.hosts))},
-                        {"fn_asr", to_json(of.fn_interval)},
-                        {"fp_asr", to_json(of.fp_interval)},
-                        {"asr", to_json(of.asr_interval)}};
-  if (net != nullptr) arm["net"] = to_json(*net);
+                        {"hidden", fields_json(of.hiding)},
+                        {"bound", to_json(hidden_bound(of.hosts))}};
+  arm.update(fields_json(of.rates));
+  if (net != nullptr) arm["net"] = fields_json(*net);
   if (!of.against_grown.empty()) {
     arm["grown"] = grown_json(of.against_grown, of.meshes);
     arm["grown"].erase("outcomes");
@@ -262,7 +259,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.learned = judged(meshes);
   for (std::size_t mesh = 0; mesh < result.objects.size() && told; ++mesh)
     result.each.push_back({result.objects[mesh].name, of_mesh(result.learned, mesh), extents(meshes[mesh])});
-  if (told && result.learned.vehicles == 0)
+  if (told && result.learned.rates.vehicles == 0)
     spdlog::warn("{} finds none of {} vehicles as recorded: of its rates nothing is known",
                  result.detectors.front()->name(), result.hosts.size());
   if (request.random_meshes == 0) return result;
@@ -297,9 +294,9 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
   for (const BaselineArm& arm : evaluation.baselines) {
     arms.push_back(arm_json(evaluation, to_string(arm.kind), arm.evaluation, arm.extents, &arm.net));
     if (!grown.empty())
-      arms.back()["grown"]["net"] = to_json(net_success(grown, arm.evaluation.against_grown));
+      arms.back()["grown"]["net"] = fields_json(net_success(grown, arm.evaluation.against_grown));
   }
-  if (sized) result["net"] = to_json(sized->net);
+  if (sized) result["net"] = fields_json(sized->net);
   for (const NamedObject& object : evaluation.objects) result["meshes"].push_back(escape_name(object.name));
   if (evaluation.objects.empty()) result["run"] = evaluation.run.folder.string();
   if (!evaluation.hosts_of.empty()) result["hosts_of"] = evaluation.hosts_of.string();

@@ -28,6 +28,7 @@
 #include "scene/data/read_frames.h"
 
 namespace mirage {
+
 std::vector<HostPart> host_parts(std::span<const HostOutcome> hosts) {
   std::vector<HostPart> list;
   const auto add_range = [&](const std::string& name, double nearest, double farthest) {
@@ -58,35 +59,21 @@ std::vector<HostPart> host_parts(std::span<const HostOutcome> hosts) {
 std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int meshes) {
   std::vector<StratumSuccess> result;
   for (const HostPart& part : host_parts(hosts)) {
-    std::vector<const HostOutcome*> members;
-    int detected = 0;
+    int members = 0;
     ClusteredShare clean, attacked;
     for (const HostOutcome& host : hosts)
       if (part.holds(host)) {
-        members.push_back(&host);
-        detected += host.detected;
+        ++members;
         clean.add(host.cluster(), kHidingRules[0].finds(host, true), 0, 1.0 / meshes);
         attacked.add(host.cluster(), kHidingRules[0].finds(host, false), 0, 1.0 / meshes);
       }
-    result.push_back({part.by, part.name, static_cast<int>(members.size()) / meshes, detected / meshes,
-                      success_rates(members), clean.interval(), attacked.interval()});
+    result.push_back({part.by,
+                      part.name,
+                      members / meshes,
+                      success_rates(hosts, {}, part.holds),
+                      {clean.interval(), attacked.interval()}});
   }
   return result;
-}
-
-nlohmann::json to_json(const std::vector<StratumSuccess>& strata) {
-  auto list = nlohmann::json::array();
-  for (const StratumSuccess& part : strata)
-    list.push_back(
-        {{"by", part.by},
-         {"name", part.name},
-         {"hosts", part.hosts},
-         {"vehicles", part.vehicles},
-         {"fn_asr", to_json(part.rates.fn_asr)},
-         {"fp_asr", to_json(part.rates.fp_asr)},
-         {"asr", to_json(part.rates.asr)},
-         {"seen", {{"clean", to_json(part.seen_clean)}, {"attacked", to_json(part.seen_attacked)}}}});
-  return list;
 }
 
 std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& data,
@@ -288,26 +275,16 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> c
 Evaluation summarize(std::vector<HostOutcome> hosts, int meshes) {
   Evaluation result;
   result.meshes = meshes;
-  std::vector<const HostOutcome*> all;
   Clusters clusters;
   for (const HostOutcome& host : hosts) {
-    all.push_back(&host);
     if (host.mesh != hosts.front().mesh) continue;  // the vehicles are every mesh's
-    ++(host.from_box ? result.rooftops.from_box : result.rooftops.fitted);
+    result.rooftops.add(host.from_box);
     if (host.detected) clusters.add(host.id.frame, host.track);
-    result.vehicles += host.detected;
-    result.vehicles50 += host.clean_iou > 0.5;
   }
-  result.at50 = success_rates(all, 0.5);
+  result.rates = success_rates(hosts);
+  result.at50 = success_rates(hosts, 0.5);
   result.hiding = hiding_rates(hosts);
   result.clusters = clusters.count();
-  const SuccessRates rates = success_rates(all);
-  result.fn_interval = rates.fn_asr;
-  result.fp_interval = rates.fp_asr;
-  result.asr_interval = rates.asr;
-  result.fn_asr = rates.fn_asr.value;
-  result.fp_asr = rates.fp_asr.value;
-  result.asr = rates.asr.value;
 
   constexpr std::size_t kSteps = 21;
   for (std::size_t step = 0; step < kSteps; ++step) result.iou.push_back(static_cast<double>(step) * 0.05);
@@ -428,19 +405,10 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
 }
 
 nlohmann::json grown_json(const std::vector<HostOutcome>& hosts, int meshes) {
-  std::vector<const HostOutcome*> all;
-  int vehicles = 0;
-  for (const HostOutcome& host : hosts) {
-    all.push_back(&host);
-    vehicles += host.detected && host.mesh == hosts.front().mesh;
-  }
-  const SuccessRates rates = success_rates(all);
-  return {{"vehicles", vehicles},
-          {"fn_asr", to_json(rates.fn_asr)},
-          {"fp_asr", to_json(rates.fp_asr)},
-          {"asr", to_json(rates.asr)},
-          {"hidden", to_json(hiding_rates(hosts))},
-          {"outcomes", outcomes_json(hosts, meshes)}};
+  nlohmann::json json = fields_json(success_rates(hosts));
+  json["hidden"] = fields_json(hiding_rates(hosts));
+  json["outcomes"] = outcomes_json(hosts, meshes);
+  return json;
 }
 
 nlohmann::json to_json(const Evaluation& evaluation) {
@@ -454,26 +422,23 @@ nlohmann::json to_json(const Evaluation& evaluation) {
   };
   add_curve("clean", evaluation.recall_clean);
   add_curve("attacked", evaluation.recall_attacked);
-  nlohmann::json json = {{"vehicles", evaluation.vehicles},
+  const SuccessRates& rates = evaluation.rates;
+  nlohmann::json json = {{"vehicles", rates.vehicles},
                          {"hosts", evaluation.hosts.size() / as_size(std::max(1, evaluation.meshes))},
                          {"clusters", to_json(evaluation.clusters)},
                          {"rooftops", to_json(evaluation.rooftops)},
-                         {"fn_asr", evaluation.fn_asr},
-                         {"fp_asr", evaluation.fp_asr},
-                         {"asr", evaluation.asr},
+                         {"fn_asr", rates.fn_asr.value},
+                         {"fp_asr", rates.fp_asr.value},
+                         {"asr", rates.asr.value},
                          {"intervals",
                           {{"confidence", kConfidence},
-                           {"fn_asr", to_json(evaluation.fn_interval)},
-                           {"fp_asr", to_json(evaluation.fp_interval)},
-                           {"asr", to_json(evaluation.asr_interval)}}},
-                         {"at_iou_50",
-                          {{"vehicles", evaluation.vehicles50},
-                           {"fn_asr", to_json(evaluation.at50.fn_asr)},
-                           {"fp_asr", to_json(evaluation.at50.fp_asr)},
-                           {"asr", to_json(evaluation.at50.asr)}}},
-                         {"hidden", to_json(evaluation.hiding)},
+                           {"fn_asr", to_json(rates.fn_asr)},
+                           {"fp_asr", to_json(rates.fp_asr)},
+                           {"asr", to_json(rates.asr)}}},
+                         {"at_iou_50", fields_json(evaluation.at50)},
+                         {"hidden", fields_json(evaluation.hiding)},
                          {"recall_iou", recall},
-                         {"strata", to_json(evaluation.strata)},
+                         {"strata", list_json(evaluation.strata, fields_json<StratumSuccess>)},
                          {"false_positives", false_positives_json(evaluation.hosts)},
                          {"outcomes", outcomes_json(evaluation.hosts, evaluation.meshes)}};
   if (!evaluation.against_grown.empty())

@@ -22,7 +22,7 @@ namespace mirage {
 /// One part of the hosts.
 struct HostPart {
   std::string by, name;
-  std::function<bool(const HostOutcome&)> holds;
+  OutcomeTest holds;
 };
 /// Range: 0-15, 15-30, 30-50, 50+ m (the nearer end belongs to the part). Occlusion: KITTI's four levels.
 /// Truncation: up to 0.15 (KITTI's "easy") and more. Kind: HostOutcome::kind, in alphabetical order.
@@ -33,17 +33,28 @@ struct StratumSuccess {
   std::string by;    ///< "range", "occlusion", "truncation" or "kind"
   std::string name;  ///< "15-30 m", "partly occluded", …
   int hosts = 0;     ///< of one mesh
-  int vehicles = 0;  ///< of these: detected clean
   SuccessRates rates;
   /// Of all hosts: those on which any box stands (the rule "vanished"), clean and attacked.
-  Interval seen_clean, seen_attacked;
+  struct Seen {
+    Interval clean, attacked;
+  };
+  Seen seen;  ///< see Seen
 };
+template <class Visitor, FieldsOf<StratumSuccess::Seen> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "clean", s.clean, "attacked", s.attacked);
+}
+template <class Visitor, FieldsOf<StratumSuccess> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "by"}, s.by);
+  visit({.name = "name", .plain = true}, s.name);
+  visit({.name = "hosts"}, s.hosts);
+  visit_fields(visit, s.rates);
+  visit({.name = "seen"}, s.seen);
+}
 
 /// In each part, with no hosts too.
 std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int meshes = 1);
-
-/// [{by, name, hosts, vehicles, fn_asr: {value, low, high}, fp_asr, asr, seen: {clean, attacked}}]
-nlohmann::json to_json(const std::vector<StratumSuccess>& strata);
 
 /// What kind of vehicle each host is, where the data set tells: a generated set lays its streets out again
 /// and gives cars' body styles ("hatchback", …). Empty for recorded sets and sets of other generator
@@ -94,11 +105,8 @@ struct Evaluation {
   /// The same, judged against boxes that the object grows; empty where it grows none (TrueBox).
   std::vector<HostOutcome> against_grown;
   int meshes = 1;
-  int vehicles = 0;  ///< hosts detected clean: the denominator of one mesh
-  double fn_asr = 0, fp_asr = 0, asr = 0;
-  Interval fn_interval, fp_interval, asr_interval;      ///< 95 %
-  int vehicles50 = 0;                                   ///< hosts detected clean at an IoU of 0.5
-  SuccessRates at50;                                    ///< of them, at that IoU
+  SuccessRates rates;                                   ///< of the hosts detected clean
+  SuccessRates at50;                                    ///< of those detected clean at an IoU of 0.5
   HidingRates hiding;                                   ///< misses by every rule
   std::vector<double> iou;                              ///< 0 … 1
   std::vector<Interval> recall_clean, recall_attacked;  ///< of all hosts, at each of `iou`

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <boost/math/distributions/binomial.hpp>
 #include <cmath>
-#include <functional>
 #include <map>
 #include <numbers>
 #include <numeric>
@@ -64,10 +63,9 @@ nlohmann::json to_json(const Distribution& d, bool any) {
           {"p90", any ? nlohmann::json(d.p90) : nlohmann::json()}};
 }
 
-using Test = std::function<bool(const HostOutcome&)>;
-
 /// Of the hosts for which `counts` holds the share for which `works` does.
-ClusteredShare share_of(std::span<const HostOutcome> hosts, const Test& counts, const Test& works) {
+ClusteredShare share_of(std::span<const HostOutcome> hosts, const OutcomeTest& counts,
+                        const OutcomeTest& works) {
   ClusteredShare share;
   int meshes = 1;
   for (const HostOutcome& host : hosts) meshes = std::max(meshes, host.mesh + 1);
@@ -86,19 +84,13 @@ HidingRate rate(std::span<const HostOutcome> hosts, const HidingRule& rule) {
   return result;
 }
 
-Interval paired(std::span<const HostOutcome> a, std::span<const HostOutcome> b, const Test& counts,
-                const Test& works) {
+Interval paired(std::span<const HostOutcome> a, std::span<const HostOutcome> b, const OutcomeTest& counts,
+                const OutcomeTest& works) {
   return share_difference(share_of(a, counts, works), share_of(b, counts, works));
 }
 
 bool has_metres(std::span<const HostOutcome> hosts) {
   return hosts.empty() || !hosts.front().matching.in_picture();
-}
-
-nlohmann::json rate_json(const HidingRate& rate) {
-  nlohmann::json json = to_json(rate.share);
-  json["vehicles"] = rate.vehicles;
-  return json;
 }
 
 /// The largest binomial share of `trials` whose lower tail at `hits` is not below what `single` asks.
@@ -193,18 +185,27 @@ bool HostTruth::in_dont_care(const ObjectBoxes& found) const {
   });
 }
 
-SuccessRates success_rates(std::span<const HostOutcome* const> hosts, std::optional<double> iou) {
+SuccessRates success_rates(std::span<const HostOutcome> hosts, std::optional<double> iou,
+                           const OutcomeTest& of) {
+  SuccessRates rates;
   ClusteredShare fn, fp, either;
   int meshes = 1;
-  for (const HostOutcome* host : hosts) meshes = std::max(meshes, host->mesh + 1);
-  for (const HostOutcome* host : hosts) {
-    if (!(iou ? host->clean_iou > *iou : host->detected)) continue;
-    const bool hidden = iou ? host->attacked_iou <= *iou : host->hidden;
-    fn.add(host->cluster(), hidden, 0, 1.0 / meshes);
-    fp.add(host->cluster(), host->false_positive, 0, 1.0 / meshes);
-    either.add(host->cluster(), hidden || host->false_positive, 0, 1.0 / meshes);
+  std::optional<int> first;
+  for (const HostOutcome& host : hosts)
+    if (of(host)) {
+      meshes = std::max(meshes, host.mesh + 1);
+      first = first.value_or(host.mesh);
+    }
+  for (const HostOutcome& host : hosts) {
+    if (!of(host) || !(iou ? host.clean_iou > *iou : host.detected)) continue;
+    const bool hidden = iou ? host.attacked_iou <= *iou : host.hidden;
+    fn.add(host.cluster(), hidden, 0, 1.0 / meshes);
+    fp.add(host.cluster(), host.false_positive, 0, 1.0 / meshes);
+    either.add(host.cluster(), hidden || host.false_positive, 0, 1.0 / meshes);
+    rates.vehicles += host.mesh == first;
   }
-  return {fn.interval(), fp.interval(), either.interval()};
+  rates.fn_asr = fn.interval(), rates.fp_asr = fp.interval(), rates.asr = either.interval();
+  return rates;
 }
 
 Distribution distribution(const std::vector<double>& values, std::vector<double> edges) {
@@ -265,17 +266,6 @@ HidingRates hiding_rates(std::span<const HostOutcome> hosts) {
   return rates;
 }
 
-nlohmann::json to_json(const HidingRates& rates) {
-  const auto maybe = [](const std::optional<HidingRate>& rate) {
-    return rate ? rate_json(*rate) : nlohmann::json();
-  };
-  return {{"vanished", rate_json(rates.vanished)},
-          {"iou50", rate_json(rates.iou50)},
-          {"iou70", rate_json(rates.iou70)},
-          {"distance1m", maybe(rates.distance1m)},
-          {"distance2m", maybe(rates.distance2m)}};
-}
-
 NetSuccess net_success(std::span<const HostOutcome> learned, std::span<const HostOutcome> other) {
   const auto of = [&](std::size_t rule) {
     const HidingRule& by = kHidingRules[rule];
@@ -283,7 +273,7 @@ NetSuccess net_success(std::span<const HostOutcome> learned, std::span<const Hos
         learned, other, [&](const HostOutcome& host) { return by.finds(host, true); },
         [&](const HostOutcome& host) { return !by.finds(host, false); });
   };
-  const Test detected = [](const HostOutcome& host) { return host.detected; };
+  const OutcomeTest detected = [](const HostOutcome& host) { return host.detected; };
   NetSuccess net{of(0), of(1), of(2), {}, {}, {}, {}, {}};
   if (has_metres(learned)) net.distance1m = of(3), net.distance2m = of(4);
   net.fn = paired(learned, other, detected, [](const HostOutcome& host) { return host.hidden; });
@@ -291,16 +281,6 @@ NetSuccess net_success(std::span<const HostOutcome> learned, std::span<const Hos
       paired(learned, other, detected, [](const HostOutcome& host) { return host.false_positive; });
   net.asr = paired(learned, other, detected, [](const HostOutcome& host) { return host.fooled(); });
   return net;
-}
-
-nlohmann::json to_json(const NetSuccess& net) {
-  const auto maybe = [](const std::optional<Interval>& interval) {
-    return interval ? to_json(*interval) : nlohmann::json();
-  };
-  return {{"vanished", to_json(net.vanished)},     {"iou50", to_json(net.iou50)},
-          {"iou70", to_json(net.iou70)},           {"distance1m", maybe(net.distance1m)},
-          {"distance2m", maybe(net.distance2m)},   {"fn_asr", to_json(net.fn)},
-          {"fp_asr", to_json(net.false_positive)}, {"asr", to_json(net.asr)}};
 }
 
 ShareBound share_bound(std::span<const double> shares, bool single) {

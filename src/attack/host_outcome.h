@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -116,15 +117,25 @@ struct HostOutcome {
   bool fooled() const { return hidden || false_positive; }
 };
 
+/// Which outcomes are meant.
+using OutcomeTest = std::function<bool(const HostOutcome&)>;
+
 // Success rates over outcomes (attack/evaluation.h has their definitions).
 
 /// Shares of the vehicles that were detected clean, with 95 % intervals (base/intervals.h).
 struct SuccessRates {
+  int vehicles = 0;  ///< detected clean: the denominator of one mesh
   Interval fn_asr, fp_asr, asr;
 };
-/// Over those outcomes that count: `hosts` whose detection was clean. With `iou`, as if that were
-/// EvaluationSettings::detected_iou.
-SuccessRates success_rates(std::span<const HostOutcome* const> hosts, std::optional<double> iou = {});
+template <class Visitor, FieldsOf<SuccessRates> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "vehicles", s.vehicles, "fn_asr", s.fn_asr, "fp_asr", s.fp_asr, "asr", s.asr);
+}
+/// Over those outcomes that count: hosts `of` that kind whose detection was clean. With `iou`, as if that
+/// were EvaluationSettings::detected_iou.
+SuccessRates success_rates(
+    std::span<const HostOutcome> hosts, std::optional<double> iou = {},
+    const OutcomeTest& of = [](const HostOutcome&) { return true; });
 
 // Where the detections are that an adversary made.
 
@@ -156,8 +167,6 @@ nlohmann::json false_positives_json(const std::vector<HostOutcome>& hosts);
 // Each rate has its own denominator: the hosts that its rule finds clean. In the picture there are no
 // metres, and no rates by distance.
 
-struct HostOutcome;
-
 /// What counts as found: an IoU above `iou`, or with `distance` > 0 a centre within so many metres.
 struct HidingRule {
   const char* name;
@@ -179,19 +188,25 @@ struct HidingRate {
   Interval share;    ///< 95 % (base/intervals.h)
   int vehicles = 0;  ///< found clean by this rule: the denominator of one mesh
 };
+template <class Visitor, FieldsOf<HidingRate> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_fields(visit, s.share);
+  visit_named(visit, "vehicles", s.vehicles);
+}
 
 /// By each rule; those by distance only where boxes lie in space.
 struct HidingRates {
   HidingRate vanished, iou50, iou70;
   std::optional<HidingRate> distance1m, distance2m;
 };
+template <class Visitor, FieldsOf<HidingRates> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "vanished", s.vanished, "iou50", s.iou50, "iou70", s.iou70, "distance1m", s.distance1m,
+              "distance2m", s.distance2m);
+}
 
 /// Over outcomes of one mesh or, a mesh after the other, of several.
 HidingRates hiding_rates(std::span<const HostOutcome> hosts);
-
-/// {"vanished": {value, low, high, vehicles}, "iou50", "iou70", "distance1m", "distance2m"}, the last two
-/// null in the picture.
-nlohmann::json to_json(const HidingRates& rates);
 
 /// How much more often one mesh works than others on the same hosts: rate(learned) − rate(other) by each of
 /// the rules above, and of FN ASR, FP ASR and ASR (attack/evaluation.h). Paired (share_difference).
@@ -200,10 +215,13 @@ struct NetSuccess {
   std::optional<Interval> distance1m, distance2m;
   Interval fn, false_positive, asr;
 };
+template <class Visitor, FieldsOf<NetSuccess> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "vanished", s.vanished, "iou50", s.iou50, "iou70", s.iou70, "distance1m", s.distance1m,
+              "distance2m", s.distance2m, "fn_asr", s.fn, "fp_asr", s.false_positive, "asr", s.asr);
+}
 /// Both are of the same hosts, in any order, each with as many meshes as it has.
 NetSuccess net_success(std::span<const HostOutcome> learned, std::span<const HostOutcome> other);
-/// {"vanished": {value, low, high}, …, "fn_asr", "fp_asr", "asr"}
-nlohmann::json to_json(const NetSuccess& net);
 
 // How large a share can be at most, where few cars or none vanish, and at least: exact, one-sided. And how
 // many vehicles it takes to tell more.

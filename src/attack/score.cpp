@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <iterator>
 #include <map>
 #include <set>
 
@@ -228,14 +229,11 @@ Score score_outcomes(std::span<const HostOutcome> hosts, const std::vector<Score
     if (std::ranges::find(names, object.row) != names.end()) continue;
     names.push_back(object.row);
     std::vector<HostOutcome> of_row;
-    std::vector<const HostOutcome*> by_each;
-    for (const HostOutcome& host : hosts)
-      if (objects.at(as_size(host.mesh)).row == object.row) {
-        of_row.push_back(host);
-        by_each.push_back(&host);
-      }
+    std::ranges::copy_if(hosts, std::back_inserter(of_row), [&](const HostOutcome& host) {
+      return objects.at(as_size(host.mesh)).row == object.row;
+    });
     ScoreRow row = row_of(object.level, object.row, of_row);
-    row.phantoms = success_rates(by_each).fp_asr;
+    row.phantoms = success_rates(of_row).fp_asr;
     for (const ScoredObject& other : objects)
       if (other.row == object.row) row.objects.push_back(other.name);
     score.rows.push_back(std::move(row));

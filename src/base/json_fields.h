@@ -103,7 +103,7 @@ std::string written_text(const std::string& text);
 std::string read_text(const JsonFields& json, const char* name);
 
 /// What a file's field holds for a value: an enum's word, a struct's text or fields, a list's or a map's
-/// entries; null for a number that is infinite.
+/// entries; null for a number that is infinite, and for what is not there.
 template <class T>
 nlohmann::json value_json(const Field& field, const T& value, bool whole);
 
@@ -155,6 +155,11 @@ template <class T>
 inline constexpr bool kIsList = false;
 template <class T>
 inline constexpr bool kIsList<std::vector<T>> = true;
+/// Whether the type is a std::optional.
+template <class T>
+inline constexpr bool kIsOptional = false;
+template <class T>
+inline constexpr bool kIsOptional<std::optional<T>> = true;
 /// Whether the type is a std::map from texts.
 template <class T>
 inline constexpr bool kIsMap = false;
@@ -173,6 +178,8 @@ nlohmann::json value_json(const Field& field, const T& value, bool whole) {
     return written_path(value, field.word);
   } else if constexpr (std::same_as<T, std::string>) {
     return field.plain ? value : written_text(value);
+  } else if constexpr (kIsOptional<T>) {
+    return value ? value_json(field, *value, whole) : nlohmann::json();
   } else if constexpr (kIsList<T>) {
     auto list = nlohmann::json::array();
     for (const auto& entry : value) list.push_back(value_json(field, entry, whole));

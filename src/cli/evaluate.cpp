@@ -26,10 +26,10 @@ void print_head(const RunEvaluation& evaluation) {
   const Evaluation& learned = evaluation.learned;
   Rows rows = {{"hosts", std::to_string(evaluation.hosts.size())},
                {"roofs", roofs(learned.rooftops.fitted, learned.rooftops.from_box)},
-               {"vehicles detected without adversary", std::to_string(learned.vehicles)}};
+               {"vehicles detected without adversary", std::to_string(learned.rates.vehicles)}};
   rows.push_back({"intervals over", to_string(learned.clusters)});
   if (evaluation.settings.matching.in_picture())
-    rows.push_back({"vehicles detected without adversary, IoU 0.5", std::to_string(learned.vehicles50)});
+    rows.push_back({"vehicles detected without adversary, IoU 0.5", std::to_string(learned.at50.vehicles)});
   for (auto& row : picture_rows(evaluation.reliance)) rows.push_back(std::move(row));
   print_table(rows);
 }
@@ -43,9 +43,9 @@ void print_arms(const RunEvaluation& evaluation) {
   const auto shares = [&](const std::string& name, const Evaluation& of) {
     const HidingRates& hidden = of.hiding;
     rows.push_back({of.meshes > 1 ? fmt::format("{} × {}", of.meshes, name) : name,
-                    percent(hidden.vanished.share), percent(of.fn_interval),
-                    percent(picture ? hidden.iou50.share : hidden.distance2m->share), percent(of.fp_interval),
-                    percent(of.asr_interval)});
+                    percent(hidden.vanished.share), percent(of.rates.fn_asr),
+                    percent(picture ? hidden.iou50.share : hidden.distance2m->share),
+                    percent(of.rates.fp_asr), percent(of.rates.asr)});
   };
   if (evaluation.each.empty()) shares("learned mesh", evaluation.learned);
   for (const ObjectArm& arm : evaluation.each) shares(arm.name, arm.evaluation);
@@ -84,8 +84,8 @@ void print_seen(const std::vector<StratumSuccess>& parts) {
   Columns rows = {{"part", "places", "plain object seen", "object seen"}};
   for (const StratumSuccess& part : parts)
     if (part.by == "range" && part.hosts > 0)
-      rows.push_back({part.by + " " + part.name, std::to_string(part.hosts), percent(part.seen_clean),
-                      percent(part.seen_attacked)});
+      rows.push_back({part.by + " " + part.name, std::to_string(part.hosts), percent(part.seen.clean),
+                      percent(part.seen.attacked)});
   print_columns(rows);
 }
 
@@ -100,8 +100,8 @@ void print_strata(const RunEvaluation& evaluation) {
   const auto& parts = evaluation.learned.strata;
   for (std::size_t i = 0; i < parts.size(); ++i) {
     const StratumSuccess& part = parts[i];
-    if (part.vehicles == 0) continue;
-    rows.push_back({part.by + " " + part.name, std::to_string(part.vehicles),
+    if (part.rates.vehicles == 0) continue;
+    rows.push_back({part.by + " " + part.name, std::to_string(part.rates.vehicles),
                     percent(part.rates.fn_asr.value), percent(part.rates.fp_asr.value),
                     percent(part.rates.asr)});
     if (control) rows.back().push_back(percent(control->evaluation.strata[i].rates.asr));

@@ -167,8 +167,7 @@ std::map<std::string, nlohmann::json> judge(const std::vector<std::filesystem::p
   std::map<std::string, nlohmann::json> shares;
   for (const ObjectArm& arm : evaluation.each) {
     nlohmann::json& share = shares[std::filesystem::path(arm.name).stem().string()];
-    share = to_json(arm.evaluation.hiding.vanished.share);
-    share["vehicles"] = arm.evaluation.hiding.vanished.vehicles;
+    share = fields_json(arm.evaluation.hiding.vanished);
     share["clusters"] = to_json(arm.evaluation.clusters);
     share["detector"] = detector;
   }

@@ -247,7 +247,7 @@ TEST(Attack, ADetectorInThePictureIsAttackedAndJudgedThere) {
   hosts.insert(hosts.end(), run.test.begin(), run.test.end());
   const Evaluation evaluation =
       evaluate(detectors, store, hosts, run.adversary, settings.simulation, EvaluationSettings());
-  EXPECT_EQ(evaluation.vehicles, 3);
+  EXPECT_EQ(evaluation.rates.vehicles, 3);
   for (const HostOutcome& host : evaluation.hosts) {
     EXPECT_TRUE(host.matching.in_picture());
     EXPECT_EQ(host.clean_iou, 1);

@@ -46,27 +46,27 @@ TEST(EvaluationStrata, CountByRangeOcclusionTruncationAndKind) {
   hosts[2].kind = "estate";
   hosts[4].detected = hosts[4].hidden = false;
   const Evaluation all = summarize(hosts);
-  EXPECT_EQ(all.vehicles, 4);
-  EXPECT_DOUBLE_EQ(all.fn_asr, 0.5);
-  EXPECT_DOUBLE_EQ(all.asr, 0.75);
-  EXPECT_EQ(part(all, "0-15 m").vehicles, 1);
+  EXPECT_EQ(all.rates.vehicles, 4);
+  EXPECT_DOUBLE_EQ(all.rates.fn_asr.value, 0.5);
+  EXPECT_DOUBLE_EQ(all.rates.asr.value, 0.75);
+  EXPECT_EQ(part(all, "0-15 m").rates.vehicles, 1);
   EXPECT_EQ(part(all, "0-15 m").rates.fn_asr.value, 1);
   EXPECT_EQ(part(all, "0-15 m").rates.fp_asr.value, 0);
-  EXPECT_EQ(part(all, "15-30 m").vehicles, 2);
+  EXPECT_EQ(part(all, "15-30 m").rates.vehicles, 2);
   EXPECT_EQ(part(all, "15-30 m").rates.asr.value, 0.5);
   EXPECT_EQ(part(all, "30-50 m").hosts, 0);
   EXPECT_EQ(part(all, "30-50 m").rates.asr.high, 1);  // nothing is known
   EXPECT_EQ(part(all, "50+ m").hosts, 2);
-  EXPECT_EQ(part(all, "50+ m").vehicles, 1);
+  EXPECT_EQ(part(all, "50+ m").rates.vehicles, 1);
   EXPECT_EQ(part(all, "largely occluded").rates.fp_asr.value, 1);
-  EXPECT_EQ(part(all, "fully visible").vehicles, 3);
-  EXPECT_EQ(part(all, "cut off (> 0.15)").vehicles, 1);
-  EXPECT_EQ(part(all, "whole (≤ 0.15)").vehicles, 3);
-  EXPECT_EQ(part(all, "Car").vehicles, 3);
+  EXPECT_EQ(part(all, "fully visible").rates.vehicles, 3);
+  EXPECT_EQ(part(all, "cut off (> 0.15)").rates.vehicles, 1);
+  EXPECT_EQ(part(all, "whole (≤ 0.15)").rates.vehicles, 3);
+  EXPECT_EQ(part(all, "Car").rates.vehicles, 3);
   EXPECT_EQ(part(all, "estate").rates.asr.value, 0);
-  EXPECT_EQ(part(all, "15-30 m").seen_attacked.value, 1);
-  EXPECT_EQ(part(all, "50+ m").seen_attacked.value, 0);
-  EXPECT_EQ(part(all, "50+ m").seen_clean.value, 1);  // of all hosts, whatever their IoU
+  EXPECT_EQ(part(all, "15-30 m").seen.attacked.value, 1);
+  EXPECT_EQ(part(all, "50+ m").seen.attacked.value, 0);
+  EXPECT_EQ(part(all, "50+ m").seen.clean.value, 1);  // of all hosts, whatever their IoU
   // Two frames tell next to nothing, one nothing at all.
   EXPECT_LT(part(all, "15-30 m").rates.asr.low, 0.01);
   EXPECT_GT(part(all, "15-30 m").rates.asr.high, 0.99);
@@ -89,13 +89,13 @@ TEST(EvaluationStrata, PartsAddUpToTheWhole) {
   const Evaluation all = summarize(hosts);
   std::map<std::string, std::pair<int, double>> by;
   for (const StratumSuccess& p : all.strata) {
-    by[p.by].first += p.vehicles;
-    by[p.by].second += p.vehicles * p.rates.asr.value;
+    by[p.by].first += p.rates.vehicles;
+    by[p.by].second += p.rates.vehicles * p.rates.asr.value;
   }
   EXPECT_EQ(by.size(), 4u);
   for (const auto& [name, sum] : by) {
-    EXPECT_EQ(sum.first, all.vehicles) << name;
-    EXPECT_NEAR(sum.second, all.vehicles * all.asr, 1e-9) << name;
+    EXPECT_EQ(sum.first, all.rates.vehicles) << name;
+    EXPECT_NEAR(sum.second, all.rates.vehicles * all.rates.asr.value, 1e-9) << name;
   }
 }
 
@@ -110,8 +110,8 @@ TEST(Evaluation, SeveralMeshesArePooledAndTheirClustersAreFrames) {
       if (mesh == 0) first.push_back(hosts.back());
     }
   const Evaluation pooled = summarize(hosts, 3);
-  EXPECT_EQ(pooled.vehicles, 4);
-  EXPECT_DOUBLE_EQ(pooled.fn_asr, 0.25);
+  EXPECT_EQ(pooled.rates.vehicles, 4);
+  EXPECT_DOUBLE_EQ(pooled.rates.fn_asr.value, 0.25);
   EXPECT_EQ(pooled.rooftops.from_box, 1);
   EXPECT_EQ(pooled.rooftops.fitted, 3);
   EXPECT_EQ(part(pooled, "0-15 m").hosts, 4);
@@ -128,8 +128,8 @@ TEST(Evaluation, SeveralMeshesArePooledAndTheirClustersAreFrames) {
       repeated.push_back(host);
     }
   const Evaluation once = summarize(first), thrice = summarize(repeated, 3);
-  EXPECT_DOUBLE_EQ(once.asr_interval.low, thrice.asr_interval.low);
-  EXPECT_DOUBLE_EQ(once.asr_interval.high, thrice.asr_interval.high);
+  EXPECT_DOUBLE_EQ(once.rates.asr.low, thrice.rates.asr.low);
+  EXPECT_DOUBLE_EQ(once.rates.asr.high, thrice.rates.asr.high);
   EXPECT_DOUBLE_EQ(once.recall_attacked[10].low, thrice.recall_attacked[10].low);
 }
 
@@ -144,10 +144,10 @@ TEST(Evaluation, OneVehicleInManyFramesIsOneCluster) {
   const Evaluation by_vehicle = summarize(hosts);
   EXPECT_EQ(by_vehicle.clusters.by, "vehicle");
   EXPECT_EQ(by_vehicle.clusters.count, 4);
-  EXPECT_DOUBLE_EQ(by_vehicle.asr, by_frame.asr);
-  EXPECT_LT(by_vehicle.asr_interval.low, 0.05);
-  EXPECT_GT(by_frame.asr_interval.low, 0.1);
-  EXPECT_GT(by_vehicle.asr_interval.high, by_frame.asr_interval.high);
+  EXPECT_DOUBLE_EQ(by_vehicle.rates.asr.value, by_frame.rates.asr.value);
+  EXPECT_LT(by_vehicle.rates.asr.low, 0.05);
+  EXPECT_GT(by_frame.rates.asr.low, 0.1);
+  EXPECT_GT(by_vehicle.rates.asr.high, by_frame.rates.asr.high);
   const auto json = to_json(by_vehicle);
   EXPECT_EQ(json.at("clusters").at("count"), 4);
   EXPECT_EQ(json.at("outcomes").at(39).at("track"), 3);

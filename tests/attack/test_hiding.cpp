@@ -73,8 +73,8 @@ TEST(Hiding, EachRuleHasItsOwnDenominator) {
   EXPECT_GT(rates.vanished.share.high, 3 / 7.);
 
   const Evaluation all = summarize(hosts);
-  EXPECT_EQ(all.vehicles, 5);
-  EXPECT_DOUBLE_EQ(all.fn_asr, rates.iou70.share.value);  // the seed's rule is one of them
+  EXPECT_EQ(all.rates.vehicles, 5);
+  EXPECT_DOUBLE_EQ(all.rates.fn_asr.value, rates.iou70.share.value);  // the seed's rule is one of them
   const nlohmann::json json = to_json(all);
   EXPECT_EQ(json.at("hidden").at("vanished").at("vehicles"), 7);
   EXPECT_DOUBLE_EQ(json.at("hidden").at("distance2m").at("value"), 4 / 6.);
@@ -110,7 +110,7 @@ TEST(Hiding, InThePictureThereAreNoMetres) {
   const auto json = to_json(made);
   EXPECT_TRUE(json.at("hidden").at("distance1m").is_null());
   EXPECT_FALSE(json.at("outcomes").at(0).contains("clean_distance"));
-  const auto net = to_json(net_success(made.hosts, made.hosts));
+  const auto net = fields_json(net_success(made.hosts, made.hosts));
   EXPECT_TRUE(net.at("distance2m").is_null());
   EXPECT_EQ(net.at("iou70").at("value"), 0);
 }

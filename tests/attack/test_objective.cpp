@@ -102,10 +102,10 @@ TEST(Evaluation, SharesAreOfTheVehiclesDetectedClean) {
       {judge({"0", 0}, frame, {on}, {}, settings), judge({"1", 0}, frame, {on}, {on, elsewhere}, settings),
        judge({"2", 0}, frame, {on}, {on}, settings), judge({"3", 0}, frame, {on}, {elsewhere}, settings),
        judge({"4", 0}, frame, {}, {elsewhere}, settings)});
-  EXPECT_EQ(result.vehicles, 4);
-  EXPECT_NEAR(result.fn_asr, 0.5, 1e-12);
-  EXPECT_NEAR(result.fp_asr, 0.5, 1e-12);
-  EXPECT_NEAR(result.asr, 0.75, 1e-12);
+  EXPECT_EQ(result.rates.vehicles, 4);
+  EXPECT_NEAR(result.rates.fn_asr.value, 0.5, 1e-12);
+  EXPECT_NEAR(result.rates.fp_asr.value, 0.5, 1e-12);
+  EXPECT_NEAR(result.rates.asr.value, 0.75, 1e-12);
   EXPECT_NEAR(result.recall_clean.front().value, 0.8, 1e-12);
   EXPECT_NEAR(result.recall_attacked.back().value, 0.4, 1e-12);
 }
@@ -214,9 +214,9 @@ TEST(Evaluation, ABoxAroundCarAndObjectIsNoMiss) {
   EXPECT_EQ(made.range, 10);
 
   const Evaluation result = summarize({outcome({on}, {half}), outcome({on}, {around}), outcome({half}, {})});
-  EXPECT_EQ(result.vehicles, 2);
-  EXPECT_DOUBLE_EQ(result.fn_asr, 0.5);
-  EXPECT_EQ(result.vehicles50, 3);  // at 0.5 the half box finds it, clean and attacked
+  EXPECT_EQ(result.rates.vehicles, 2);
+  EXPECT_DOUBLE_EQ(result.rates.fn_asr.value, 0.5);
+  EXPECT_EQ(result.at50.vehicles, 3);  // at 0.5 the half box finds it, clean and attacked
   EXPECT_NEAR(result.at50.fn_asr.value, 1.0 / 3, 1e-12);
   const auto written = to_json(result);
   EXPECT_EQ(written.at("at_iou_50").at("vehicles"), 3);

@@ -386,8 +386,8 @@ std::vector<TimedAttack> attack_study(const TradeoffSettings& settings) {
     const Evaluation judged = evaluate(judges, store, run.test, run.adversary, exact, by);
     timed.seconds = settings.attack_seconds;
     timed.iterations = result.iterations, timed.loss = result.loss;
-    timed.vehicles = judged.vehicles;
-    timed.fn_asr = judged.fn_interval, timed.fp_asr = judged.fp_interval, timed.asr = judged.asr_interval;
+    timed.vehicles = judged.rates.vehicles;
+    timed.fn_asr = judged.rates.fn_asr, timed.fp_asr = judged.rates.fp_asr, timed.asr = judged.rates.asr;
   }
   std::error_code ignored;
   std::filesystem::remove_all(scratch, ignored);
