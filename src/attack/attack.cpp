@@ -215,22 +215,13 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
     id.json["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};
   const TexturedMesh random = random_baseline(settings.seed, settings.limits, settings.buildable);
   const auto began = Clock::now();
-  if (settings.attack == AttackSearch::black_box) {
-    const BlackBoxOutcome outcome = run_black_box({settings, detectors, store, train, sights, id});
+  if (settings.attack != AttackSearch::plain) {
+    const SearchRun run{settings, detectors, store, train, sights, id};
+    const SearchOutcome outcome =
+        settings.attack == AttackSearch::black_box ? run_black_box(run) : run_portfolio(run);
     if (rank() == 0) write_adversary(settings.out / "random.glb", random);
-    result.black_box = outcome.report;
-    result.iterations = static_cast<int>(outcome.state.iteration);
-    finish(settings, outcome.state, train, test, outcome.state.iteration - outcome.first,
-           seconds_since(began), outcome.stages, detectors.size(), result);
-    return result;
-  }
-  if (settings.attack == AttackSearch::automatic) {
-    const AutoOutcome outcome = run_portfolio({settings, detectors, store, train, sights, id});
-    if (rank() == 0) {
-      write_adversary(settings.out / "random.glb", random);
-      write_losses(settings.out / "loss.csv", outcome.state.losses);
-    }
-    result.automatic = outcome.report;
+    result.black_box = outcome.black_box;
+    result.automatic = outcome.automatic;
     result.iterations = static_cast<int>(outcome.steps);
     finish(settings, outcome.state, train, test, outcome.steps - outcome.first, seconds_since(began),
            outcome.stages, detectors.size(), result);

@@ -29,8 +29,12 @@ struct PlateauReport {
   int steps = 0, every = 0;      ///< AttackSettings::until_plateau, validation_every
 };
 
-/// {stopped, best_iteration, best, kept_iteration, vehicles, frames, steps, every, iterations, values}
-nlohmann::json to_json(const PlateauReport& report);
+template <class Visitor, FieldsOf<PlateauReport> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "stopped", s.stopped, "iterations", s.iterations, "values", s.values, "best_iteration",
+              s.best_iteration, "best", s.best, "kept_iteration", s.kept_iteration, "vehicles", s.vehicles,
+              "frames", s.frames, "steps", s.steps, "every", s.every);
+}
 
 /// With AttackSearch::automatic: what was tried (attack/portfolio.h). `held_out`: the objective on the
 /// vehicles held out.
@@ -66,10 +70,27 @@ struct AutoReport {
   long steps = 0;            ///< spent in all
 };
 
-/// {candidates: [{start, target, vertex_rate, texel_rate, seed, steps, rounds, held_out, kept_iteration}],
-/// chosen, starts: [{start, held_out}], search: {generations, shapes, vehicles, steps, values}, vehicles,
-/// steps}
-nlohmann::json to_json(const AutoReport& report);
+template <class Visitor, FieldsOf<AutoReport::Start> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "start", s.name, "held_out", s.held_out);
+}
+template <class Visitor, FieldsOf<AutoReport::Candidate> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "start", s.start, "target", s.target, "vertex_rate", s.vertex_rate, "texel_rate",
+              s.texel_rate, "seed", s.seed, "steps", s.steps, "rounds", s.rounds, "held_out", s.held_out,
+              "kept_iteration", s.kept_iteration);
+}
+template <class Visitor, FieldsOf<AutoReport::Search> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "generations", s.generations, "vehicles", s.vehicles, "steps", s.steps, "values",
+              s.values);
+  visit.derived("shapes", s.values.size());
+}
+template <class Visitor, FieldsOf<AutoReport> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "candidates", s.candidates, "chosen", s.chosen, "starts", s.starts, "search", s.search,
+              "vehicles", s.vehicles, "steps", s.steps);
+}
 
 /// With AttackSearch::black_box: what was looked at (attack/black_box.h).
 struct BlackBoxReport {
@@ -78,13 +99,24 @@ struct BlackBoxReport {
   std::size_t numbers = 0;   ///< that make a mesh
   int samples = 0;           ///< meshes a generation
   long generations = 0;
-  std::vector<AutoReport::Start> starts;  ///< `held_out`: the objective on the vehicles that it looks at
-  std::string start;                      ///< the one searched from
-  double loss = 0;                        ///< of the mesh that was written, on the same vehicles
+  /// A mesh that the search may start from.
+  struct Start {
+    std::string name;
+    double loss = 0;  ///< the objective on the vehicles that it looks at
+  };
+  std::vector<Start> starts;
+  std::string start;  ///< the one searched from
+  double loss = 0;    ///< of the mesh that was written, on the same vehicles
 };
-
-/// {vehicles, queries, numbers, samples, generations, starts: [{start, loss}], start, loss}
-nlohmann::json to_json(const BlackBoxReport& report);
+template <class Visitor, FieldsOf<BlackBoxReport::Start> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "start", s.name, "loss", s.loss);
+}
+template <class Visitor, FieldsOf<BlackBoxReport> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "vehicles", s.vehicles, "queries", s.queries, "numbers", s.numbers, "samples", s.samples,
+              "generations", s.generations, "starts", s.starts, "start", s.start, "loss", s.loss);
+}
 
 /// Of this process and the run that it went on with.
 struct AttackResult {

@@ -201,10 +201,10 @@ class BlackBox {
     identity_.json["recipe"] = kBlackBoxRecipe;
   }
 
-  BlackBoxOutcome run() {
+  SearchOutcome run() {
     plan();
     open();
-    BlackBoxOutcome outcome;
+    SearchOutcome outcome;
     outcome.first = std::ssize(rows_);
     NamedStart& start = judge_starts();
     const MeshModes modes = modes_of(start.mesh);
@@ -236,9 +236,9 @@ class BlackBox {
     save();
     outcome.state.adversary = value < start.value ? arrived : start.mesh;
     outcome.state.losses = rows_;
-    outcome.state.iteration = std::ssize(rows_);
+    outcome.steps = std::ssize(rows_);
     outcome.stages = stages_;
-    BlackBoxReport& report = outcome.report;
+    BlackBoxReport& report = outcome.black_box.emplace();
     report.vehicles = sample_.size();
     report.queries = queries(std::ssize(rows_)) + std::ssize(sample_);
     report.numbers = modes.size();
@@ -409,7 +409,7 @@ BlackBoxPlan black_box_plan(const AttackSettings& settings, std::size_t starts, 
   return plan;
 }
 
-BlackBoxOutcome run_black_box(const SearchRun& run) {
+SearchOutcome run_black_box(const SearchRun& run) {
   return BlackBox(run).run();
 }
 

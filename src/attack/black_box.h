@@ -18,6 +18,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -46,6 +47,14 @@ struct SearchRun {
   const std::vector<Host>& train;
   std::shared_ptr<CleanSights> sights;
   RunIdentity identity;
+};
+/// What came of a search.
+struct SearchOutcome {
+  AttackState state;          ///< its mesh the learned one
+  StageSeconds stages;        ///< of this process
+  long steps = 0, first = 0;  ///< in all, and before this process
+  std::optional<AutoReport> automatic;
+  std::optional<BlackBoxReport> black_box;
 };
 /// A mesh to start from.
 struct NamedStart {
@@ -128,15 +137,8 @@ struct BlackBoxPlan {
 BlackBoxPlan black_box_plan(const AttackSettings& settings, std::size_t starts, std::size_t numbers,
                             std::size_t vehicles);
 
-/// What came of it.
-struct BlackBoxOutcome {
-  AttackState state;  ///< its mesh the learned one, its losses those of all meshes looked at
-  BlackBoxReport report;
-  StageSeconds stages;  ///< of this process
-  long first = 0;       ///< meshes looked at before this process
-};
 /// Writes run.json and the files above. The same bits however often it was stopped, on any number of
-/// processes.
-BlackBoxOutcome run_black_box(const SearchRun& run);
+/// processes. Its steps are meshes looked at, and it has their losses.
+SearchOutcome run_black_box(const SearchRun& run);
 
 }  // namespace mirage

@@ -72,10 +72,10 @@ class Portfolio {
     identity_.json["validation"] = to_json(held);
   }
 
-  AutoOutcome run() {
+  SearchOutcome run() {
     plan();
     open();
-    AutoOutcome outcome;
+    SearchOutcome outcome;
     search();
     judge_starts();
     enter();
@@ -87,11 +87,12 @@ class Portfolio {
         [](const Candidate& a, const Candidate& b) { return a.state.held_out.best < b.state.held_out.best; });
     outcome.state = best->state;
     outcome.state.adversary = best->state.held_out.mesh;
-    outcome.report = report(as_size(best - candidates_.begin()));
+    outcome.automatic = report(as_size(best - candidates_.begin()));
     outcome.stages = stages_;
     outcome.steps = spent();
     spdlog::info("candidate {} is chosen: {}, {:.4f} on {} vehicles held out", best - candidates_.begin(),
                  best->start, best->state.held_out.best, part_.held_out.size());
+    if (rank() == 0) write_losses(settings_.out / "loss.csv", outcome.state.losses);
     return outcome;
   }
 
@@ -388,7 +389,7 @@ std::vector<AttackTarget> auto_targets(AttackTarget asked, const Capabilities& d
   return targets;
 }
 
-AutoOutcome run_portfolio(const SearchRun& run) {
+SearchOutcome run_portfolio(const SearchRun& run) {
   return Portfolio(run).run();
 }
 

@@ -66,14 +66,8 @@ inline constexpr int kShapesAGeneration = 24;
 /// At most so many vehicles are held out to choose by.
 inline constexpr std::size_t kChoosingHosts = 32;
 
-/// What came of it.
-struct AutoOutcome {
-  AttackState state;  ///< of the chosen candidate, its mesh the chosen one
-  AutoReport report;
-  StageSeconds stages;        ///< of the steps of this process
-  long steps = 0, first = 0;  ///< spent in all, and before this process
-};
-/// Writes run.json (with the vehicles held out) and the files above.
-AutoOutcome run_portfolio(const SearchRun& run);
+/// Writes run.json (with the vehicles held out), the files above and the chosen candidate's loss.csv; has
+/// that candidate's state.
+SearchOutcome run_portfolio(const SearchRun& run);
 
 }  // namespace mirage
