@@ -199,15 +199,6 @@ Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
 }
 
 nlohmann::json to_json(const Comparison& comparison) {
-  const auto part_json = [](const ComparedPart& part) {
-    return nlohmann::json{{"by", part.by},
-                          {"name", escape_name(part.name)},
-                          {"vehicles", part.vehicles},
-                          {"first", to_json(part.first)},
-                          {"second", to_json(part.second)},
-                          {"difference", to_json(part.difference)},
-                          {"p", part.p}};
-  };
   const ComparedPart& all = comparison.parts.front();
   nlohmann::json json = {{"detectors", comparison.detectors},
                          {"hosts", comparison.hosts},
@@ -219,22 +210,13 @@ nlohmann::json to_json(const Comparison& comparison) {
                          {"told", to_string(told(all.difference))},
                          {"first", to_json(all.first)},
                          {"second", to_json(all.second)},
-                         {"bounds", {to_json(comparison.bounds[0]), to_json(comparison.bounds[1])}},
-                         {"detectable", comparison.detectable}};
+                         {"bounds", list_json(comparison.bounds, fields_json<HiddenBound>)},
+                         {"detectable", comparison.detectable},
+                         {"needed", list_json(comparison.needed, fields_json<Comparison::Needed>)},
+                         {"parts", list_json(comparison.parts, fields_json<ComparedPart>)},
+                         {"worse", list_json(comparison.worse, fields_json<WorseVehicle>)}};
   for (const std::string& object : comparison.objects) json["objects"].push_back(escape_name(object));
-  if (comparison.own) json["own"] = part_json(*comparison.own);
-  for (const auto& [difference, vehicles] : comparison.needed)
-    json["needed"].push_back(
-        {{"difference", difference}, {"vehicles", vehicles ? nlohmann::json(*vehicles) : nlohmann::json()}});
-  for (const ComparedPart& part : comparison.parts) json["parts"].push_back(part_json(part));
-  json["worse"] = nlohmann::json::array();
-  for (const WorseVehicle& vehicle : comparison.worse)
-    json["worse"].push_back({{"frame", escape_name(vehicle.id.frame)},
-                             {"label", vehicle.id.label},
-                             {"object", escape_name(vehicle.object)},
-                             {"range", vehicle.range},
-                             {"first_score", vehicle.first_score},
-                             {"second_clean_score", vehicle.second_clean_score}});
+  if (comparison.own) json["own"] = fields_json(*comparison.own);
   return json;
 }
 

@@ -48,6 +48,11 @@ struct ComparedPart {
   Interval difference;     ///< second − first, paired, by cluster
   double p = 1;            ///< two-sided, Holm's over all parts but the first, which is the main question
 };
+template <class Visitor, FieldsOf<ComparedPart> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "by", s.by, "name", s.name, "vehicles", s.vehicles, "first", s.first, "second", s.second,
+              "difference", s.difference, "p", s.p);
+}
 
 /// A vehicle that only the second detector loses.
 struct WorseVehicle {
@@ -56,6 +61,11 @@ struct WorseVehicle {
   double range = 0;                                ///< m
   double first_score = 0, second_clean_score = 0;  ///< the first's under attack, the second's as recorded
 };
+template <class Visitor, FieldsOf<WorseVehicle> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "frame", s.id.frame, "label", s.id.label, "object", s.object, "range", s.range,
+              "first_score", s.first_score, "second_clean_score", s.second_clean_score);
+}
 
 /// What `mirage compare` answers. Differences are second detector less first.
 struct Comparison {
@@ -75,6 +85,10 @@ struct Comparison {
   std::vector<Needed> needed;       ///< for 2, 5 and 10 points
   std::vector<WorseVehicle> worse;  ///< nearest first
 };
+template <class Visitor, FieldsOf<Comparison::Needed> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "difference", s.difference, "vehicles", s.vehicles);
+}
 
 /// From outcomes of the same hosts and meshes by both detectors, in any order. `objects`: names of the
 /// meshes.
@@ -87,7 +101,7 @@ Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const 
 Comparison compare(const ComparisonRequest& request, Provenance* made_of = nullptr);
 
 /// {detectors, objects, hosts, vehicles, clusters, difference, low, high, told, first, second, own?, bounds:
-/// [2 × to_json(HiddenBound)], detectable, needed: [{difference, vehicles}], parts: [{by, name, vehicles,
+/// [2 × a HiddenBound], detectable, needed: [{difference, vehicles}], parts: [{by, name, vehicles,
 /// first, second, difference, p}], worse: [{frame, label, object, range, first_score, second_clean_score}]}
 nlohmann::json to_json(const Comparison& comparison);
 

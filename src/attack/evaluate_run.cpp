@@ -163,7 +163,7 @@ nlohmann::json arm_json(const RunEvaluation& all, const std::string& name, const
                         {"meshes", of.meshes},
                         {"extents_m", {size.x(), size.y(), size.z()}},
                         {"hidden", fields_json(of.hiding)},
-                        {"bound", to_json(hidden_bound(of.hosts))}};
+                        {"bound", fields_json(hidden_bound(of.hosts))}};
   arm.update(fields_json(of.rates));
   if (net != nullptr) arm["net"] = fields_json(*net);
   if (!of.against_grown.empty()) {
@@ -276,7 +276,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
 
 nlohmann::json to_json(const RunEvaluation& evaluation) {
   nlohmann::json result = to_json(evaluation.learned);
-  result["bound"] = to_json(hidden_bound(evaluation.learned.hosts));
+  result["bound"] = fields_json(hidden_bound(evaluation.learned.hosts));
   for (const BaselineArm& arm : evaluation.baselines) {
     const std::string key = arm.kind == Baseline::start ? "random" : to_string(arm.kind);
     result[key] = to_json(arm.evaluation);

@@ -90,7 +90,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request);
 /// "random"; "arms": the learned mesh (or each object by its name) and all baselines, each {name, detector,
 /// rig, target, seeds, meshes, vehicles, extents_m, hidden: as HidingRates, fn_asr, fp_asr, asr: {value, low,
 /// high}, net: as NetSuccess, of the learned mesh over that baseline}; "net": that over `sized`;
-/// "bound" (in "arms", too): to_json(HiddenBound) of a car that any of the meshes hides; and what was
+/// "bound" (in "arms", too): a HiddenBound of a car that any of the meshes hides; and what was
 /// judged: run (or meshes), data, depth, rooftop, detector, weights, defense, its reliance on its picture
 /// (detection/reliance.h), simulation, sun, thresholds; hosts_of if it was asked for.
 nlohmann::json to_json(const RunEvaluation& evaluation);

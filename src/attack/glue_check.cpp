@@ -131,23 +131,4 @@ std::vector<std::pair<std::string, std::string>> rows_of(const FoundClean& found
   return rows;
 }
 
-nlohmann::json to_json(const BoxHabits& habits) {
-  return {{"vehicles", habits.vehicles},
-          {"length", habits.length},
-          {"label_length", habits.label_length},
-          {"width", habits.width},
-          {"label_width", habits.label_width},
-          {"along", habits.along},
-          {"across", habits.across},
-          {"yaw", habits.yaw},
-          {"logit", habits.logit},
-          {"others", habits.others},
-          {"other_logit", habits.other_logit}};
-}
-
-nlohmann::json to_json(const SeenChange& seen) {
-  return {
-      {"vehicles", seen.vehicles}, {"share", seen.share}, {"cosine", seen.cosine}, {"largest", seen.largest}};
-}
-
 }  // namespace mirage

@@ -2,7 +2,6 @@
 // labels, and how much of what it does its gradient tells.
 #pragma once
 
-#include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
 #include <vector>
@@ -23,6 +22,12 @@ struct BoxHabits {
   double other_logit = 0;               ///< of all others
   int others = 0;
 };
+template <class Visitor, FieldsOf<BoxHabits> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "vehicles", s.vehicles, "length", s.length, "label_length", s.label_length, "width",
+              s.width, "label_width", s.label_width, "along", s.along, "across", s.across, "yaw", s.yaw,
+              "logit", s.logit, "others", s.others, "other_logit", s.other_logit);
+}
 /// Compares each host's label with the best-scored detection within 3 m of its centre
 /// (CleanFrame::proposals).
 BoxHabits box_habits(const std::vector<CleanFrame>& frames);
@@ -40,6 +45,10 @@ struct SeenChange {
   double cosine = 0;
   double largest = 0;  ///< of the measured changes, absolute
 };
+template <class Visitor, FieldsOf<SeenChange> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "vehicles", s.vehicles, "share", s.share, "cosine", s.cosine, "largest", s.largest);
+}
 /// Puts the start of an attack on the roofs of the first `vehicles` hosts that the detector finds.
 /// Interrupted between vehicles.
 SeenChange seen_change(Detector& detector, FrameStore& store, const std::vector<std::string>& frames,
@@ -48,9 +57,5 @@ SeenChange seen_change(Detector& detector, FrameStore& store, const std::vector<
 /// Rows of a table: what was found, boxes, logits, gradient, hints.
 std::vector<std::pair<std::string, std::string>> rows_of(const FoundClean& found, const BoxHabits& habits,
                                                          const SeenChange& seen);
-/// Every field under its own name.
-nlohmann::json to_json(const BoxHabits& habits);
-/// {vehicles, share, cosine, largest}
-nlohmann::json to_json(const SeenChange& seen);
 
 }  // namespace mirage

@@ -354,19 +354,4 @@ std::string describe(const HiddenBound& bound) {
   return text;
 }
 
-nlohmann::json to_json(const HiddenBound& bound) {
-  nlohmann::json needed = nlohmann::json::array();
-  for (const auto& [at_most, clusters] : bound.needed)
-    needed.push_back({{"at_most", at_most},
-                      {"clusters", std::isfinite(clusters) ? nlohmann::json(clusters) : nlohmann::json()}});
-  return {{"at_most", bound.share.high},
-          {"at_least", bound.share.low},
-          {"value", bound.share.value},
-          {"from_m", bound.nearest},
-          {"within_m", bound.farthest},
-          {"vehicles", bound.vehicles},
-          {"clusters", to_json(ClusterCount{bound.by, bound.share.clusters})},
-          {"needed", needed}};
-}
-
 }  // namespace mirage

@@ -265,14 +265,21 @@ struct HiddenBound {
   };
   std::vector<Needed> needed;  ///< for 10, 5, 2 and 1 %
 };
+template <class Visitor, FieldsOf<HiddenBound::Needed> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "at_most", s.at_most, "clusters", s.clusters);
+}
+template <class Visitor, FieldsOf<HiddenBound> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "at_most", s.share.high, "at_least", s.share.low, "value", s.share.value, "from_m",
+              s.nearest, "within_m", s.farthest, "vehicles", s.vehicles, "needed", s.needed);
+  visit.derived("clusters", to_json(ClusterCount{s.by, s.share.clusters}));
+}
 /// Over outcomes of one mesh or of several.
 HiddenBound hidden_bound(std::span<const HostOutcome> hosts, double nearest = 0,
                          double farthest = kBoundRange);
 /// "at most 5.1 % of cars within 40 m vanish (95 %, exact over 58 frames; seen: 0.0 %)", and where one can be
 /// reached ": 149 frames for 2 %".
 std::string describe(const HiddenBound& bound);
-/// {at_most, at_least, value, from_m, within_m, vehicles, clusters: {by, count}, needed: [{at_most, clusters
-/// or null}]}
-nlohmann::json to_json(const HiddenBound& bound);
 
 }  // namespace mirage

@@ -58,8 +58,8 @@ ScoreCell cell_of(std::span<const HostOutcome> hosts, double nearest, double far
 
 ScoreRow row_of(ObjectLevel level, const std::string& name, std::span<const HostOutcome> hosts) {
   ScoreRow row{level, name, {}, {}, {}};
-  for (std::size_t band = 0; band < row.cells.size(); ++band)
-    row.cells[band] = cell_of(hosts, kScoreBands[band], kScoreBands[band + 1]);
+  for (std::size_t band = 0; band + 1 < kScoreBands.size(); ++band)
+    row.cells.push_back(cell_of(hosts, kScoreBands[band], kScoreBands[band + 1]));
   return row;
 }
 
@@ -104,7 +104,7 @@ std::string cell_words(const ScoreRow& row, std::size_t band) {
   const ScoreCell& cell = row.cells[band];
   const char* lost = row.level == ObjectLevel::recorded ? "are missed" : "vanish";
   std::string text = fmt::format("{}, {:g}–{:g} m: {}", row.name, kScoreBands[band], kScoreBands[band + 1],
-                                 to_string(cell.held));
+                                 to_word(cell.held));
   if (cell.bound.vehicles == 0)
     text += ": no car was found there as recorded";
   else
@@ -213,11 +213,6 @@ ScoredObject scored_object(const NamedObject& object, const std::map<fs::path, s
 
 }  // namespace
 
-std::string to_string(Held held) {
-  const char* words[] = {"holds", "does not hold", "cannot be told"};
-  return words[static_cast<int>(held)];
-}
-
 Score score_outcomes(std::span<const HostOutcome> hosts, const std::vector<ScoredObject>& objects,
                      std::size_t frames) {
   Score score;
@@ -320,23 +315,11 @@ ScoreResult score(const ScoreRequest& request) {
 nlohmann::json to_json(const ScoreResult& result) {
   const RunEvaluation& evaluation = result.evaluation;
   const Score& score = result.score;
-  const auto maybe = [](const auto& value) { return value ? nlohmann::json(*value) : nlohmann::json(); };
-  nlohmann::json rows = nlohmann::json::array(), learned = rows;
+  nlohmann::json rows = nlohmann::json::array();
   for (const ScoreRow& row : score.rows) {
-    nlohmann::json cells = nlohmann::json::array(), names = cells;
-    for (const ScoreCell& cell : row.cells) {
-      cells.push_back(to_json(cell.bound));
-      cells.back().update({{"held", to_string(cell.held)}, {"needed_vehicles", maybe(cell.needed)}});
-    }
-    for (const std::string& name : row.objects) names.push_back(escape_name(name));
-    rows.push_back({{"level", to_word(row.level)}, {"name", row.name}, {"objects", names}, {"cells", cells}});
+    rows.push_back(fields_json(row));
     if (row.phantoms) rows.back()["phantoms"] = to_json(*row.phantoms);
   }
-  for (const LearnedObject& object : result.learned)
-    learned.push_back({{"size", object.size},
-                       {"attack", to_word(object.settings.attack)},
-                       {"steps", object.result.iterations},
-                       {"vehicles", object.result.vehicles_train}});
   std::set<std::string> frames;
   for (const HostId& host : evaluation.hosts) frames.insert(host.frame);
   const nlohmann::json points = to_json(result.points);
@@ -344,25 +327,26 @@ nlohmann::json to_json(const ScoreResult& result) {
   if (const Reliance& picture = evaluation.reliance; picture.reads_picture)
     uses["image"] =
         picture.use() == InputUse::unclear ? nlohmann::json() : nlohmann::json(picture.uses_picture());
-  nlohmann::json json = {{"detector", evaluation.detectors.front()->name()},
-                         {"weights", evaluation.detector.weights.string()},
-                         {"defense", evaluation.detector.defense},
-                         {"grade", score.grade.empty() ? nlohmann::json() : nlohmann::json(score.grade)},
-                         {"answer", score.answer},
-                         {"limit", kScoreLimit},
-                         {"within_m", kBoundRange},
-                         {"bands", kScoreBands},
-                         {"by_band", score.by_band},
-                         {"rows", rows},
-                         {"frames", frames.size()},
-                         {"frames_needed", maybe(score.frames_needed)},
-                         {"hosts", evaluation.hosts.size()},
-                         {"vehicles", evaluation.learned.hiding.vanished.vehicles},
-                         {"clusters", to_json(evaluation.learned.clusters)},
-                         {"reliance", to_json(evaluation.reliance)},
-                         {"reliance_words", describe(evaluation.reliance)},
-                         {"uses", uses},
-                         {"learned", learned}};
+  nlohmann::json json = {
+      {"detector", evaluation.detectors.front()->name()},
+      {"weights", evaluation.detector.weights.string()},
+      {"defense", evaluation.detector.defense},
+      {"grade", score.grade.empty() ? nlohmann::json() : nlohmann::json(score.grade)},
+      {"answer", score.answer},
+      {"limit", kScoreLimit},
+      {"within_m", kBoundRange},
+      {"bands", kScoreBands},
+      {"by_band", score.by_band},
+      {"rows", rows},
+      {"frames", frames.size()},
+      {"frames_needed", score.frames_needed ? nlohmann::json(*score.frames_needed) : nlohmann::json()},
+      {"hosts", evaluation.hosts.size()},
+      {"vehicles", evaluation.learned.hiding.vanished.vehicles},
+      {"clusters", to_json(evaluation.learned.clusters)},
+      {"reliance", to_json(evaluation.reliance)},
+      {"reliance_words", describe(evaluation.reliance)},
+      {"uses", uses},
+      {"learned", list_json(result.learned, fields_json<LearnedObject>)}};
   if (!result.points.rows.empty())
     json.update({{"points", points.at("audit").front()}, {"points_words", points.at("answer").front()}});
   return json;

@@ -41,8 +41,9 @@ constexpr auto words_of(ObjectLevel) {
 
 /// Whether a cell holds, as above; open: the data cannot tell.
 enum class Held { holds, fails, open };
-/// "holds", "does not hold", "cannot be told"
-std::string to_string(Held held);
+constexpr auto words_of(Held) {
+  return std::to_array<const char*>({"holds", "does not hold", "cannot be told"});
+}
 
 /// An object that was judged.
 struct ScoredObject {
@@ -59,6 +60,11 @@ struct ScoreCell {
   /// Where it is open: about how many cars at this distance would tell, if the share stays what it is.
   std::optional<long> needed;
 };
+template <class Visitor, FieldsOf<ScoreCell> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_fields(visit, s.bound);
+  visit_named(visit, "held", s.held, "needed_vehicles", s.needed);
+}
 
 /// The objects of one level that are judged together.
 struct ScoreRow {
@@ -67,8 +73,14 @@ struct ScoreRow {
   std::vector<std::string> objects;  ///< none: nothing on the roof
   /// Share of cars found as recorded with a new box on no road user (FP ASR), mean over the objects.
   std::optional<Interval> phantoms;
-  std::array<ScoreCell, kScoreBands.size() - 1> cells;
+  std::vector<ScoreCell> cells;  ///< one a band
 };
+template <class Visitor, FieldsOf<ScoreRow> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "level"}, s.level);
+  visit({.name = "name", .plain = true}, s.name);
+  visit_named(visit, "objects", s.objects, "cells", s.cells);
+}
 
 /// The grade, and the cells that it follows from.
 struct Score {
@@ -111,6 +123,11 @@ struct LearnedObject {
   AttackSettings settings;
   AttackResult result;
 };
+template <class Visitor, FieldsOf<LearnedObject> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "size", s.size, "attack", s.settings.attack, "steps", s.result.iterations, "vehicles",
+              s.result.vehicles_train);
+}
 
 /// What score() learns, judges and concludes.
 struct ScoreResult {

@@ -414,7 +414,7 @@ nlohmann::json to_json(const DriveResult& result) {
   nlohmann::json json = {
       {"frames", result.frames},
       {"left_out", to_json(result.left_out)},
-      {"tracker", to_json(result.clean)},
+      {"tracker", fields_json(result.clean)},
       {"gap_s", medians_of(vehicles, kGap)},
       {"track_gap_s", medians_of(vehicles, kTrackGap)},
       {"confirmed_m", medians_of(vehicles, kConfirmedAt)},

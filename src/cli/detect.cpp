@@ -200,7 +200,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
     FrameStore store(options);
     const BoxHabits habits = !run.matching.in_picture() ? box_habits(clean) : BoxHabits();
     const SeenChange change = seen_change(*detector, store, run.ids, options.check);
-    result["check"] = {{"boxes", to_json(habits)}, {"gradient", to_json(change)}};
+    result["check"] = {{"boxes", fields_json(habits)}, {"gradient", fields_json(change)}};
     print_table(rows_of(found, habits, change));
   } else if (any_truth && !found.hints.empty()) {
     spdlog::warn("{} {}, but {}", detector->name(), describe(found), fmt::join(found.hints, "; "));

@@ -379,22 +379,4 @@ TrackScores score_tracks(std::span<const TrackFrame> frames, double least) {
   return scores;
 }
 
-nlohmann::json to_json(const TrackScores& s) {
-  return {{"truths", s.truths},
-          {"tracks", s.tracks},
-          {"matches", s.matches},
-          {"misses", s.misses},
-          {"false_positives", s.false_positives},
-          {"switches", s.switches},
-          {"fragments", s.fragments},
-          {"mostly_tracked", s.mostly_tracked},
-          {"mostly_lost", s.mostly_lost},
-          {"identities", s.identities},
-          {"mota", s.mota},
-          {"motp", s.motp},
-          {"hota", s.hota},
-          {"deta", s.deta},
-          {"assa", s.assa}};
-}
-
 }  // namespace mirage

@@ -5,7 +5,6 @@
 #include <Eigen/Core>
 #include <array>
 #include <limits>
-#include <nlohmann/json.hpp>
 #include <span>
 #include <utility>
 #include <vector>
@@ -187,12 +186,16 @@ struct TrackScores {
   double mota = 0, motp = 0;
   double hota = 0, deta = 0, assa = 0;  ///< means over α
 };
+template <class Visitor, FieldsOf<TrackScores> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "truths", s.truths, "tracks", s.tracks, "matches", s.matches, "misses", s.misses,
+              "false_positives", s.false_positives, "switches", s.switches, "fragments", s.fragments,
+              "mostly_tracked", s.mostly_tracked, "mostly_lost", s.mostly_lost, "identities", s.identities,
+              "mota", s.mota, "motp", s.motp, "hota", s.hota, "deta", s.deta, "assa", s.assa);
+}
 
 /// Frames in order of time, a sequence after the other. `least`: the similarity of a match of CLEAR MOT.
 /// InputError for a similarity of another size than its frame's.
 TrackScores score_tracks(std::span<const TrackFrame> frames, double least = 0.5);
-
-/// Every field under its name.
-nlohmann::json to_json(const TrackScores& scores);
 
 }  // namespace mirage

@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "base/error.h"
+#include "base/json_fields.h"
 #include "base/sizes.h"
 #include "tracking/tracker.h"
 
@@ -226,9 +227,9 @@ TEST_F(PublishedDetections, AreTrackedThroughBothDrives) {
     }
   }
   const TrackScores s = score_tracks(frames, 0.25);
-  RecordProperty("scores", to_json(s).dump());
+  RecordProperty("scores", fields_json(s).dump());
   printf("recall of detections at IoU 0.5: %.3f of %d\n%s\n", static_cast<double>(recalled) / cars, cars,
-         to_json(s).dump().c_str());
+         fields_json(s).dump().c_str());
   EXPECT_GT(s.mota, 0.6);
   EXPECT_GT(s.hota, 0.5);
   EXPECT_LE(s.switches, 3);
