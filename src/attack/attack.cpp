@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <set>
 
 #include "attack/attack_hosts.h"
 #include "attack/attack_step.h"
@@ -43,12 +42,6 @@ void check_gradient(const AttackSettings& settings, const Detector& detector) {
                      "use --attack black-box, which learns from scores alone");
 }
 
-std::vector<HostId> ids(const std::vector<Host>& hosts) {
-  std::vector<HostId> list;
-  for (const Host& host : hosts) list.push_back(host.id);
-  return list;
-}
-
 /// Loss terms of the last iteration, and how many of the hosts attacked last are hidden, of those that were
 /// found as recorded.
 std::string progress_note(const LossRow& row, const std::vector<LossRow>& rows, int batch) {
@@ -71,9 +64,7 @@ PlateauReport plateau_report(const HeldOutRecord& held, const std::vector<Host>&
   report.stopped = held.plateau(settings.until_plateau);
   report.iterations = held.iterations, report.values = held.values;
   report.best_iteration = held.best_iteration, report.best = held.best;
-  std::set<std::string> frames;
-  for (const Host& host : hosts) frames.insert(host.id.frame);
-  report.vehicles = hosts.size(), report.frames = frames.size();
+  report.vehicles = hosts.size(), report.frames = host_frames(host_ids(hosts)).size();
   report.steps = settings.until_plateau, report.every = settings.validation_every;
   return report;
 }
@@ -208,8 +199,8 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   // The hosts belong to a run's identity: with other frames or labels the split would be another one, and a
   // resumed run would be tested on what it was trained on.
   RunIdentity id = identity(settings);
-  id.json["train"] = to_json(ids(train));
-  id.json["test"] = to_json(ids(test));
+  id.json["train"] = to_json(host_ids(train));
+  id.json["test"] = to_json(host_ids(test));
   id.json["renderer"] = settings.renderer ? settings.renderer->identity() : nlohmann::json(kRasterRenderer);
   if (settings.renderer)
     id.json["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};
@@ -230,7 +221,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   ValidationPart part{train, {}};
   if (settings.until_plateau > 0 && target != AttackTarget::random) {
     part = split_validation(train, settings.seed);
-    id.json["validation"] = to_json(ids(part.held_out));
+    id.json["validation"] = to_json(host_ids(part.held_out));
     spdlog::info("{} of them are held out to tell when the attack is at its plateau", part.held_out.size());
   }
   AttackState state = fresh_state(settings);

@@ -230,7 +230,6 @@ FoundClean find_plain(const DetectorPool& detectors, FrameStore& store, const st
   EvaluationSettings by;
   by.matching = detectors.front()->capabilities().matching();
   std::atomic<int> found = 0, boxes = 0;
-  std::atomic<std::size_t> done = 0;
   Progress progress("look for plain objects", some.size(), quiet);
   for_each_with_detector(detectors, some.size(), [&](Detector& detector, std::size_t i) {
     throw_if_interrupted("nothing was lost: no vehicle had been attacked yet");
@@ -240,7 +239,7 @@ FoundClean find_plain(const DetectorPool& detectors, FrameStore& store, const st
     const JudgedBoxes there = labelled_boxes(placement, {}, prepared->frame.calibration, {});
     found += reports(seen, HostTruth::of_object(prepared->frame, *there.plain, by.matching));
     boxes += static_cast<int>(seen.size());
-    progress.update(++done);
+    progress.add();
   });
   FoundClean result;
   result.of_objects = true;
@@ -317,8 +316,6 @@ FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const st
   const Matching matching = detectors.front()->capabilities().matching();
   std::vector<CleanFrame> frames(listed.size());
   Progress progress("look at frames as recorded", listed.size(), quiet);
-  std::mutex mutex;
-  std::size_t done = 0;
   for_each_with_detector(detectors, listed.size(), [&](Detector& detector, std::size_t i) {
     throw_if_interrupted("nothing was lost: no vehicle had been attacked yet");
     const auto prepared = store.get(listed[i].first);
@@ -332,10 +329,8 @@ FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const st
     clean.scored = scored(clean.proposals, ground_truth(frame, detector.region()),
                           frame.calibration.camera.fy, matching);
     clean.width = frame.image.width, clean.height = frame.image.height;
-    const std::scoped_lock lock(mutex);
-    progress.update(++done);
+    progress.add();
   });
-
   return judge_clean(frames, matching);
 }
 

@@ -134,7 +134,7 @@ Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
     if (objects.empty()) simulation = run.settings.simulation;
     objects.push_back({folder.string(), folder / "adversary.glb", std::move(run.adversary)});
     if (!is_other_data(run, request.data))
-      for (const HostId& host : run.train) learned_on.insert(host.frame);
+      std::ranges::copy(host_frames(run.train), std::inserter(learned_on, learned_on.end()));
   }
   std::ranges::move(read_objects(request.meshes), std::back_inserter(objects));
   if (objects.empty()) throw FieldError("runs", "", "names no object", "give --runs or --mesh");
@@ -163,9 +163,8 @@ Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
     const DetectorPool pool = load_detector_pool(options, static_cast<int>(frames.size()));
     if (hosts.empty()) {
       HostsLeftOut left_out;
-      for (const Host& host : find_all_hosts(store, frames, pool.front()->region(), simulation,
-                                             request.min_view, request.settings.quiet, &left_out))
-        hosts.push_back(host.id);
+      hosts = host_ids(find_all_hosts(store, frames, pool.front()->region(), simulation, request.min_view,
+                                      request.settings.quiet, &left_out));
       if (hosts.empty()) refuse_left_out(store.place(), left_out);
       warn_of_left_out(store.place(), left_out);
     }

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <mutex>
 #include <set>
 #include <utility>
 
@@ -569,7 +568,7 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
   std::vector<DriveScene> scenes;
   scenes.reserve(request.sequences.size());
   std::vector<Group> groups;
-  std::size_t frames = 0, done = 0;
+  std::size_t frames = 0;
   for (const Sequence& sequence : request.sequences) {
     const DriveScene& scene = scenes.emplace_back(detectors, store, request, sequence);
     add_track_frames(scene, region, static_cast<int>(scenes.size()) - 1, track_frames);
@@ -588,18 +587,14 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
   }
   const std::string key = request.made_of.identity();
   Progress progress("drive", 2 * frames, request.evaluation.quiet);
-  std::mutex mutex;
-  const auto frame_done = [&] {
-    const std::lock_guard lock(mutex);
-    progress.update(++done);
-  };
+  const auto frame_done = [&] { progress.add(); };
   for (const std::size_t g : order_among_ranks(groups.size())) {
     throw_if_interrupted(kVehiclesKept);
     auto& [scene, of_group] = groups[g];
     std::vector<Judged*> fresh;
     for (Judged& judged : of_group) {
       if (auto stored = stored_vehicle(file_of(request, *scene, judged.followed.track), key)) {
-        progress.update(done += 2 * judged.followed.frames.size());
+        progress.add(2 * judged.followed.frames.size());
         judged.vehicle = std::move(*stored);
       } else {
         fresh.push_back(&judged);

@@ -2,7 +2,7 @@
 
 #include <spdlog/spdlog.h>
 
-#include <set>
+#include <algorithm>
 
 #include "attack/host_outcome.h"
 #include "base/disk_cache.h"
@@ -74,12 +74,6 @@ std::vector<HostId> hosts_of_split(const Run& run, const std::string& which) {
   return all;
 }
 
-std::vector<std::string> frames_of(const std::vector<HostId>& hosts) {
-  std::set<std::string> frames;
-  for (const HostId& host : hosts) frames.insert(host.frame);
-  return {frames.begin(), frames.end()};
-}
-
 void check_labels(const FrameSource& source, const std::vector<std::string>& frames) {
   if (frames.empty()) return;
   const LabelCensus census = count_labels(source.data, frames, source.classes, source.cameras);
@@ -101,11 +95,9 @@ void check_hosts_of(const EvaluationRequest& request, const Run& stage) {
 
 int count_trained_on(const Run& run, const std::filesystem::path& data, const std::vector<HostId>& hosts) {
   if (is_other_data(run, data)) return 0;
-  std::set<std::string> frames;
-  for (const HostId& id : run.train) frames.insert(id.frame);
-  int count = 0;
-  for (const HostId& id : hosts) count += frames.contains(id.frame);
-  return count;
+  const std::vector<std::string> frames = host_frames(run.train);
+  return static_cast<int>(std::ranges::count_if(
+      hosts, [&](const HostId& id) { return std::ranges::binary_search(frames, id.frame); }));
 }
 
 /// What contradicts itself before anything is read.
@@ -206,13 +198,12 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
     const std::vector<std::string> frames = list_frames(stage.settings.data);
     check_labels(stage.settings, frames);
     result.detectors = load_detector_pool(result.detector, static_cast<int>(frames.size()));
-    const auto region = result.detectors.front()->region();
-    for (const Host& host : find_all_hosts(*result.store, frames, region, stage.settings.simulation,
-                                           stage.settings.min_view, true, &result.left_out))
-      result.hosts.push_back(host.id);
+    result.hosts =
+        host_ids(find_all_hosts(*result.store, frames, result.detectors.front()->region(),
+                                stage.settings.simulation, stage.settings.min_view, true, &result.left_out));
   } else {
     result.hosts = hosts_of_split(stage, request.hosts);
-    check_labels(stage.settings, frames_of(result.hosts));
+    check_labels(stage.settings, host_frames(result.hosts));
     if (request.asked.contains("placement")) result.left_out = leave_out(*result.store, result.hosts);
   }
   if (result.hosts.empty()) refuse_left_out(stage.settings.placement, result.left_out);

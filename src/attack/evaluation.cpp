@@ -6,7 +6,6 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <mutex>
 #include <set>
 #include <tuple>
 
@@ -350,8 +349,6 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
   const Attacked attacked(store, by, simulation);
   std::vector<HostOutcome> outcomes(count), grown(store.place().box == TrueBox::grown ? count : 0);
   Progress progress("evaluate", count, settings.quiet);
-  std::mutex mutex;
-  std::size_t done = 0;
   const auto same_frame = [&](std::size_t i) {
     return hosts[i / adversaries.size()].frame == hosts[(i - 1) / adversaries.size()].frame;
   };
@@ -363,13 +360,9 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
     const std::size_t mesh = i % adversaries.size();
     FoundAttacked found = attacked.look(detector, id, adversaries[mesh], hashes[mesh],
                                         local && passes.at(id.frame) >= kWorthKeeping);
-    const auto tell = [&] {
-      const std::lock_guard lock(mutex);
-      progress.update(++done);
-    };
     if (!by.told) {
       if (itself) attacked.look(detector, id, plain, plain_hash, local);
-      return tell();
+      return progress.add();
     }
     const auto prepared = store.get(id.frame);
     const std::size_t at = mesh * hosts.size() + i / adversaries.size();
@@ -389,7 +382,7 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
     }
     outcomes[at] = judged(std::move(found.detections),
                           labelled_boxes(placement, placed, prepared->frame.calibration, found.object));
-    tell();
+    progress.add();
   });
   if (!by.told) return {};
   Evaluation evaluation = summarize(std::move(outcomes), static_cast<int>(adversaries.size()));

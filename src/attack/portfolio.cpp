@@ -67,9 +67,7 @@ class Portfolio {
         progress_("attack", as_size(settings_.iterations), settings_.quiet) {
     identity_.json["iterations"] = settings_.iterations;
     identity_.json["recipe"] = kRecipe;
-    std::vector<HostId> held;
-    for (const Host& host : part_.held_out) held.push_back(host.id);
-    identity_.json["validation"] = to_json(held);
+    identity_.json["validation"] = to_json(host_ids(part_.held_out));
   }
 
   SearchOutcome run() {

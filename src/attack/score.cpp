@@ -6,7 +6,6 @@
 #include <cctype>
 #include <iterator>
 #include <map>
-#include <set>
 
 #include "attack/attack.h"
 #include "base/fields.h"
@@ -306,9 +305,8 @@ ScoreResult score(const ScoreRequest& request) {
                        fmt::format("learned against it, {:g} × {:g} × {:g} m", box.x(), box.y(), box.z()),
                        true});
   }
-  std::set<std::string> frames;
-  for (const HostId& host : result.evaluation.hosts) frames.insert(host.frame);
-  result.score = score_outcomes(result.evaluation.learned.hosts, objects, frames.size());
+  result.score =
+      score_outcomes(result.evaluation.learned.hosts, objects, host_frames(result.evaluation.hosts).size());
   return result;
 }
 
@@ -320,8 +318,6 @@ nlohmann::json to_json(const ScoreResult& result) {
     rows.push_back(fields_json(row));
     if (row.phantoms) rows.back()["phantoms"] = to_json(*row.phantoms);
   }
-  std::set<std::string> frames;
-  for (const HostId& host : evaluation.hosts) frames.insert(host.frame);
   const nlohmann::json points = to_json(result.points);
   nlohmann::json uses = points.at("uses");
   if (const Reliance& picture = evaluation.reliance; picture.reads_picture)
@@ -338,7 +334,7 @@ nlohmann::json to_json(const ScoreResult& result) {
       {"bands", kScoreBands},
       {"by_band", score.by_band},
       {"rows", rows},
-      {"frames", frames.size()},
+      {"frames", host_frames(evaluation.hosts).size()},
       {"frames_needed", score.frames_needed ? nlohmann::json(*score.frames_needed) : nlohmann::json()},
       {"hosts", evaluation.hosts.size()},
       {"vehicles", evaluation.learned.hiding.vanished.vehicles},

@@ -67,6 +67,11 @@ Progress::~Progress() {
   if (shown_ && started_ && !listener) std::fputs("\n", stderr);
 }
 
+void Progress::add(std::size_t more, const std::string& note) {
+  const std::scoped_lock lock(adding_);
+  update(done_ += more, note);
+}
+
 void Progress::update(std::size_t done, const std::string& note) {
   if (!shown_) return;
   const auto now = std::chrono::steady_clock::now();

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstddef>
 #include <functional>
+#include <mutex>
 #include <string>
 
 namespace mirage {
@@ -28,10 +29,13 @@ class Progress {
 
   /// `done` units are finished; `note` is shown after the estimate ("loss 0.31").
   void update(std::size_t done, const std::string& note = "");
+  /// `more` units are finished besides. Several threads may say so.
+  void add(std::size_t more = 1, const std::string& note = "");
 
  private:
   std::string what_;
-  std::size_t total_, first_ = 0;
+  std::size_t total_, first_ = 0, done_ = 0;
+  std::mutex adding_;
   bool shown_, started_ = false;
   std::chrono::steady_clock::time_point start_, last_;
 };

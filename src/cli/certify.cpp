@@ -117,10 +117,8 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
   const DetectorPool detectors = load_detector_pool(asked, static_cast<int>(frames.size()));
   settings.evaluation.detector_identity = detector_identity(asked, detectors.front()->capabilities().version);
   require_shared(store.cache(), "certify", settings.evaluation.detector_identity);
-  std::vector<HostId> hosts;
-  for (const Host& host : find_all_hosts(store, frames, detectors.front()->region(), settings.simulation,
-                                         options.min_view, common.quiet))
-    hosts.push_back(host.id);
+  const std::vector<HostId> hosts = host_ids(find_all_hosts(
+      store, frames, detectors.front()->region(), settings.simulation, options.min_view, common.quiet));
   if (hosts.empty())
     throw InputError(options.data.string(), "labels", "no car has the adversary in view",
                      "give more frames or lower --min-view");

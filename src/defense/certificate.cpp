@@ -5,7 +5,6 @@
 #include <cstring>
 #include <limits>
 #include <map>
-#include <mutex>
 
 #include "attack/observation.h"
 #include "base/error.h"
@@ -454,15 +453,12 @@ CertificateResult certify(const DetectorPool& detectors, FrameStore& store, cons
   const AttackedIou attacked = attacked_iou(detectors, store, hosts, settings);
   const Certifier certifier(settings, store, lidar, attacked);
   Progress progress("certify", frames.size(), settings.evaluation.quiet);
-  std::mutex mutex;
-  std::size_t done = 0;
   const std::vector<std::size_t> order = order_among_ranks(frames.size());
   for_each_with_detector(detectors, frames.size(), [&](Detector& detector, std::size_t k) {
     throw_if_interrupted(how_to_go_on(store, settings.evaluation));
     FrameWork& work = frames[order[k]];
     certifier.work_on(detector, work, result.hosts);
-    const std::lock_guard lock(mutex);
-    progress.update(++done, work.id);
+    progress.add(1, work.id);
   });
   if (rank() > 0) return {};
   Clusters clusters;

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <set>
+
 #include "base/error.h"
 #include "base/names.h"
 #include "base/sizes.h"
@@ -11,6 +13,12 @@ namespace mirage {
 
 std::string host_name(const HostId& id) {
   return fmt::format("{}_{}", escape_name(id.frame), id.label);
+}
+
+std::vector<std::string> host_frames(std::span<const HostId> hosts) {
+  std::set<std::string> frames;
+  for (const HostId& host : hosts) frames.insert(host.frame);
+  return {frames.begin(), frames.end()};
 }
 
 const Label& label_of(const Frame& frame, const HostId& id) {

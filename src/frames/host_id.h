@@ -2,7 +2,9 @@
 #pragma once
 
 #include <compare>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "scene/frame.h"
 
@@ -18,6 +20,8 @@ struct HostId {
 
 /// "000008_0": frame and label, for messages, results and names of files: the frame as escape_name writes it.
 std::string host_name(const HostId& id);
+/// The frames that they stand in, each once, sorted.
+std::vector<std::string> host_frames(std::span<const HostId> hosts);
 /// The host's label. InputError if the frame has none of that number, or it is no vehicle with a box in
 /// space.
 const Label& label_of(const Frame& frame, const HostId& id);

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
-#include <mutex>
 
 #include "base/error.h"
 #include "base/logging.h"
@@ -17,6 +16,12 @@
 #include "scene/data/read_frames.h"
 
 namespace mirage {
+
+std::vector<HostId> host_ids(std::span<const Host> hosts) {
+  std::vector<HostId> ids;
+  for (const Host& host : hosts) ids.push_back(host.id);
+  return ids;
+}
 
 int track_of(const std::filesystem::path& data, const HostId& host) {
   const auto tracks = read_tracks(data, host.frame);
@@ -87,22 +92,20 @@ std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::strin
   std::vector<std::vector<Host>> by_frame(frames.size());
   std::vector<std::exception_ptr> problems(frames.size());
   Progress progress("look for hosts", frames.size(), quiet);
-  std::mutex mutex;
-  std::size_t done = 0;
+  std::vector<HostsLeftOut> missed(frames.size());
   const std::vector<std::size_t> order = order_among_ranks(frames.size());
   parallel_for(frames.size(), [&](std::size_t k) {
     const std::size_t i = order[k];
-    HostsLeftOut missed;
     try {
       throw_if_interrupted("nothing was lost: no vehicle had been attacked yet");
-      by_frame[i] = find_hosts(store, frames[i], region, simulation, min_view, &missed);
+      by_frame[i] = find_hosts(store, frames[i], region, simulation, min_view, &missed[i]);
     } catch (...) {
       problems[i] = std::current_exception();
     }
-    const std::lock_guard lock(mutex);
-    if (left_out) left_out->no_room += missed.no_room, left_out->no_neighbour += missed.no_neighbour;
-    progress.update(++done);
+    progress.add();
   });
+  for (const HostsLeftOut& of : missed)
+    if (left_out) left_out->no_room += of.no_room, left_out->no_neighbour += of.no_neighbour;
   for (const std::exception_ptr& problem : problems)  // the first frame's, whichever came first
     if (problem) std::rethrow_exception(problem);
   std::vector<Host> hosts;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,9 @@ struct Host {
   HostId id;
   bool from_box = true;  ///< Carrier's
 };
+
+/// Their vehicles, in the same order.
+std::vector<HostId> host_ids(std::span<const Host> hosts);
 
 /// Vehicles that are no hosts because of the placement (LeftOut).
 struct HostsLeftOut {

@@ -1,6 +1,5 @@
 #include "frames/made_of.h"
 
-#include <set>
 #include <vector>
 
 #include "base/files.h"
@@ -60,9 +59,7 @@ void add_data(Provenance& provenance, const fs::path& data, std::span<const std:
 }
 
 void add_frames(Provenance& provenance, const FrameSource& source, std::span<const HostId> hosts) {
-  std::set<std::string> ids;
-  for (const HostId& host : hosts) ids.insert(host.frame);
-  add_frames(provenance, source, std::vector<std::string>(ids.begin(), ids.end()));
+  add_frames(provenance, source, host_frames(hosts));
 }
 
 void add_frames(Provenance& provenance, const FrameSource& source, std::span<const std::string> ids) {
