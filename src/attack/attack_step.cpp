@@ -12,12 +12,17 @@
 
 namespace mirage {
 
+namespace {
+
+/// Of the hosts 0 … n − 1 of a batch those of this rank: every rank_count()-th, from its own number on.
 std::vector<std::size_t> own_hosts(std::size_t n) {
   std::vector<std::size_t> own;
   for (auto k = as_size(rank()); k < n; k += as_size(rank_count())) own.push_back(k);
   return own;
 }
 
+/// Gives every rank the steps that the others computed: then each sums all of them in the batch's order, to
+/// the same bits as one process. `adversary` tells how long gradients are. A call of all ranks.
 void share_steps(std::vector<HostStep>& steps, const TexturedMesh& adversary) {
   if (rank_count() == 1) return;
   constexpr std::size_t kHead = 4;  // hide, false positives, hidden, found
@@ -51,7 +56,12 @@ void share_steps(std::vector<HostStep>& steps, const TexturedMesh& adversary) {
   move(false);
 }
 
-namespace {
+/// Of the hosts of a batch the frames of this rank's.
+std::vector<std::string> own_frames(const std::vector<HostId>& batch) {
+  std::vector<std::string> frames;
+  for (const std::size_t k : own_hosts(batch.size())) frames.push_back(batch[k].frame);
+  return frames;
+}
 
 void check_finite(const HostStep& step, const HostId& host, long iteration) {
   bool finite = std::isfinite(step.hide) && std::isfinite(step.false_positive);
@@ -86,10 +96,10 @@ std::vector<HostTruth> truths_of(const Observation& seen, const TexturedMesh& ad
 /// it, for detectors of vehicles do not measure other things; as recorded it is not there and counts as
 /// found.
 ObjectiveValue loss_of(const Observation& seen, const TexturedMesh& adversary,
-                       std::span<const Detection> proposals, Matching matching, HostStep& step) {
+                       std::span<const Detection> proposals, Matching matching, ObjectiveSettings settings,
+                       HostStep& step) {
   const StepHost& host = seen.host();
   const bool itself = host.placement.victim == Victim::object;
-  ObjectiveSettings settings = seen.settings().objective;
   settings.hides = host.placement.victim != Victim::phantom;
   ObjectiveValue sum;
   bool found_attacked = false;
@@ -111,14 +121,23 @@ ObjectiveValue loss_of(const Observation& seen, const TexturedMesh& adversary,
   return sum;
 }
 
-HostStep run_host(Detector& detector, Observation& seen, const TexturedMesh& adversary, bool back) {
+}  // namespace
+
+HostStep attack_host(Detector& detector, const StepHost& host, const TexturedMesh& adversary,
+                     const AttackSettings& settings, bool back) {
+  Observation seen(host, adversary, settings.simulation);
   HostStep step;
-  const SensorView view = seen.view(detector.capabilities(), back);
+  const Capabilities can = detector.capabilities();
+  // Another exposure or noise changes every pixel: to a detector that reads them nothing is as recorded.
+  SensorView view = seen.view(can, can.why_whole.empty() && !(seen.changes_picture() && can.reads_image));
+  if (back && can.knows_presence && settings.target != AttackTarget::image &&
+      settings.parts != AttackParts::texture)
+    seen.watch(view);
   step.seconds = seen.seconds();
   Stopwatch clock;
-  const auto proposals = detector.forward(view, seen.settings().objective.least_score(), back);
+  const auto proposals = detector.forward(view, settings.objective.least_score(), back);
   step.seconds.detector_forward = clock.lap();
-  const ObjectiveValue value = loss_of(seen, adversary, proposals, detector.capabilities().matching(), step);
+  const ObjectiveValue value = loss_of(seen, adversary, proposals, can.matching(), settings.objective, step);
   if (!back) return step;
   step.gradient.vertices.assign(adversary.mesh.vertices.size(), Vec3d::Zero());
   step.gradient.texels.assign(adversary.atlas.texels.size(), Vec3d::Zero());
@@ -127,23 +146,9 @@ HostStep run_host(Detector& detector, Observation& seen, const TexturedMesh& adv
   if (!any) return step;
   const SensorGradient gradient = detector.backward(value.d_logits);
   step.seconds.detector_backward = clock.lap();
-  step.gradient = seen.vjp(gradient);
+  step.gradient = seen.vjp(gradient, settings.target);
   step.seconds.simulation_vjp = clock.lap();
   return step;
-}
-
-}  // namespace
-
-HostStep attack_host(Detector& detector, const StepHost& host, const TexturedMesh& adversary,
-                     const AttackSettings& settings) {
-  Observation seen(host, adversary, settings);
-  return run_host(detector, seen, adversary, true);
-}
-
-HostStep judge_host(Detector& detector, const StepHost& host, const TexturedMesh& adversary,
-                    const AttackSettings& settings) {
-  Observation seen(host, adversary, settings);
-  return run_host(detector, seen, adversary, false);
 }
 
 HostStep step_host(Detector& detector, StepHost host, const TexturedMesh& adversary,
@@ -156,7 +161,7 @@ HostStep step_host(Detector& detector, StepHost host, const TexturedMesh& advers
     for (int k = 0; k < expectation.draws(); ++k) {
       const WorldDraw draw(expectation, settings.seed, candidate_draw(number, k));
       host.draw = &draw;
-      HostStep step = judge_host(detector, host, adversary, settings);
+      HostStep step = attack_host(detector, host, adversary, settings, false);
       judging += step.seconds;
       const double loss = step.hide + step.false_positive, most = worst.hide + worst.false_positive;
       if (k == 0 || !(loss <= most)) worst = std::move(step), chosen = k;  // not a number is told, not passed
@@ -170,8 +175,7 @@ HostStep step_host(Detector& detector, StepHost host, const TexturedMesh& advers
   }
   const WorldDraw draw(expectation, settings.seed, number);
   host.draw = expectation.any() ? &draw : nullptr;
-  HostStep step = back ? attack_host(detector, host, adversary, settings)
-                       : judge_host(detector, host, adversary, settings);
+  HostStep step = attack_host(detector, host, adversary, settings, back);
   step.seconds += judging;
   return step;
 }
@@ -184,57 +188,72 @@ AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool&
       store_(store),
       hosts_(hosts),
       order_(hosts, settings.batch, settings.seed),
-      parts_(settings.parts),
       laplacian_(mesh),
       unit_(initial_adversary({Vec3d::Ones()}, 1).mesh.vertices),
       sights_(std::move(sights)) {
   if (settings.renderer) pictures_ = std::make_unique<RenderedPictures>(*settings.renderer, settings.seed);
 }
 
-LossRow AttackStepper::judge(const TexturedMesh& adversary, const std::vector<Host>& hosts,
-                             std::uint64_t first_world, StageSeconds* spent) const {
-  StageSeconds stages;
+std::vector<HostId> AttackStepper::batch(long iteration) const {
+  std::vector<HostId> hosts;
+  for (const std::size_t k : order_.batch(iteration)) hosts.push_back(hosts_[k].id);
+  return hosts;
+}
+
+std::vector<HostStep> AttackStepper::steps_of(const std::vector<HostId>& hosts, const TexturedMesh& adversary,
+                                              const RenderedMesh& rendered, std::uint64_t first_world,
+                                              bool back, StageSeconds& stages,
+                                              const std::function<void()>& meanwhile) const {
   Stopwatch clock;
-  const TexturedMesh none;  // no gradient is shared
-  const RenderedMesh rendered{-1, pictures_ ? adversary : none};
   std::vector<HostStep> steps(hosts.size());
   const std::vector<std::size_t> mine = own_hosts(hosts.size());
   for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {
-    const HostId& id = hosts[mine[i]].id;
-    const auto prepared = store_.get(id.frame);
+    const std::size_t k = mine[i];
+    const auto prepared = store_.get(hosts[k].frame);
     const auto clean = sights_->of(*prepared, detector);
-    const StepHost host{*prepared, id, store_.placement(id), clean, nullptr, {pictures_.get(), &rendered}};
-    isolated([&] {
-      steps[mine[i]] = step_host(detector, host, adversary, settings_, first_world + mine[i], false);
+    const StepHost host{*prepared, hosts[k], store_.placement(hosts[k]),
+                        clean,     nullptr,  {pictures_.get(), &rendered}};
+    isolated([&] {  // or a loop inside would take another host's work, and its time
+      steps[k] = step_host(detector, host, adversary, settings_, first_world + k, back);
     });
   });
   for (const std::size_t k : mine) stages.threads += steps[k].seconds;
   stages.hosts = clock.lap();
-  share_steps(steps, none);
+  meanwhile();
+  const TexturedMesh none;  // no gradient is shared
+  share_steps(steps, back ? adversary : none);
   stages.exchange = clock.lap();
+  return steps;
+}
+
+LossRow AttackStepper::row_of(const std::vector<HostStep>& steps, const std::vector<Vec3d>& vertices,
+                              std::vector<Vec3d>& d_vertices) const {
   LossRow row;
   for (const HostStep& step : steps) {
-    row.hide += step.hide / static_cast<double>(hosts.size());
-    row.false_positive += step.false_positive / static_cast<double>(hosts.size());
+    row.hide += step.hide / static_cast<double>(steps.size());
+    row.false_positive += step.false_positive / static_cast<double>(steps.size());
     row.found += step.found;
     row.hidden += step.hidden;
   }
   const double weight = settings_.objective.lambda_laplacian;
-  std::vector<Vec3d> unused(adversary.mesh.vertices.size(), Vec3d::Zero());
-  row.laplacian = weight * laplacian_.energy(adversary.mesh.vertices, weight, unused);
-  if (spent) *spent += stages;
+  row.laplacian = weight * laplacian_.energy(vertices, weight, d_vertices);
   return row;
+}
+
+LossRow AttackStepper::judge(const TexturedMesh& adversary, const std::vector<Host>& hosts,
+                             std::uint64_t first_world, StageSeconds* spent) const {
+  StageSeconds stages;
+  const RenderedMesh rendered{-1, pictures_ ? adversary : TexturedMesh()};
+  const std::vector<HostStep> steps =
+      steps_of(host_ids(hosts), adversary, rendered, first_world, false, stages, [] {});
+  std::vector<Vec3d> unused(adversary.mesh.vertices.size(), Vec3d::Zero());
+  if (spent) *spent += stages;
+  return row_of(steps, adversary.mesh.vertices, unused);
 }
 
 double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<Host>& hosts) const {
   constexpr std::uint64_t kWorlds = std::uint64_t{1} << 62;
   return judge(adversary, hosts, kWorlds).loss();
-}
-
-std::vector<std::string> AttackStepper::frames_of(std::span<const std::size_t> batch) const {
-  std::vector<std::string> frames;
-  for (const std::size_t k : own_hosts(batch.size())) frames.push_back(hosts_[batch[k]].id.frame);
-  return frames;
 }
 
 void AttackStepper::open_ahead(std::span<const std::string> next, std::span<const std::string> seen) const {
@@ -260,63 +279,41 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
     state.rendered = {state.iteration, state.adversary};
   StageSeconds stages;
   Stopwatch clock;
-  const auto batch = order_.batch(state.iteration);
-  const std::vector<std::string> names = frames_of(batch);
-  std::vector<std::shared_ptr<const PreparedFrame>> frames(names.size());
+  const std::vector<HostId> hosts = batch(state.iteration);
+  const std::vector<std::string> names = own_frames(hosts), next = own_frames(batch(state.iteration + 1));
+  std::vector<std::shared_ptr<const PreparedFrame>> frames(names.size());  // held until the step is done
   parallel_for(names.size(), [&](std::size_t i) { frames[i] = store_.get(names[i]); });
-  const std::vector<std::string> next = frames_of(order_.batch(state.iteration + 1));
   store_.prefetch(next);
   stages.input = clock.lap();
 
+  const std::vector<HostStep> steps = steps_of(hosts, state.adversary, state.rendered,
+                                               static_cast<std::uint64_t>(state.iteration * settings.batch),
+                                               true, stages, [&] { open_ahead(next, names); });
+  clock.lap();
   std::vector<Vec3d> d_vertices(state.adversary.mesh.vertices.size(), Vec3d::Zero());
   std::vector<Vec3d> d_texels(state.adversary.atlas.texels.size(), Vec3d::Zero());
-  LossRow row;
-  std::vector<HostStep> steps(batch.size());
-  const std::vector<std::size_t> mine = own_hosts(batch.size());
-  for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {
-    const std::size_t k = mine[i];
-    const HostId& id = hosts_[batch[k]].id;
-    const auto number = static_cast<std::uint64_t>(state.iteration * settings.batch) + k;
-    const auto clean = sights_->of(*frames[i], detector);
-    const StepHost host{*frames[i], id,      store_.placement(id),
-                        clean,      nullptr, {pictures_.get(), &state.rendered}};
-    isolated([&] {  // or a loop inside would take another host's work, and its time
-      steps[k] = step_host(detector, host, state.adversary, settings, number, true);
-    });
-  });
-  for (const std::size_t k : mine) {
-    check_finite(steps[k], hosts_[batch[k]].id, state.iteration);
-    stages.threads += steps[k].seconds;
-  }
-  stages.hosts = clock.lap();
-  open_ahead(next, names);
-  share_steps(steps, state.adversary);
-  stages.exchange = clock.lap();
-  for (const HostStep& step : steps) {
-    row.hide += step.hide / settings.batch;
-    row.false_positive += step.false_positive / settings.batch;
-    row.found += step.found;
-    row.hidden += step.hidden;
+  for (std::size_t k = 0; k < steps.size(); ++k) {
+    const HostStep& step = steps[k];
+    check_finite(step, hosts[k], state.iteration);
     for (std::size_t i = 0; i < d_vertices.size(); ++i)
       d_vertices[i] += step.gradient.vertices[i] / settings.batch;
     for (std::size_t i = 0; i < d_texels.size(); ++i) d_texels[i] += step.gradient.texels[i] / settings.batch;
   }
-  const double weight = settings.objective.lambda_laplacian;
-  row.laplacian = weight * laplacian_.energy(state.adversary.mesh.vertices, weight, d_vertices);
+  const LossRow row = row_of(steps, state.adversary.mesh.vertices, d_vertices);
   const TexturedMesh before = state.adversary;
   auto& vertices = state.adversary.mesh.vertices;
-  if (parts_ == AttackParts::size) {
+  if (settings.parts == AttackParts::size) {
     std::vector<Vec3d> half = {half_lengths(state.adversary.mesh)};
     state.vertices.step(half, {half_length_gradient(unit_, d_vertices)});
     half[0] = half[0].cwiseMax(kSmallestSize).cwiseMin(settings.limits.half);
     for (std::size_t i = 0; i < vertices.size(); ++i) vertices[i] = unit_[i].cwiseProduct(half[0]);
-  } else if (parts_ != AttackParts::texture) {
+  } else if (settings.parts != AttackParts::texture) {
     if (settings.buildable.on)
       step_buildable(state.vertices, vertices, d_vertices, settings.limits);
     else
       state.vertices.step(vertices, d_vertices);
   }
-  if (parts_ == AttackParts::both || parts_ == AttackParts::texture)
+  if (settings.parts == AttackParts::both || settings.parts == AttackParts::texture)
     state.texels.step(state.adversary.atlas.texels, d_texels);
   project(state.adversary, settings.limits);
   if (settings.buildable.on) keep_buildable(state.adversary, before, settings.buildable, settings.limits);

@@ -1,6 +1,7 @@
 // What one host adds to a step of the attack.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -30,29 +31,17 @@ struct HostStep {
   HostSeconds seconds;
 };
 
-// An iteration's hosts, spread over the processes of a run.
-
-/// Of the hosts 0 … n − 1 of a batch those of this rank: every rank_count()-th, from its own number on.
-std::vector<std::size_t> own_hosts(std::size_t n);
-
-/// Gives every rank the steps that the others computed: then each sums all of them in the batch's order, to
-/// the same bits as one process. `adversary` tells how long gradients are. A call of all ranks.
-void share_steps(std::vector<HostStep>& steps, const TexturedMesh& adversary);
-
 // One Adam step of the adversary: what an attack repeats, and what adversarial training does between two
 // updates of the model.
 
 /// One host of an iteration: simulates both sensors with the adversary placed (in the host's drawn world if
 /// there is one), detects, and takes the loss of the placement's targets back to the adversary's vertices (m,
 /// adversary frame) and texels. What is no input of settings.target gets no gradient, but is simulated all
-/// the same.
+/// the same. Without the way `back` its gradient is empty.
 HostStep attack_host(Detector& detector, const StepHost& host, const TexturedMesh& adversary,
-                     const AttackSettings& settings);
-/// The same without the way back: its gradient is empty.
-HostStep judge_host(Detector& detector, const StepHost& host, const TexturedMesh& adversary,
-                    const AttackSettings& settings);
+                     const AttackSettings& settings, bool back = true);
 
-/// attack_host(), or judge_host() without the way `back`, in draw `number` of the world: with
+/// attack_host() in draw `number` of the world: with
 /// Expectation::worst in the candidate of it that has the greatest loss (the first of equals), and without
 /// anything that varies in the world as recorded. `host` has no draw of its own. Its seconds are of all
 /// candidates together.
@@ -82,8 +71,16 @@ class AttackStepper {
   double held_out(const TexturedMesh& adversary, const std::vector<Host>& hosts) const;
 
  private:
-  /// Names of the frames of this rank's hosts of a batch.
-  std::vector<std::string> frames_of(std::span<const std::size_t> batch) const;
+  /// The hosts' steps in their order, on every rank: host k in world `first_world` + k. `meanwhile` is done
+  /// after this rank's, before it waits for those of others.
+  std::vector<HostStep> steps_of(const std::vector<HostId>& hosts, const TexturedMesh& adversary,
+                                 const RenderedMesh& rendered, std::uint64_t first_world, bool back,
+                                 StageSeconds& stages, const std::function<void()>& meanwhile) const;
+  /// Means over the hosts' losses, and the smoothness, whose gradient is added to `d_vertices`.
+  LossRow row_of(const std::vector<HostStep>& steps, const std::vector<Vec3d>& vertices,
+                 std::vector<Vec3d>& d_vertices) const;
+  /// Hosts of an iteration.
+  std::vector<HostId> batch(long iteration) const;
   /// While other ranks are at their hosts, has the detector keep what it keeps of these frames, but for those
   /// that it has just seen. Changes nothing but time.
   void open_ahead(std::span<const std::string> next, std::span<const std::string> seen) const;
@@ -93,7 +90,6 @@ class AttackStepper {
   FrameStore& store_;
   const std::vector<Host>& hosts_;
   HostOrder order_;
-  AttackParts parts_;
   Laplacian laplacian_;
   std::vector<Vec3d> unit_;  ///< --parts size: the start's vertices in a box of half lengths 1
   std::shared_ptr<CleanSights> sights_;

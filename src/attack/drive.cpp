@@ -487,32 +487,21 @@ std::vector<Detection> DriveScene::seen(Detector& detector, std::size_t i, const
                                         const std::vector<Lazy<Sweep>>& sweeps,
                                         RenderedPictures* pictures) const {
   const Rider& rider = (*pass.riders)[i];
-  const auto held = store_.get(frames_[i].id);
-  const PreparedFrame& prepared = *held;
-  Simulated simulated;
-  CleanView as_recorded;
-  SensorView view;
-  if (rider.carrier) {
-    const Placement placement = placement_of(request_.place, *rider.carrier, prepared.frame.labels);
-    simulated = simulate(prepared, placement, *pass.object, request_.simulation);
-    PixelRect changed = simulated.rect;
-    if (pictures)
-      changed = united(changed, pictures->correct({prepared, rider.host, placement, request_.simulation},
-                                                  *pass.object, {-1, *pass.object}, simulated));
-    view = view_of(prepared, simulated, can_);
-    if (pictures) require_no_others(view);
-    if (can_.why_whole.empty() && sweeps.empty()) {
-      as_recorded = clean_view(prepared, simulated.rect);
-      as_recorded.changed = changed;
-      view.clean = &as_recorded;
-    }
-  } else {
-    view = view_of(prepared.frame);
-  }
-  view.continues = i > 0;
-  Sweep together;
-  if (!sweeps.empty()) view.points = together = merged(i, sweeps);
-  return detections(detector, view, request_.evaluation);
+  const auto prepared = store_.get(frames_[i].id);
+  const auto found = [&](SensorView view) {
+    view.continues = i > 0;
+    Sweep together;
+    if (!sweeps.empty()) view.points = together = merged(i, sweeps);
+    return detections(detector, view, request_.evaluation);
+  };
+  if (!rider.carrier) return found(view_of(prepared->frame));
+  RenderedMesh rendered;  // of no step: its pictures are not kept
+  if (pictures) rendered.mesh = *pass.object;
+  const StepHost host{
+      *prepared, rider.host, placement_of(request_.place, *rider.carrier, prepared->frame.labels),
+      {},        nullptr,    {pictures, &rendered}};
+  Observation shown(host, *pass.object, request_.simulation);
+  return found(shown.view(can_, can_.why_whole.empty() && sweeps.empty()));
 }
 
 Box3 DriveScene::upright(const Box3& box) const {

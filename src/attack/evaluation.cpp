@@ -169,19 +169,12 @@ class Attacked {
   FoundAttacked drawn(Detector& detector, const HostId& id, const TexturedMesh& mesh, bool local) const {
     const auto recorded = store_.get(id.frame);
     const WorldDraw draw(settings_.expectation, settings_.expectation_seed, draw_of(id));
-    const DrawnHost world(settings_.expectation.any() ? &draw : nullptr, *recorded, store_.placement(id),
-                          mesh, simulation_);
-    Simulated simulated = simulate(world.prepared(), world.placement(), world.object(), world.simulation());
-    world.add_noise(simulated.image);
-    SensorView view = view_of(world.prepared(), simulated, detector.capabilities());
-    if (settings_.expectation.any_in_frame()) require_no_others(view);
-    CleanView as_recorded;
-    if (local && !world.changes_picture()) {
-      as_recorded = clean_view(world.prepared(), simulated.rect);
-      view.clean = &as_recorded;
-    }
+    const StepHost host{
+        *recorded, id, store_.placement(id), {}, settings_.expectation.any() ? &draw : nullptr};
+    Observation seen(host, mesh, simulation_);
+    const SensorView view = seen.view(detector.capabilities(), local && !seen.changes_picture());
     return {detections(detector, view, settings_),
-            settings_.matching.in_picture() ? carried_box(simulated, world.placement()) : std::nullopt};
+            settings_.matching.in_picture() ? carried_box(seen.simulated(), seen.placement()) : std::nullopt};
   }
 
   FrameStore& store_;

@@ -90,7 +90,7 @@ SeenChange seen_change(Detector& detector, FrameStore& store, const std::vector<
         for (const int side : {1, -1}) {
           TexturedMesh moved = object;
           for (Vec3d& vertex : moved.mesh.vertices) vertex[axis] += side * kStep;
-          const HostStep there = judge_host(detector, carried, moved, settings);
+          const HostStep there = attack_host(detector, carried, moved, settings, false);
           measured += side * (there.hide + there.false_positive);
         }
         told += predicted * measured, squared += measured * measured;

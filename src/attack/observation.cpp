@@ -199,10 +199,9 @@ nlohmann::json to_json(const StageSeconds& stages, double seconds, long iteratio
           {"thread_seconds", threads}};
 }
 
-Observation::Observation(const StepHost& host, const TexturedMesh& adversary, const AttackSettings& settings)
-    : host_(host),
-      settings_(settings),
-      world_(host.draw, host.prepared, host.placement, adversary, settings.simulation) {
+Observation::Observation(const StepHost& host, const TexturedMesh& adversary,
+                         const SimulationSettings& simulation)
+    : host_(host), world_(host.draw, host.prepared, host.placement, adversary, simulation) {
   seconds_.worlds = clock_.lap();
   simulated_ = simulate(world_.prepared(), world_.placement(), world_.object(), world_.simulation());
   seconds_.simulation_forward = clock_.lap();
@@ -218,35 +217,38 @@ Observation::Observation(const StepHost& host, const TexturedMesh& adversary, co
   seconds_.worlds += clock_.lap();
 }
 
-SensorView Observation::view(const Capabilities& can, bool back) {
+SensorView Observation::view(const Capabilities& can, bool local) {
   Stopwatch clock;
   SensorView view = view_of(world_.prepared(), simulated_, can);
-  if (host_.seen.pictures || (host_.draw && settings_.expectation.any_in_frame())) require_no_others(view);
-  // Another exposure or noise changes every pixel: to a detector that reads them nothing is as recorded.
-  if (can.why_whole.empty() && !(world_.changes_picture() && can.reads_image)) {
+  if (host_.seen.pictures || (host_.draw && host_.draw->expectation().any_in_frame()))
+    require_no_others(view);
+  if (local) {
     clean_ = clean_view(world_.prepared(), changed_);
     view.clean = &clean_;
   }
-  if (back && can.knows_presence && world_.simulation().lidar_gradient == LidarGradient::silhouette &&
-      settings_.target != AttackTarget::image && settings_.parts != AttackParts::texture)
-    silhouette_ = lidar_silhouette(world_.prepared(), placed_adversary(simulated_));
-  view.watched = silhouette_.places;
   seconds_.simulation_forward += clock.lap();
   return view;
 }
 
-AdversaryGradient Observation::vjp(const SensorGradient& gradient) const {
+void Observation::watch(SensorView& view) {
+  if (world_.simulation().lidar_gradient != LidarGradient::silhouette) return;
+  Stopwatch clock;
+  silhouette_ = lidar_silhouette(world_.prepared(), placed_adversary(simulated_));
+  view.watched = silhouette_.places;
+  seconds_.simulation_forward += clock.lap();
+}
+
+AdversaryGradient Observation::vjp(const SensorGradient& gradient, AttackTarget target) const {
   Upstream<float> upstream;
-  if (settings_.target != AttackTarget::lidar && !gradient.image.empty())
+  if (target != AttackTarget::lidar && !gradient.image.empty())
     upstream = {gradient.image.data.data(), gradient.image.width, gradient.image.height};
   std::vector<const float*> others = others_of(gradient, world_.prepared().frame, simulated_);
   for (std::size_t k = 0; k < others.size(); ++k) {
     const bool camera = k < simulated_.others.size();
-    if (settings_.target != AttackTarget::both && !(camera && settings_.target == AttackTarget::image))
-      others[k] = nullptr;
+    if (target != AttackTarget::both && !(camera && target == AttackTarget::image)) others[k] = nullptr;
   }
   upstream.others = others;
-  if (settings_.target != AttackTarget::image) upstream.points = gradient.points;
+  if (target != AttackTarget::image) upstream.points = gradient.points;
   upstream.silhouette = &silhouette_;
   upstream.presence = gradient.presence;
   AdversaryGradient designed = simulate_vjp(simulated_, upstream);

@@ -158,8 +158,8 @@ struct StageSeconds {
 /// Means over iterations; `seconds`: wall seconds of all of them, `workers`: threads that share the hosts.
 nlohmann::json to_json(const StageSeconds& stages, double seconds, long iterations, std::size_t workers);
 
-// What a detector is shown of one host in a step of the attack, and the way back through all that made it:
-// the simulation, a renderer in place of its rasteriser, and what --expect draws of the world.
+// What a detector is shown of one host, and the way back through all that made it: the simulation, a renderer
+// in place of its rasteriser, and what --expect draws of the world.
 
 /// What draws the object for the detector where it is not the simulation.
 struct HostPictures {
@@ -167,7 +167,7 @@ struct HostPictures {
   const RenderedMesh* of = nullptr;
 };
 
-/// One host of a step. What it refers to outlives it.
+/// One host with an object. What it refers to outlives it.
 struct StepHost {
   const PreparedFrame& prepared;
   HostId id;
@@ -179,34 +179,37 @@ struct StepHost {
   HostPictures seen = {};
 };
 
-/// A host with the adversary, as its sensors see it, and the tape of that. `host`, `adversary` and `settings`
-/// outlive it.
+/// A host with the adversary, as its sensors see it, and the tape of that. `host` and `adversary` outlive it.
 class Observation {
  public:
   /// Draws the world, simulates both sensors, corrects the picture by the renderer's and adds the camera's
   /// noise.
-  Observation(const StepHost& host, const TexturedMesh& adversary, const AttackSettings& settings);
+  Observation(const StepHost& host, const TexturedMesh& adversary, const SimulationSettings& simulation);
   Observation(const Observation&) = delete;
   Observation& operator=(const Observation&) = delete;
 
   /// What it is of.
   const StepHost& host() const { return host_; }
-  /// The attack's settings; they outlive this.
-  const AttackSettings& settings() const { return settings_; }
   /// Image and sweep with the object.
   const Simulated& simulated() const { return simulated_; }
-  /// For a detector that can so much: with the frame as recorded, where that saves it work, and, if the
-  /// gradient is wanted (`back`), the places where one more return would count.
-  SensorView view(const Capabilities& can, bool back);
-  /// d loss / d adversary, of the detector's gradient by what view() showed. What is no input of
-  /// settings.target gets none. The noise is held fixed, and so is what the renderer's picture differs by.
-  AdversaryGradient vjp(const SensorGradient& gradient) const;
+  /// In the drawn world.
+  const Placement& placement() const { return world_.placement(); }
+  /// Whether pixels differ from the recorded ones away from the object: exposure, noise.
+  bool changes_picture() const { return world_.changes_picture(); }
+  /// For a detector that can so much. `local`: with the frame as recorded, so that it computes only what the
+  /// object changes.
+  SensorView view(const Capabilities& can, bool local);
+  /// Adds the places where one more return would count, for a detector that knows presence: with
+  /// LidarGradient::silhouette they get a gradient, too.
+  void watch(SensorView& view);
+  /// d loss / d adversary, of the detector's gradient by what view() showed. What is no input of `target`
+  /// gets none. The noise is held fixed, and so is what the renderer's picture differs by.
+  AdversaryGradient vjp(const SensorGradient& gradient, AttackTarget target) const;
   /// What it took so far: worlds, simulation_forward and rendering.
   const HostSeconds& seconds() const { return seconds_; }
 
  private:
   const StepHost& host_;
-  const AttackSettings& settings_;
   Stopwatch clock_;  ///< before the world, whose time it takes
   DrawnHost world_;
   Simulated simulated_;

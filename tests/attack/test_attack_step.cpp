@@ -85,7 +85,7 @@ TEST(AttackStep, TheLossIsOfEveryTargetAndFalsePositivesCountOnce) {
   const auto judge = [&](std::vector<Label> targets) {
     StepHost host{world.prepared, {}, world.placement, clean};
     host.placement.targets = std::move(targets);
-    return judge_host(detector, host, initial_adversary(), AttackSettings());
+    return attack_host(detector, host, initial_adversary(), AttackSettings(), false);
   };
   const HostStep one = judge({car}), two = judge({car, other});
   EXPECT_NEAR(one.hide, softplus(0.5), 1e-9);
@@ -104,9 +104,9 @@ TEST(AttackStep, APhantomsLossLeavesTheHostInPeace) {
   nobodys.y -= 10;
   FixedDetector detector({{car, 0.5}, {nobodys, 0.1}});
   StepHost host{world.prepared, {}, world.placement, {}};
-  const HostStep hiding = judge_host(detector, host, initial_adversary(), AttackSettings());
+  const HostStep hiding = attack_host(detector, host, initial_adversary(), AttackSettings(), false);
   host.placement.victim = Victim::phantom;
-  const HostStep phantom = judge_host(detector, host, initial_adversary(), AttackSettings());
+  const HostStep phantom = attack_host(detector, host, initial_adversary(), AttackSettings(), false);
   EXPECT_GT(hiding.hide, 0);
   EXPECT_EQ(phantom.hide, 0);
   EXPECT_EQ(phantom.false_positive, hiding.false_positive);
@@ -126,7 +126,7 @@ TEST(AttackStep, TheObjectsOwnBoxIsWhatItHides) {
   const auto step = [&](const Detection& found) {
     FixedDetector detector({found});
     const StepHost host{world.prepared, {}, world.placement, {}};
-    return judge_host(detector, host, adversary, AttackSettings());
+    return attack_host(detector, host, adversary, AttackSettings(), false);
   };
   const HostStep seen = step({own.bev, 0.5}), in_part = step({part, 0.5}), faint = step({own.bev, -1.5});
   EXPECT_GT(seen.hide, softplus(0.5) - 1e-9);
@@ -149,11 +149,11 @@ TEST(AttackStep, OtherCamerasThatTheDetectorNamesAreAttackedToo) {
   const StepHost host{world.prepared, {}, world.placement};
   AttackSettings settings;
   settings.simulation.lidar_gradient = LidarGradient::fixed;
-  Observation observation(host, world.adversary, settings);
+  Observation observation(host, world.adversary, settings.simulation);
   Capabilities can;
-  EXPECT_TRUE(observation.view(can, true).others.empty());
+  EXPECT_TRUE(observation.view(can, false).others.empty());
   can.reads = {"camera", "BESIDE"};
-  const SensorView view = observation.view(can, true);
+  const SensorView view = observation.view(can, false);
   ASSERT_EQ(view.others.size(), 1u);
   EXPECT_EQ(view.others[0].name, "BESIDE");
   EXPECT_EQ(view.others[0].image->data, observation.simulated().others[1].image.data);
@@ -162,7 +162,7 @@ TEST(AttackStep, OtherCamerasThatTheDetectorNamesAreAttackedToo) {
   RandomStream random(3, "of the camera beside");
   for (std::size_t i = 0; i < recorded.data.size(); ++i)
     gradient.others["BESIDE"].push_back(static_cast<float>(random.uniform(-1, 1)));
-  const AdversaryGradient through = observation.vjp(gradient);
+  const AdversaryGradient through = observation.vjp(gradient, AttackTarget::both);
   // The same camera as the frame's first, alone.
   Frame alone = frame;
   alone.calibration = beside;
@@ -179,8 +179,8 @@ TEST(AttackStep, OtherCamerasThatTheDetectorNamesAreAttackedToo) {
     length += meant.vertices[i].norm();
   }
   EXPECT_GT(length, 0);
-  settings.target = AttackTarget::lidar;  // no picture's counts
-  for (const Vec3d& d : observation.vjp(gradient).vertices) EXPECT_EQ(d, Vec3d(0, 0, 0));
+  for (const Vec3d& d : observation.vjp(gradient, AttackTarget::lidar).vertices)  // no picture's counts
+    EXPECT_EQ(d, Vec3d(0, 0, 0));
 }
 
 /// Sees returns alone, and knows what they are worth.
@@ -237,7 +237,7 @@ TEST(AttackStep, TheSilhouetteTellsThatALargerObjectCatchesMoreReturns) {
     for (Vec3d& v : other.mesh.vertices) v *= scale;
     double sum = 0;
     for (const PreparedFrame& prepared : rasters)
-      sum += judge_host(detector, {prepared, {}, world.placement}, other, settings).hide;
+      sum += attack_host(detector, {prepared, {}, world.placement}, other, settings, false).hide;
     return sum / static_cast<double>(rasters.size());
   };
   const double difference = (hide(1.05) - hide(0.95)) / 0.1;

@@ -304,7 +304,7 @@ TEST(SizeAlone, TheWholeChainAgainstDifferences) {
     const auto loss = [&](double shift) {
       Vec3d half = start;
       half[c] += shift;
-      return judge_host(detector, host, mesh(half), settings).hide;
+      return attack_host(detector, host, mesh(half), settings, false).hide;
     };
     const double numeric = (loss(h) - loss(-h)) / (2 * h);
     EXPECT_NEAR(exact[c], numeric, 0.02 * exact.norm()) << c;

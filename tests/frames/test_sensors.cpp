@@ -219,7 +219,7 @@ TEST_F(Sensors, AnAttackFollowsTheGradientThroughASensorThatOnlyItsPluginKnows) 
     TexturedMesh moved = world.adversary;
     for (std::size_t i = 0; i < moved.mesh.vertices.size(); ++i)
       moved.mesh.vertices[i] = Vec3d::Map(x.data() + 3 * i);
-    return judge_host(detector, host, moved, settings).hide;
+    return attack_host(detector, host, moved, settings, false).hide;
   };
   // Measurements are floats: a step over their rounding.
   const auto result = test::check_gradient(hide, test::flat(world.adversary.mesh.vertices),
