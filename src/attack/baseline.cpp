@@ -16,11 +16,6 @@ namespace {
 constexpr int kPatches = 12;     // of 320 faces: some 0.4 m across on a mesh that fills the box
 constexpr int kCuboidCells = 5;  // 300 faces, about as many as a learned mesh has
 
-constexpr std::array<std::pair<Baseline, const char*>, 4> kWords = {{{Baseline::start, "start"},
-                                                                     {Baseline::sized, "sized"},
-                                                                     {Baseline::ellipsoid, "ellipsoid"},
-                                                                     {Baseline::cuboid, "cuboid"}}};
-
 /// Faces that share an edge with each face.
 std::vector<std::vector<std::size_t>> neighbours(const Mesh& mesh) {
   std::vector<std::vector<std::size_t>> beside(mesh.faces.size());
@@ -64,39 +59,27 @@ TexturedMesh filling_mesh(const Run& run, Baseline kind, std::uint64_t seed) {
 
 }  // namespace
 
-std::string to_string(Baseline kind) {
-  for (const auto& [baseline, word] : kWords)
-    if (baseline == kind) return word;
-  return "";
-}
-
 std::string describe(Baseline kind) {
-  switch (kind) {
-    case Baseline::start:
-      return "random mesh";
-    case Baseline::sized:
-      return "random mesh of its size";
-    case Baseline::ellipsoid:
-      return "ellipsoid filling the box";
-    case Baseline::cuboid:
-      return "cuboid filling the box";
-  }
-  return "";
+  const char* words[] = {"random mesh", "random mesh of its size", "ellipsoid filling the box",
+                         "cuboid filling the box"};
+  return words[as_size(kind)];
 }
 
 std::vector<Baseline> parse_baselines(const std::string& words) {
-  std::vector<Baseline> kinds;
+  constexpr auto kinds = words_of(Baseline());
+  std::vector<Baseline> found;
   for (const std::string& word : listed_words(words)) {
     bool known = word == "none" || word == "all";
-    for (const auto& [kind, name] : kWords) {
-      if (word != name && word != "all") continue;
+    for (std::size_t i = 0; i < kinds.size(); ++i) {
+      if (word != kinds[i] && word != "all") continue;
       known = true;
-      if (std::find(kinds.begin(), kinds.end(), kind) == kinds.end()) kinds.push_back(kind);
+      const auto kind = static_cast<Baseline>(i);
+      if (std::ranges::find(found, kind) == found.end()) found.push_back(kind);
     }
     if (!known)
       throw unknown_word("baseline", word, {"start", "sized", "ellipsoid", "cuboid", "all", "none"});
   }
-  return kinds;
+  return found;
 }
 
 std::vector<TexturedMesh> baseline_meshes(const Run& run, Baseline kind, int count) {

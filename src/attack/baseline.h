@@ -9,6 +9,7 @@
 // The last three are painted with random patches: texels drawn one by one would average to grey at 20 m.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -20,8 +21,9 @@ namespace mirage {
 
 /// See above.
 enum class Baseline { start, sized, ellipsoid, cuboid };
-/// "start", "sized", …
-std::string to_string(Baseline kind);
+constexpr auto words_of(Baseline) {
+  return std::to_array<const char*>({"start", "sized", "ellipsoid", "cuboid"});
+}
 /// "random mesh", "random mesh of its size", …
 std::string describe(Baseline kind);
 /// Words separated by commas, "all" or "none". FieldError naming baseline for any other word.

@@ -58,7 +58,7 @@ std::vector<NamedStart> search_starts(const AttackSettings& settings) {
   std::vector<NamedStart> starts{{"paper", paper}};
   if (learns_shape(settings))
     for (const Baseline kind : {Baseline::ellipsoid, Baseline::cuboid})
-      starts.push_back({to_string(kind), filling_shape(kind, settings.limits, settings.buildable)});
+      starts.push_back({to_word(kind), filling_shape(kind, settings.limits, settings.buildable)});
   return starts;
 }
 

@@ -269,7 +269,7 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
   nlohmann::json result = to_json(evaluation.learned);
   result["bound"] = fields_json(hidden_bound(evaluation.learned.hosts));
   for (const BaselineArm& arm : evaluation.baselines) {
-    const std::string key = arm.kind == Baseline::start ? "random" : to_string(arm.kind);
+    const std::string key = arm.kind == Baseline::start ? "random" : to_word(arm.kind);
     result[key] = to_json(arm.evaluation);
     result[key]["meshes"] = arm.evaluation.meshes;
   }
@@ -283,7 +283,7 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
                             sized ? &sized->net : nullptr));
   const std::vector<HostOutcome>& grown = evaluation.learned.against_grown;
   for (const BaselineArm& arm : evaluation.baselines) {
-    arms.push_back(arm_json(evaluation, to_string(arm.kind), arm.evaluation, arm.extents, &arm.net));
+    arms.push_back(arm_json(evaluation, to_word(arm.kind), arm.evaluation, arm.extents, &arm.net));
     if (!grown.empty())
       arms.back()["grown"]["net"] = fields_json(net_success(grown, arm.evaluation.against_grown));
   }

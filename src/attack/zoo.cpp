@@ -152,29 +152,22 @@ TexturedMesh resampled(const TexturedMesh& mesh, int resolution) {
 }
 
 const std::vector<CarriedLoad>& carried_loads() {
-  static const std::vector<CarriedLoad> loads = {{"roof-box", "a roof box of 1.9 m"},
-                                                 {"ladder", "a ladder of 2.8 m with ten rungs"},
-                                                 {"mattress", "a mattress of 2 × 1.4 m"},
-                                                 {"kayak", "a kayak of 2.9 m"},
-                                                 {"boxes-under-net", "six boxes under a net of ropes"}};
+  static const std::vector<CarriedLoad> loads = {
+      {"roof-box", "a roof box of 1.9 m", add_roof_box},
+      {"ladder", "a ladder of 2.8 m with ten rungs", add_ladder},
+      {"mattress", "a mattress of 2 × 1.4 m", add_mattress},
+      {"kayak", "a kayak of 2.9 m", add_kayak},
+      {"boxes-under-net", "six boxes under a net of ropes", add_boxes_under_net}};
   return loads;
 }
 
 TexturedMesh carried_load(const std::string& name) {
+  const auto known = std::ranges::find(carried_loads(), name, &CarriedLoad::name);
+  if (known == carried_loads().end())
+    throw InputError("load", name, "is none that is known", "use a name of carried_loads()");
   TexturedMesh load;
   load.atlas.resolution = 1;
-  if (name == "roof-box")
-    add_roof_box(load);
-  else if (name == "ladder")
-    add_ladder(load);
-  else if (name == "mattress")
-    add_mattress(load);
-  else if (name == "kayak")
-    add_kayak(load);
-  else if (name == "boxes-under-net")
-    add_boxes_under_net(load);
-  else
-    throw InputError("load", name, "is none that is known", "use a name of carried_loads()");
+  known->add_to(load);
   return load;
 }
 

@@ -37,6 +37,7 @@ TexturedMesh resampled(const TexturedMesh& mesh, int resolution);
 struct CarriedLoad {
   const char* name;  ///< "roof-box"
   const char* what;
+  void (*add_to)(TexturedMesh& load);  ///< makes it of no parts
 };
 /// A roof box, a ladder, a mattress, a kayak, and boxes under a net.
 const std::vector<CarriedLoad>& carried_loads();

@@ -100,8 +100,8 @@ std::vector<ZooObject> made_without_learning(std::uint64_t seed) {
   for (const Baseline kind : {Baseline::ellipsoid, Baseline::cuboid}) {
     TexturedMesh mesh = filling_shape(kind, {}, {.on = false});
     paint_patches(mesh, 12, seed);
-    objects.push_back({to_string(kind), std::move(mesh), "shape",
-                       to_string(kind) + " of 1.6 × 1.6 × 1 m, twelve random patches"});
+    objects.push_back({to_word(kind), std::move(mesh), "shape",
+                       std::string(to_word(kind)) + " of 1.6 × 1.6 × 1 m, twelve random patches"});
   }
   for (const CarriedLoad& load : carried_loads())
     objects.push_back({load.name, carried_load(load.name), "load", load.what});

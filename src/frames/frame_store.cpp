@@ -56,18 +56,26 @@ std::size_t bytes_of(const PreparedFrame& prepared, const std::vector<Carrier>& 
   return bytes;
 }
 
-/// `sensors`: sensors_identity().
-std::string content_of(const std::filesystem::path& data, const std::string& id, Cameras cameras,
-                       const std::string& sensors) {
-  const std::string hash = frame_hash(data, id, cameras);
-  return sensors.empty() ? hash : content_hash(hash + sensors);
-}
-
 }  // namespace
+
+std::string FrameContents::of(const std::string& id) const {
+  {
+    const std::lock_guard lock(mutex_);
+    if (const auto known = known_.find(id); known != known_.end()) return known->second;
+  }
+  std::string hash = frame_hash(data_, id, cameras_);
+  if (!sensors_.empty()) hash = content_hash(hash + sensors_);
+  const std::lock_guard lock(mutex_);
+  return known_.emplace(id, hash).first->second;
+}
 
 FrameStore::FrameStore(std::filesystem::path data, const LidarModel& lidar,
                        std::shared_ptr<const DepthCompletion> depth, std::shared_ptr<const RoofFinder> finder)
-    : data_(std::move(data)), lidar_(lidar), depth_(std::move(depth)), finder_(std::move(finder)) {
+    : data_(std::move(data)),
+      lidar_(lidar),
+      depth_(std::move(depth)),
+      finder_(std::move(finder)),
+      contents_(std::make_unique<FrameContents>(data_)) {
   if (!depth_) depth_ = std::make_shared<IpBasic>();
   if (!finder_) finder_ = std::make_shared<BoxRoofFinder>();
 }
@@ -81,7 +89,7 @@ FrameStore::FrameStore(const FrameSource& source)
   cameras_ = source.cameras;
   classes_ = source.classes;
   sensors_ = load_sensors(source.sensors);
-  sensors_content_ = sensors_identity(source.sensors);
+  contents_ = std::make_unique<FrameContents>(source.data, source.cameras, sensors_identity(source.sensors));
   cache_ = FrameCache(DiskCache::from_environment(), depth_identity({source.depth}),
                       rooftop_identity(source.rooftop), lidar_);
 }
@@ -93,16 +101,6 @@ FrameStore::~FrameStore() {
   }
   ahead_changed_.notify_one();
   if (ahead_thread_.joinable()) ahead_thread_.join();
-}
-
-std::string FrameStore::content(const std::string& id) const {
-  {
-    const std::lock_guard lock(mutex_);
-    if (const auto known = contents_.find(id); known != contents_.end()) return known->second;
-  }
-  const std::string hash = content_of(data_, id, cameras_, sensors_content_);
-  const std::lock_guard lock(mutex_);
-  return contents_.emplace(id, hash).first->second;
 }
 
 std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id) const {
@@ -281,25 +279,16 @@ RecordedFrames recorded_frames(const FrameSource& source, const std::string& det
                                    rooftop_identity(source.rooftop), lidar_of(source.data, source.rig));
   require_shared(*cache, command, detector);
   if (!cache->on() || detector.empty()) return frames;
-  struct Contents {  // a frame is shown in many views
-    std::mutex mutex;
-    std::map<std::string, std::string> known;
+  const auto contents =
+      std::make_shared<const FrameContents>(source.data, source.cameras, sensors_identity(source.sensors));
+  frames.kept = [cache, contents, detector](const std::string& id, const auto& compute) {
+    return cache->detections(contents->of(id), detector, kScoreThresholdForAp, compute);
   };
-  const auto content = [source, sensors = sensors_identity(source.sensors),
-                        contents = std::make_shared<Contents>()](const std::string& id) {
-    const std::lock_guard lock(contents->mutex);
-    std::string& hash = contents->known[id];
-    if (hash.empty()) hash = content_of(source.data, id, source.cameras, sensors);
-    return hash;
-  };
-  frames.kept = [cache, content, detector](const std::string& id, const auto& compute) {
-    return cache->detections(content(id), detector, kScoreThresholdForAp, compute);
-  };
-  frames.kept_views = [cache, content, detector, lidar = lidar_identity(lidar_of(source.data, source.rig)),
+  frames.kept_views = [cache, contents, detector, lidar = lidar_identity(lidar_of(source.data, source.rig)),
                        classes = source.classes](const ShownView& view, const auto& compute) {
     Provenance made_of;
     for (std::size_t i = 0; i < view.frames.size(); ++i)
-      made_of.input(fmt::format("frame_{}", i), content(view.frames[i]));
+      made_of.input(fmt::format("frame_{}", i), contents->of(view.frames[i]));
     made_of.input("detector", detector);
     made_of.input("lidar", lidar);
     made_of.set("classes", classes);  // the cars that the answers are told of

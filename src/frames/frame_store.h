@@ -34,6 +34,23 @@ std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vecto
 
 // The frames of a data set, streamed: read and prepared when they are asked for, held while there is room.
 
+/// Hashes of a data set's frames as they are on disk, each made once. Several threads may ask.
+class FrameContents {
+ public:
+  /// `sensors`: sensors_identity() of what measures the frames besides.
+  FrameContents(std::filesystem::path data, Cameras cameras = Cameras::first, std::string sensors = "")
+      : data_(std::move(data)), cameras_(cameras), sensors_(std::move(sensors)) {}
+  /// frame_hash() of the frame, and what measures it besides.
+  std::string of(const std::string& id) const;
+
+ private:
+  std::filesystem::path data_;
+  Cameras cameras_;
+  std::string sensors_;
+  mutable std::mutex mutex_;  // of what follows
+  mutable std::map<std::string, std::string> known_;
+};
+
 /// Frames with where an object stands at their vehicles, by id. Several threads may ask at once. What was
 /// used last stays in memory; the rest is read again, and what is costly in preparing it comes from the disk
 /// cache.
@@ -79,8 +96,8 @@ class FrameStore {
 
   /// What is kept on disk of these frames.
   FrameCache& cache() { return cache_; }
-  /// frame_hash() of the frame as it is on disk, and what measures it besides. Each is hashed once.
-  std::string content(const std::string& id) const;
+  /// FrameContents of the frame.
+  std::string content(const std::string& id) const { return contents_->of(id); }
 
  private:
   struct Entry {
@@ -113,7 +130,7 @@ class FrameStore {
   Cameras cameras_ = Cameras::first;
   std::string classes_ = kCars;
   std::vector<std::shared_ptr<const PluginSensor>> sensors_;
-  std::string sensors_content_;  ///< sensors_identity()
+  std::unique_ptr<const FrameContents> contents_;
   mutable FrameCache cache_;
 
   mutable std::mutex mutex_;  // of what follows
@@ -121,7 +138,6 @@ class FrameStore {
   Held held_;  ///< the one used last is first
   std::size_t bytes_ = 0, limit_ = kMemoryLimit;
   mutable std::size_t reads_ = 0;
-  mutable std::map<std::string, std::string> contents_;  ///< content() by id
 
   std::mutex ahead_mutex_;  // of what follows
   std::condition_variable ahead_changed_;

@@ -40,7 +40,7 @@ TEST(Baseline, WordsAreReadAndOthersRefused) {
   EXPECT_TRUE(parse_baselines("none").empty());
   EXPECT_TRUE(parse_baselines("").empty());
   for (const Baseline kind : parse_baselines("all"))
-    EXPECT_THAT(parse_baselines(to_string(kind)), testing::ElementsAre(kind));
+    EXPECT_THAT(parse_baselines(to_word(kind)), testing::ElementsAre(kind));
   EXPECT_THAT(test::error_text<InputError>([] { parse_baselines("start,sphere"); }),
               testing::StartsWith("baseline: sphere: unknown; use start, sized"));
 }
@@ -78,7 +78,7 @@ TEST(Baseline, EllipsoidAndCuboidFillTheBox) {
       EXPECT_NEAR((bounds(made.mesh).min() + half).norm(), 0, 1e-12);
       EXPECT_TRUE(is_watertight(made.mesh));
       EXPECT_TRUE(intersecting_faces(made.mesh).empty());
-      check_mesh(made, to_string(kind));
+      check_mesh(made, to_word(kind));
     }
     const double volume = signed_volume(baseline_meshes(run, Baseline::cuboid, 1).at(0).mesh);
     EXPECT_NEAR(volume, 8 * half.prod(), 1e-12);  // wound outwards, too
@@ -236,8 +236,8 @@ TEST(Buildable, AStartThatStandsIsNotCut) {
   for (const Baseline kind : {Baseline::ellipsoid, Baseline::cuboid}) {
     const TexturedMesh shape = filling_shape(kind, {}, settings);
     EXPECT_TRUE(bounds(shape.mesh).isApprox(Eigen::AlignedBox3d(-kRoofBox, kRoofBox), 1e-12))
-        << to_string(kind);
-    EXPECT_TRUE(buildable_report(shape, settings).holds(settings.min_thickness)) << to_string(kind);
+        << to_word(kind);
+    EXPECT_TRUE(buildable_report(shape, settings).holds(settings.min_thickness)) << to_word(kind);
   }
 }
 

@@ -101,7 +101,7 @@ Judged read_evaluation(const std::filesystem::path& file, const std::string& dat
   for (const auto& [key, kind] : {std::pair("random", Baseline::start), std::pair("sized", Baseline::sized),
                                   std::pair("cuboid", Baseline::cuboid)}) {
     if (!fields.has(key) || fields.is_null(key)) continue;
-    Outcomes& arm = judged[to_string(kind)] = read_arm(fields.object(key), data);
+    Outcomes& arm = judged[to_word(kind)] = read_arm(fields.object(key), data);
     arm.reliance = learned.reliance;
     arm.name = describe(kind);
   }
