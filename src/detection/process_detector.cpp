@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <numeric>
 #include <optional>
 
 #include "base/child_process.h"
@@ -74,10 +75,10 @@ json rows_json(const Transform& transform) {
   return rows;
 }
 
-class ProcessDetector : public Detector {
+class ProcessDetector : public OutsideDetector {
  public:
   ProcessDetector(const DetectorOptions& options, const ProcessLimits& limits)
-      : who_(options.detector), limits_(limits), words_(command_words(who_)) {
+      : OutsideDetector(options.detector, options.detector), limits_(limits), words_(command_words(who_)) {
     const std::filesystem::path program = find_program(words_[0]);
     if (program.empty())
       throw FieldError("detector", who_, "names a program that is not on PATH: " + words_[0],
@@ -103,10 +104,6 @@ class ProcessDetector : public Detector {
   ProcessDetector(const ProcessDetector&) = delete;
   ProcessDetector& operator=(const ProcessDetector&) = delete;
 
-  std::string name() const override { return who_; }
-  Capabilities capabilities() const override { return word_.can; }
-  std::array<double, 4> region() const override { return word_.region; }
-
   std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
     if (keep_graph && !word_.can.has_gradients) no_gradient();
     forward_ = place(view, score_threshold, keep_graph);
@@ -114,9 +111,8 @@ class ProcessDetector : public Detector {
     try {
       answer = ask(forward_);
     } catch (const Failure& problem) {
-      if (!word_.can.reads_image || (view.image && !view.image->empty())) throw;
-      throw InputError("detector", "image",
-                       std::string("cannot do without a picture (") + problem.what() + ")", "give it one");
+      complain_if_blind(view, problem.what());
+      throw;
     }
     const auto boxes = array<float>(answer, "boxes", 2);
     const auto logits = array<float>(answer, "logits", 1);
@@ -149,17 +145,7 @@ class ProcessDetector : public Detector {
                              {"d_logits", array_at(d_logits_at_, {all.size()}, "float32")},
                              {"answer_at", answer_at_},
                              {"size", memory_.size()}});
-    SensorGradient gradient;
-    if (const Placed& camera = placed_[0]; camera.width > 0) {
-      gradient.image.width = camera.width, gradient.image.height = camera.height, gradient.image.channels = 3;
-      gradient.image.data = take(answer, camera);
-    }
-    const std::vector<float> points = take(answer, placed_[1]);
-    gradient.points.resize(placed_[1].points);
-    if (!points.empty()) std::memcpy(gradient.points.data(), points.data(), points.size() * sizeof(float));
-    for (std::size_t i = 2; i < placed_.size(); ++i)
-      gradient.others[placed_[i].name] = take(answer, placed_[i]);
-    return gradient;
+    return gradient([&](const OutsideSensor& sensor) { return take(answer, sensor); });
   }
 
   TrainingLoss train_step(std::span<const TrainingSample>, double) override {
@@ -176,35 +162,6 @@ class ProcessDetector : public Detector {
   struct Array {
     std::span<const T> values;
     std::vector<std::size_t> shape;
-  };
-
-  /// A sensor of the last frame.
-  struct Placed {
-    using Kind = SensorData::Kind;
-    std::string name;
-    Kind kind = Kind::camera;
-    bool sent = false;
-    std::size_t at = 0;                      ///< in the memory
-    int width = 0, height = 0;               ///< of a camera
-    std::size_t points = 0;                  ///< of a LiDAR
-    std::array<std::int64_t, 3> other = {};  ///< of any other: its shape
-    std::size_t values() const {
-      std::size_t count = 1;
-      for (const std::size_t length : shape()) count *= length;
-      return count;
-    }
-    std::vector<std::size_t> shape() const {
-      if (kind == Kind::lidar) return {points, 4};
-      if (kind == Kind::other) return {other.begin(), other.end() - (other[2] == 0)};
-      return {as_size(height), as_size(width), 3};
-    }
-    /// In a job's and an answer's words.
-    const char* group() const {
-      return kind == Kind::camera ? "cameras" : kind == Kind::lidar ? "lidars" : "sensors";
-    }
-    const char* array() const {
-      return kind == Kind::camera ? "image" : kind == Kind::lidar ? "points" : "data";
-    }
   };
 
   [[noreturn]] void no_gradient() const {
@@ -234,96 +191,35 @@ class ProcessDetector : public Detector {
     word_ = read_outside_word(answer, who_);
   }
 
-  /// Where the sensor's array will lie: from `at` on, which goes behind it.
-  Placed placed(const SensorData& sensor, std::size_t& at) const {
-    Placed here;
-    here.name = sensor.name;
-    here.kind = sensor.kind;
-    here.at = at;
-    if (sensor.image) here.width = sensor.image->width, here.height = sensor.image->height;
-    here.points = sensor.points.size();
-    here.other = sensor.shape;
-    const bool camera = here.kind == Placed::Kind::camera;
-    here.sent = camera                             ? word_.can.reads_image && here.width > 0
-                : here.kind == Placed::Kind::lidar ? word_.can.reads_points
-                                                   : true;
-    if (here.sent) at += aligned(here.values() * (camera && word_.bytes ? 1 : sizeof(float)));
-    return here;
-  }
-
-  /// Writes the sensor into the memory; what the job says of it.
-  json write(const SensorData& sensor, const Placed& here, bool calibrated) {
-    const bool camera = here.kind == Placed::Kind::camera;
-    json told = {{"time", sensor.time}};
-    if (camera && calibrated) {
-      Calibration calibration;
-      calibration.camera = sensor.camera, calibration.camera_from_velo = sensor.sensor_from_ego;
-      told["pixel_from_velo"] = pixel_from_velo(calibration);
-      told["intrinsics"] = {sensor.camera.fx, sensor.camera.fy, sensor.camera.cx, sensor.camera.cy};
-    }
-    if (here.kind != Placed::Kind::lidar && calibrated)
-      told["sensor_from_ego"] = rows_json(sensor.sensor_from_ego);
-    if (!here.sent) return told;
-    told[here.array()] = array_at(here.at, here.shape(), camera && word_.bytes ? "uint8" : "float32");
-    if (here.values() == 0) return told;
-    char* to = memory_.data() + here.at;
-    if (here.kind == Placed::Kind::lidar)
-      std::memcpy(to, sensor.points.data(), here.points * sizeof(LidarPoint));
-    else if (here.kind == Placed::Kind::other)
-      std::memcpy(to, sensor.values.data(), sensor.values.size_bytes());
-    else if (word_.bytes)
+  /// Writes the sensor's array into the memory from `at` on, which goes behind it; where it lies.
+  json write(const SensorData& sensor, OutsideSensor& its, std::size_t& at) {
+    const bool bytes = its.kind == SensorData::Kind::camera && word_.bytes;
+    its.at = at;
+    at += aligned(its.values() * (bytes ? 1 : sizeof(float)));
+    memory_.reserve(at);
+    char* to = memory_.data() + its.at;
+    if (bytes)
       write_srgb_bytes(sensor.image->data, reinterpret_cast<std::uint8_t*>(to));
-    else
-      std::memcpy(to, sensor.image->data.data(), here.values() * sizeof(float));
-    return told;
-  }
-
-  /// Writes sensors into the memory; by their kinds and names what a job says of them.
-  json told(const std::vector<SensorData>& all, const std::vector<Placed>& places, const SensorView& view) {
-    json groups = {{"cameras", json::object()}, {"lidars", json::object()}, {"sensors", json::object()}};
-    for (std::size_t i = 0; i < all.size(); ++i)
-      groups[places[i].group()][all[i].name] = write(all[i], places[i], view.calibration != nullptr);
-    return groups;
+    else if (its.values() > 0)
+      std::memcpy(to, first_value(sensor), its.values() * sizeof(float));
+    return array_at(its.at, its.shape, bytes ? "uint8" : "float32");
   }
 
   /// Writes the view's sensors into the memory; the job that names them.
   json place(const SensorView& view, double score_threshold, bool keep_graph) {
-    const std::vector<SensorData> all = sensors(view, word_.can, who_),
-                                  before = clean_sensors_of(view, word_.can, who_);
-    std::vector<Placed> placed_before;
-    placed_.clear();
     std::size_t at = 0, gradients = 0;
-    for (const SensorData& sensor : all)
-      gradients += aligned(placed_.emplace_back(placed(sensor, at)).values() * sizeof(float));
-    for (const SensorData& sensor : before) placed_before.push_back(placed(sensor, at));
+    json job =
+        told(view, [&](const SensorData& sensor, OutsideSensor& its) { return write(sensor, its, at); });
+    for (const OutsideSensor& sensor : sensors_) gradients += aligned(sensor.values() * sizeof(float));
     d_logits_at_ = at;
     const std::size_t room = std::max(kLeastRoom, 2 * gradients);
     answer_at_ = aligned(d_logits_at_ + room / 4);
     memory_.reserve(answer_at_ + room);
-    json job = told(all, placed_, view);
     job.update({{"job", "detect"},
-                {"frame", view.frame ? escape_name(view.frame->id) : ""},
-                {"continues", view.continues},
                 {"threshold", score_threshold},
                 {"gradient", keep_graph},
                 {"answer_at", answer_at_},
                 {"size", memory_.size()}});
-    if (!before.empty()) {
-      json& clean = job["clean"] = told(before, placed_before, view);
-      clean["key"] = fmt::format("{:016x}", view.clean->key);
-      for (const Placed& here : placed_before) {
-        if (here.kind != SensorData::Kind::camera) continue;
-        const PixelRect changed = &here == &placed_before.front() ? view.clean->changed : PixelRect();
-        clean["cameras"][here.name]["changed"] = {changed.u0, changed.v0, changed.u1, changed.v1};
-      }
-    }
-    if (view.frame && view.frame->moment) {
-      const Moment& moment = *view.frame->moment;
-      job["moment"] = {{"sequence", escape_name(moment.sequence)},
-                       {"index", moment.index},
-                       {"time", moment.time},
-                       {"world_from_ego", rows_json(moment.world_from_ego)}};
-    }
     return job;
   }
 
@@ -393,17 +289,17 @@ class ProcessDetector : public Detector {
   }
 
   /// The gradient to a sensor; zero where the program gives none.
-  std::vector<float> take(const json& answer, const Placed& sensor) const {
+  std::vector<float> take(const json& answer, const OutsideSensor& sensor) const {
     const auto group = answer.find(sensor.group());
     if (!sensor.sent || group == answer.end() || !group->is_object() || !group->contains(sensor.name) ||
         !group->at(sensor.name).is_object())
       return std::vector<float>(sensor.values());
     const std::string field = fmt::format("d_{}", sensor.array());
-    const auto given = array<float>(group->at(sensor.name), field.c_str(), sensor.shape().size());
-    if (given.shape != sensor.shape())
+    const auto given = array<float>(group->at(sensor.name), field.c_str(), sensor.shape.size());
+    if (given.shape != sensor.shape)
       throw Failure(who_,
                     fmt::format("gave a gradient of shape {} to {} of shape {}", json(given.shape).dump(),
-                                sensor.name, json(sensor.shape()).dump()),
+                                sensor.name, json(sensor.shape).dump()),
                     "give one value for each that was sent");
     const std::span<const std::uint8_t> levels(
         reinterpret_cast<const std::uint8_t*>(memory_.data()) + sensor.at, given.values.size());
@@ -422,16 +318,12 @@ class ProcessDetector : public Detector {
     return values;
   }
 
-  std::string who_;
   ProcessLimits limits_;
   std::vector<std::string> words_;
   SharedMemory memory_;
   json hello_, forward_;  ///< forward_: the last frame's job
-  OutsideWord word_;
   std::optional<JsonWorker> worker_;
-  std::vector<Placed> placed_;  ///< sensors(view) of the last frame
   std::size_t d_logits_at_ = 0, answer_at_ = 0;
-  BoxRows rows_;
 };
 
 std::vector<GivenDetector> in_force;
@@ -488,12 +380,10 @@ OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who
   return word;
 }
 
-std::vector<SensorData> clean_sensors_of(const SensorView& view, const Capabilities& can,
-                                         const std::string& who) {
-  if (!view.clean || !can.why_whole.empty() || !view.others.empty()) return {};
-  SensorView before = view;
-  before.image = view.clean->image, before.points = view.clean->points, before.clean = nullptr;
-  return sensors(before, can, who);
+const float* first_value(const SensorData& sensor) {
+  if (sensor.kind == SensorData::Kind::camera) return sensor.image->data.data();
+  return sensor.kind == SensorData::Kind::lidar ? reinterpret_cast<const float*>(sensor.points.data())
+                                                : sensor.values.data();
 }
 
 bool all_finite(std::span<const float> values) {
@@ -540,6 +430,106 @@ std::vector<float> BoxRows::of_rows(std::span<const double> d_logits) const {
   std::vector<float> all(count_);
   for (std::size_t i = 0; i < d_logits.size(); ++i) all[places_[i]] = static_cast<float>(d_logits[i]);
   return all;
+}
+
+OutsideSensor::OutsideSensor(const SensorData& sensor, const Capabilities& reads)
+    : name(sensor.name), kind(sensor.kind) {
+  if (kind == SensorData::Kind::camera) {
+    const bool saw = sensor.image && !sensor.image->empty();
+    shape = {saw ? as_size(sensor.image->height) : 0, saw ? as_size(sensor.image->width) : 0, 3};
+    sent = reads.reads_image && saw;
+  } else if (kind == SensorData::Kind::lidar) {
+    shape = {sensor.points.size(), 4};
+    sent = reads.reads_points;
+  } else {
+    shape.assign(sensor.shape.begin(), sensor.shape.end() - (sensor.shape[2] == 0));
+    sent = true;
+  }
+}
+
+std::size_t OutsideSensor::values() const {
+  return std::accumulate(shape.begin(), shape.end(), std::size_t{1}, std::multiplies<>());
+}
+
+const char* OutsideSensor::group() const {
+  return std::array{"cameras", "lidars", "sensors"}[as_size(kind)];
+}
+
+const char* OutsideSensor::array() const {
+  return std::array{"image", "points", "data"}[as_size(kind)];
+}
+
+json OutsideDetector::told(const SensorView& view,
+                           const std::function<json(const SensorData&, OutsideSensor&)>& give) {
+  const auto groups = [&](const std::vector<SensorData>& all, std::vector<OutsideSensor>& of) {
+    json by_kind = {{"cameras", json::object()}, {"lidars", json::object()}, {"sensors", json::object()}};
+    of.clear();
+    for (const SensorData& sensor : all) {
+      OutsideSensor& its = of.emplace_back(sensor, word_.can);
+      json& told = by_kind[its.group()][its.name] = {{"time", sensor.time}};
+      if (its.kind == SensorData::Kind::camera && view.calibration) {
+        Calibration calibration;
+        calibration.camera = sensor.camera, calibration.camera_from_velo = sensor.sensor_from_ego;
+        told["pixel_from_velo"] = pixel_from_velo(calibration);
+        told["intrinsics"] = {sensor.camera.fx, sensor.camera.fy, sensor.camera.cx, sensor.camera.cy};
+      }
+      if (its.kind != SensorData::Kind::lidar && view.calibration)
+        told["sensor_from_ego"] = rows_json(sensor.sensor_from_ego);
+      if (its.sent) told[its.array()] = give(sensor, its);
+    }
+    return by_kind;
+  };
+  json job = groups(sensors(view, word_.can, who_), sensors_);
+  if (view.clean && word_.can.why_whole.empty() &&
+      view.others.empty()) {  // of others nobody says what changed
+    SensorView before = view;
+    before.image = view.clean->image, before.points = view.clean->points, before.clean = nullptr;
+    std::vector<OutsideSensor> without;
+    json& clean = job["clean"] = groups(sensors(before, word_.can, who_), without);
+    clean["key"] = fmt::format("{:016x}", view.clean->key);
+    for (const OutsideSensor& sensor : without) {
+      if (sensor.kind != SensorData::Kind::camera) continue;
+      const PixelRect changed = &sensor == &without.front() ? view.clean->changed : PixelRect();
+      clean["cameras"][sensor.name]["changed"] = {changed.u0, changed.v0, changed.u1, changed.v1};
+    }
+  }
+  job["frame"] = view.frame ? escape_name(view.frame->id) : "";
+  job["continues"] = view.continues;
+  if (view.frame && view.frame->moment) {
+    const Moment& moment = *view.frame->moment;
+    job["moment"] = {{"sequence", escape_name(moment.sequence)},
+                     {"index", moment.index},
+                     {"time", moment.time},
+                     {"world_from_ego", rows_json(moment.world_from_ego)}};
+  }
+  return job;
+}
+
+SensorGradient OutsideDetector::gradient(
+    const std::function<std::vector<float>(const OutsideSensor&)>& of) const {
+  SensorGradient gradient;
+  for (std::size_t i = 0; i < sensors_.size(); ++i) {
+    const OutsideSensor& sensor = sensors_[i];
+    std::vector<float> values = of(sensor);
+    if (i == 0) {
+      gradient.image.width = static_cast<int>(sensor.shape[1]);
+      gradient.image.height = static_cast<int>(sensor.shape[0]);
+      gradient.image.channels = 3;
+      gradient.image.data = std::move(values);
+    } else if (i == 1) {
+      gradient.points.resize(sensor.shape[0]);
+      if (!values.empty()) std::copy(values.begin(), values.end(), gradient.points.front().data());
+    } else {
+      gradient.others[sensor.name] = std::move(values);
+    }
+  }
+  return gradient;
+}
+
+void OutsideDetector::complain_if_blind(const SensorView& view, const char* why) const {
+  if (word_.can.reads_image && (!view.image || view.image->empty()))
+    throw InputError("detector", "image", std::string("cannot do without a picture (") + why + ")",
+                     "give it one");
 }
 
 bool is_program(const std::string& detector) {

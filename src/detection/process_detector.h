@@ -28,10 +28,6 @@ struct OutsideWord {
 };
 /// What the object leaves out is as the protocol says. InputError naming `who` and the key that is wrong.
 OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who);
-/// sensors() of the frame without the object, for one that saves work by it (Capabilities::why_whole); empty
-/// where nothing is known of that.
-std::vector<SensorData> clean_sensors_of(const SensorView& view, const Capabilities& can,
-                                         const std::string& who);
 
 /// Whether its numbers are: what it answers is looked at, gradients too.
 bool all_finite(std::span<const float> values);
@@ -67,6 +63,51 @@ class BoxRows {
  private:
   std::size_t count_ = 0;
   std::vector<std::size_t> places_;
+};
+
+/// The array of what a sensor saw.
+const float* first_value(const SensorData& sensor);
+
+/// A sensor as such a detector is told of it.
+struct OutsideSensor {
+  /// `reads`: of the detector.
+  OutsideSensor(const SensorData& sensor, const Capabilities& reads);
+  std::string name;
+  SensorData::Kind kind;
+  std::vector<std::size_t> shape;  ///< of its array
+  bool sent;                       ///< whether the detector gets its array
+  std::size_t at = 0;              ///< where that lies, as whoever carries it counts
+  /// In its array.
+  std::size_t values() const;
+  /// What jobs and answers call its kind: "cameras", "lidars", "sensors".
+  const char* group() const;
+  /// And its array: "image", "points", "data".
+  const char* array() const;
+};
+
+/// A detector outside the program, whatever carries its words and arrays.
+class OutsideDetector : public Detector {
+ public:
+  /// `who`: what errors name.
+  OutsideDetector(std::string name, std::string who) : name_(std::move(name)), who_(std::move(who)) {}
+  std::string name() const override { return name_; }
+  Capabilities capabilities() const override { return word_.can; }
+  std::array<double, 4> region() const override { return word_.region; }
+
+ protected:
+  /// What it is told of a view, as the job detect has it. give(sensor, what is told of it) hands an array
+  /// over and says where it lies.
+  nlohmann::json told(const SensorView& view,
+                      const std::function<nlohmann::json(const SensorData&, OutsideSensor&)>& give);
+  /// By of(sensor), the gradient to each of sensors_.
+  SensorGradient gradient(const std::function<std::vector<float>(const OutsideSensor&)>& of) const;
+  /// InputError for one that failed, `why`, where it was given no picture and reads one.
+  void complain_if_blind(const SensorView& view, const char* why) const;
+
+  std::string name_, who_;
+  OutsideWord word_;
+  std::vector<OutsideSensor> sensors_;  ///< of the last view
+  BoxRows rows_;
 };
 
 /// What DetectorOptions::detector begins with; the command follows, its words as in a shell.

@@ -1,7 +1,6 @@
 // The commands of `mirage`, and a detector that is a Python object.
 #include <fmt/format.h>
 
-#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <map>
@@ -16,7 +15,6 @@
 #include "base/sizes.h"
 #include "bind.h"
 #include "cli/field_options.h"
-#include "detection/car_in_picture.h"
 #include "detection/process_detector.h"
 
 namespace mirage::python {
@@ -31,41 +29,40 @@ std::shared_ptr<py::object> held(py::object object) {
 }
 
 /// The object of mirage/_detector.py, which has the network and its graph.
-class PythonDetector : public Detector {
+class PythonDetector : public OutsideDetector {
  public:
   PythonDetector(std::shared_ptr<py::object> adapter, std::string name)
-      : adapter_(std::move(adapter)), name_(std::move(name)) {
+      : OutsideDetector(std::move(name), "detector"), adapter_(std::move(adapter)) {
     const py::gil_scoped_acquire lock;
     const auto word = py::module_::import("json").attr("dumps")(adapter_->attr("word")()).cast<std::string>();
     word_ = read_outside_word(nlohmann::json::parse(word), name_);
   }
 
-  std::string name() const override { return name_; }
-  std::array<double, 4> region() const override { return word_.region; }
-  Capabilities capabilities() const override { return word_.can; }
-
   std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     const py::gil_scoped_acquire lock;
-    sensors_ = sensors(input, word_.can, "detector");
-    const ImageF* image = sensors_.front().image;
-    const bool seen = image && !image->empty();
-    levels_ = levels_of(sensors_);
-    const std::vector<SensorData> clean = clean_sensors_of(input, word_.can, "detector");
-    const Levels clean_levels = levels_of(clean);
+    levels_.clear();
+    py::list arrays;
+    nlohmann::json job = told(input, [&](const SensorData& sensor, OutsideSensor& its) {
+      its.at = levels_.size();
+      arrays.append(array_of(sensor, its));
+      return nlohmann::json{{"at", its.at}};
+    });
+    if (input.frame) job["frame"] = input.frame->id;  // in Python names are as they are
+    if (job.contains("moment")) job["moment"]["sequence"] = input.frame->moment->sequence;
+    const ImageF* image = input.image;
     try {
-      const auto output = adapter_->attr("forward")(told(input, clean, clean_levels), keep_graph)
+      const auto output = adapter_->attr("forward")(job.dump(), arrays, keep_graph)
                               .cast<std::tuple<Array<float>, Array<float>, std::optional<Array<std::int32_t>>,
                                                std::optional<Array<std::int32_t>>>>();
       const auto& [boxes, logits, classes, identities] = output;
       RawBoxes raw{boxes.data(), logits.data(), as_size(logits.shape(0)), as_size(boxes.shape(1))};
       if (classes) raw.classes = {classes->data(), raw.count};
       if (identities) raw.identities = {identities->data(), raw.count};
-      return rows_.proposals(raw, word_.can, score_threshold, seen ? image->width : 0,
-                             seen ? image->height : 0, "detector");
+      return rows_.proposals(raw, word_.can, score_threshold, image ? image->width : 0,
+                             image ? image->height : 0, who_);
     } catch (const py::error_already_set& error) {
-      if (seen || !word_.can.reads_image) throw;  // the caller's own error, with its trace
-      throw InputError("detector", "image", std::string("cannot do without a picture (") + error.what() + ")",
-                       "give it one");
+      complain_if_blind(input, error.what());
+      throw;  // the caller's own error, with its trace
     }
   }
 
@@ -73,37 +70,22 @@ class PythonDetector : public Detector {
     const py::gil_scoped_acquire lock;
     const auto given = adapter_->attr("backward")(own(rows_.of_rows(d_logits), {ssize(rows_.count())}))
                            .cast<std::map<std::string, Array<float>>>();
-    SensorGradient gradient;
-    for (std::size_t i = 0; i < sensors_.size(); ++i) {
-      const SensorData& sensor = sensors_[i];
-      const bool camera = sensor.kind == SensorData::Kind::camera;
-      const int width = camera && sensor.image ? sensor.image->width : 0,
-                height = camera && sensor.image ? sensor.image->height : 0;
-      std::vector<float> values(camera ? ImageF(width, height, 3).data.size()
-                                       : 4 * sensor.points.size() + sensor.values.size());
-      if (const auto found = given.find(sensor.name); found != given.end()) {
-        if (as_size(found->second.size()) != values.size())
-          throw InputError("detector", "gradient to " + sensor.name,
-                           fmt::format("has {} values for {}", found->second.size(), values.size()),
-                           "give one for each that was given");
-        const std::span<const float> there(found->second.data(), values.size());
-        if (!all_finite(there))
-          throw InputError("detector", "gradient to " + sensor.name, "is not finite",
-                           "look for roots and norms of 0 in the network");
-        std::copy(there.begin(), there.end(), values.begin());
-        if (camera && word_.bytes) through_srgb_slope(levels_[i], values);
-      }
-      if (i == 0) {
-        gradient.image = ImageF(width, height, 3);
-        gradient.image.data = std::move(values);
-      } else if (i == 1) {
-        gradient.points.resize(sensor.points.size());
-        if (!gradient.points.empty()) std::copy(values.begin(), values.end(), gradient.points.front().data());
-      } else {
-        gradient.others[sensor.name] = std::move(values);
-      }
-    }
-    return gradient;
+    return gradient([&](const OutsideSensor& sensor) {
+      std::vector<float> values(sensor.values());
+      const auto found = given.find(sensor.name);
+      if (found == given.end()) return values;
+      if (as_size(found->second.size()) != values.size())
+        throw InputError(who_, "gradient to " + sensor.name,
+                         fmt::format("has {} values for {}", found->second.size(), values.size()),
+                         "give one for each that was given");
+      const std::span<const float> there(found->second.data(), values.size());
+      if (!all_finite(there))
+        throw InputError(who_, "gradient to " + sensor.name, "is not finite",
+                         "look for roots and norms of 0 in the network");
+      std::copy(there.begin(), there.end(), values.begin());
+      if (sensor.sent && !levels_[sensor.at].empty()) through_srgb_slope(levels_[sensor.at], values);
+      return values;
+    });
   }
 
   TrainingLoss train_step(std::span<const TrainingSample>, double) override {
@@ -118,91 +100,20 @@ class PythonDetector : public Detector {
   template <class T>
   using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
 
-  using Levels =
-      std::vector<std::vector<std::uint8_t>>;  ///< of each camera, for a detector of 8-bit pictures
-
-  Levels levels_of(const std::vector<SensorData>& sensors) const {
-    Levels levels(sensors.size());
-    if (word_.bytes && word_.can.reads_image)
-      for (std::size_t i = 0; i < sensors.size(); ++i)
-        if (sensors[i].image) levels[i] = srgb_bytes(*sensors[i].image);
-    return levels;
-  }
-
-  /// Cameras and LiDARs as mirage_serve.py's Frame reads them: arrays over memory that lives for the call.
-  py::dict told(const std::vector<SensorData>& sensors, const Levels& levels) const {
-    const auto borrowed = std::shared_ptr<const void>(&sensors, [](const void*) {});
-    py::dict cameras, lidars, others, all;
-    for (std::size_t i = 0; i < sensors.size(); ++i) {
-      const SensorData& sensor = sensors[i];
-      py::dict one;
-      one["time"] = sensor.time;
-      if (sensor.kind == SensorData::Kind::camera) {
-        if (word_.can.reads_image && sensor.image && !sensor.image->empty()) {
-          const Shape shape = {sensor.image->height, sensor.image->width, 3};
-          if (word_.bytes)
-            one["image"] = view(levels[i].data(), shape, borrowed, false);
-          else
-            one["image"] = view(sensor.image->data.data(), shape, borrowed, false);
-        }
-        Calibration calibration;
-        calibration.camera = sensor.camera, calibration.camera_from_velo = sensor.sensor_from_ego;
-        const PinholeCamera& c = sensor.camera;
-        one["pixel_from_velo"] = pixel_from_velo(calibration);
-        one["intrinsics"] = std::array<double, 4>{c.fx, c.fy, c.cx, c.cy};
-        cameras[py::str(sensor.name)] = one;
-      } else if (sensor.kind == SensorData::Kind::other) {
-        one["data"] = view(sensor.values.data(), {sensor.shape.begin(), sensor.shape.end()}, borrowed, false);
-        others[py::str(sensor.name)] = one;
-      } else {
-        if (word_.can.reads_points)
-          one["points"] = view(reinterpret_cast<const float*>(sensor.points.data()),
-                               {ssize(sensor.points.size()), 4}, borrowed, false);
-        lidars[py::str(sensor.name)] = one;
-      }
+  /// Over memory that lives for the call of forward.
+  py::array array_of(const SensorData& sensor, const OutsideSensor& its) {
+    const Shape shape(its.shape.begin(), its.shape.end());
+    const auto borrowed = std::shared_ptr<const void>(&sensor, [](const void*) {});
+    std::vector<std::uint8_t>& levels = levels_.emplace_back();
+    if (its.kind == SensorData::Kind::camera && word_.bytes) {
+      levels = srgb_bytes(*sensor.image);
+      return view(levels.data(), shape, borrowed, false);
     }
-    all["cameras"] = cameras;
-    all["lidars"] = lidars;
-    all["sensors"] = others;
-    return all;
-  }
-
-  /// The view as Frame reads it. `clean`: clean_sensors_of it.
-  py::dict told(const SensorView& input, const std::vector<SensorData>& clean,
-                const Levels& clean_levels) const {
-    py::dict all = told(sensors_, levels_);
-    if (!clean.empty()) {
-      py::dict before = told(clean, clean_levels);
-      before["key"] = fmt::format("{:016x}", input.clean->key);
-      const py::dict cameras = before["cameras"];
-      for (const auto& [name, camera] : cameras) {
-        const bool first = name.cast<std::string>() == clean.front().name;
-        const PixelRect changed = first ? input.clean->changed : PixelRect();
-        camera["changed"] = std::array<int, 4>{changed.u0, changed.v0, changed.u1, changed.v1};
-      }
-      all["clean"] = before;
-    }
-    all["frame"] = input.frame ? input.frame->id : "";
-    all["continues"] = input.continues;
-    if (input.frame && input.frame->moment) {
-      const Moment& moment = *input.frame->moment;
-      std::array<double, 12> rows{};
-      Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(rows.data()) =
-          moment.world_from_ego.matrix().topRows<3>();
-      py::dict told;
-      told["sequence"] = moment.sequence, told["index"] = moment.index, told["time"] = moment.time;
-      told["world_from_ego"] = rows;
-      all["moment"] = told;
-    }
-    return all;
+    return view(first_value(sensor), shape, borrowed, false);
   }
 
   std::shared_ptr<py::object> adapter_;
-  std::string name_;
-  OutsideWord word_;
-  std::vector<SensorData> sensors_;  ///< of the last forward
-  Levels levels_;
-  BoxRows rows_;
+  std::vector<std::vector<std::uint8_t>> levels_;  ///< of each array: of a camera's, for 8-bit pictures
 };
 
 /// Commands print a short table: C's standard output goes into memory meanwhile (a variable in glibc).
