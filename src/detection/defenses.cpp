@@ -2,6 +2,7 @@
 
 #include <turbojpeg.h>
 
+#include <opencv2/imgproc.hpp>
 #include <optional>
 
 #include "base/error.h"
@@ -255,60 +256,6 @@ class JpegDetector : public DetectorAround {
 constexpr int kRows = 70, kColumns = 80;  // m: x from 0, y from −40
 constexpr float kNone = 1e9f;
 
-/// Cells of `size` m that a list of places touches, joined where they are neighbours but one.
-class Cells {
- public:
-  explicit Cells(double size)
-      : size_(size),
-        rows_(static_cast<int>(kRows / size)),
-        columns_(static_cast<int>(kColumns / size)),
-        cell_(as_size(rows_) * as_size(columns_), kEmpty) {}
-  void touch(const Vec2d& p) {
-    const auto [row, column] = place(p);
-    for (int r = std::max(row - 1, 0); r <= std::min(row + 1, rows_ - 1); ++r)
-      for (int c = std::max(column - 1, 0); c <= std::min(column + 1, columns_ - 1); ++c) at(r, c) = kTouched;
-  }
-  /// Numbers the connected parts from 0; returns how many there are.
-  int number() {
-    int count = 0;
-    std::vector<std::pair<int, int>> open;
-    for (int row = 0; row < rows_; ++row)
-      for (int column = 0; column < columns_; ++column) {
-        if (at(row, column) != kTouched) continue;
-        at(row, column) = count;
-        open.assign(1, {row, column});
-        while (!open.empty()) {
-          const auto [r0, c0] = open.back();
-          open.pop_back();
-          for (int r = std::max(r0 - 1, 0); r <= std::min(r0 + 1, rows_ - 1); ++r)
-            for (int c = std::max(c0 - 1, 0); c <= std::min(c0 + 1, columns_ - 1); ++c)
-              if (at(r, c) == kTouched) {
-                at(r, c) = count;
-                open.emplace_back(r, c);
-              }
-        }
-        ++count;
-      }
-    return count;
-  }
-  int of(const Vec2d& p) const {
-    const auto [row, column] = place(p);
-    return cell_[as_size(row) * as_size(columns_) + as_size(column)];
-  }
-
- private:
-  static constexpr int kEmpty = -2, kTouched = -1;
-  std::pair<int, int> place(const Vec2d& p) const {
-    return {std::clamp(static_cast<int>(p.x() / size_), 0, rows_ - 1),
-            std::clamp(static_cast<int>((p.y() + kColumns / 2.0) / size_), 0, columns_ - 1)};
-  }
-  int& at(int row, int column) { return cell_[as_size(row) * as_size(columns_) + as_size(column)]; }
-
-  double size_;
-  int rows_, columns_;
-  std::vector<int> cell_;
-};
-
 }  // namespace
 
 std::unique_ptr<Detector> under_ceiling(std::unique_ptr<Detector> inner, double height, double unit_height) {
@@ -436,23 +383,31 @@ std::vector<BevBox> BodyEvidence::bodies() const {
   constexpr double kLargest = 6.5, kSmallest = 0.9;                                // m, of what is joined
   constexpr std::size_t kFewest = 10;
   constexpr int kFewestStopped = 20, kPassedShare = 10;  // nine of ten are stopped
-  Cells cells(kCell);
+  // Cells that returns touch, joined where they are neighbours but one.
+  cv::Mat1b touched(static_cast<int>(kRows / kCell), static_cast<int>(kColumns / kCell), std::uint8_t{0});
+  cv::Mat1i number;
+  const auto cell_of = [&](const Vec2d& p) {
+    return cv::Point(std::clamp(static_cast<int>((p.y() + kColumns / 2.0) / kCell), 0, touched.cols - 1),
+                     std::clamp(static_cast<int>(p.x() / kCell), 0, touched.rows - 1));
+  };
   std::vector<std::pair<Vec2d, double>> low;  // place, height
   for (const LidarPoint& p : points_) {
     if (!(p.x >= 1 && p.x < kRows && std::abs(p.y) < kColumns / 2.0)) continue;
     const double over = p.z - road_.height(p.x, p.y);
     if (over <= kLow || over >= kHigh) continue;
     low.emplace_back(Vec2d(p.x, p.y), over);
-    cells.touch(low.back().first);
+    touched(cell_of(low.back().first)) = 1;
   }
+  cv::dilate(touched, touched, cv::Mat());
   struct Joined {
     std::vector<Vec2d> places;
     double tallest = 0;
     Eigen::AlignedBox2d around;
   };
-  std::vector<Joined> joined(as_size(cells.number()));
+  // By number, in the order of their first cells; 0 is what no return touches.
+  std::vector<Joined> joined(as_size(cv::connectedComponents(touched, number, 8, CV_32S, cv::CCL_WU)));
   for (const auto& [place, over] : low) {
-    Joined& its = joined[as_size(cells.of(place))];
+    Joined& its = joined[as_size(number(cell_of(place)))];
     its.places.push_back(place);
     its.tallest = std::max(its.tallest, over);
     its.around.extend(place);
