@@ -20,6 +20,12 @@ namespace mirage {
 /// KITTI's mean car's (m).
 inline constexpr double kNominalHeight = 1.53;
 
+/// Returns as their numbers: x, y, z and reflectance of each.
+inline std::span<const float> floats_of(std::span<const LidarPoint> points) {
+  static_assert(sizeof(LidarPoint) == 4 * sizeof(float));
+  return {reinterpret_cast<const float*>(points.data()), 4 * points.size()};
+}
+
 /// m, `velo`; returns elsewhere are left out.
 struct LowestReturnsRegion {
   double x_min = 0, x_max = 70, y_min = -40, y_max = 40, z_min = -2.6, z_max = 1;
@@ -37,10 +43,13 @@ class LowestReturns {
     for (std::size_t i = 0; i + 3 < points.size(); i += 4) {
       const double x = points[i] - region.x_min, y = points[i + 1] - region.y_min;
       if (!(x >= 0 && x < rows_ && y >= 0 && y < columns_ && points[i + 2] > region.z_min)) continue;
-      float& lowest = at(static_cast<int>(x), static_cast<int>(y));
+      float& lowest = lowest_[static_cast<std::size_t>(x) * as_size(columns_) + static_cast<std::size_t>(y)];
       lowest = std::min(lowest, points[i + 2]);
     }
   }
+  /// Of a square metre; kNone without a return.
+  float at(int row, int column) const { return lowest_[as_size(row) * as_size(columns_) + as_size(column)]; }
+  static constexpr float kNone = 1e9f;  ///< m
   /// Height (m) of the ground around a box, by the lowest return up to kNearby m around it; kGround where
   /// there is none below z_max.
   double ground(const BevBox& box) const {
@@ -57,10 +66,7 @@ class LowestReturns {
   }
 
  private:
-  static constexpr float kNone = 1e9f;
   static constexpr double kGround = -1.7, kNearby = 1;
-  float& at(int row, int column) { return lowest_[as_size(row) * as_size(columns_) + as_size(column)]; }
-  float at(int row, int column) const { return const_cast<LowestReturns*>(this)->at(row, column); }
 
   LowestReturnsRegion region_;
   int rows_, columns_;

@@ -43,7 +43,7 @@ std::vector<std::size_t> speaking(const std::vector<Detection>& proposals) {
 class PictureWitness {
  public:
   PictureWitness(const SensorView& view, const std::vector<Detection>& boxes)
-      : boxes_(boxes), order_(speaking(boxes)), returns_(flat(view.points), {}) {
+      : boxes_(boxes), order_(speaking(boxes)), returns_(floats_of(view.points), {}) {
     if (!view.image || view.image->empty() || !view.calibration) return;
     width_ = view.image->width, height_ = view.image->height;
     projection_ = pixel_from_velo(*view.calibration);
@@ -62,10 +62,6 @@ class PictureWitness {
   }
 
  private:
-  static std::span<const float> flat(std::span<const LidarPoint> points) {
-    static_assert(sizeof(LidarPoint) == 4 * sizeof(float));
-    return {reinterpret_cast<const float*>(points.data()), 4 * points.size()};
-  }
   const std::vector<Detection>& boxes_;
   std::vector<std::size_t> order_;
   LowestReturns returns_;
@@ -73,18 +69,19 @@ class PictureWitness {
   int width_ = 0, height_ = 0;
 };
 
-class ConsistentDetector : public Detector {
+class ConsistentDetector : public DetectorAround {
  public:
   ConsistentDetector(std::unique_ptr<Detector> fused, std::unique_ptr<Detector> lidar,
                      std::unique_ptr<Detector> camera)
-      : members_{std::move(fused), std::move(lidar), std::move(camera)} {}
+      : DetectorAround(std::move(fused)),
+        lidar_(std::move(lidar)),
+        camera_(std::move(camera)),
+        members_{inner_.get(), lidar_.get(), camera_.get()} {}
 
-  std::string name() const override { return members_[Source::fused]->name(); }
-  std::array<double, 4> region() const override { return members_[Source::fused]->region(); }
   Capabilities capabilities() const override {
-    Capabilities known = members_[Source::fused]->capabilities();
+    Capabilities known = inner_->capabilities();
     known.reads_image = known.reads_points = true;
-    for (const auto& member : members_) {
+    for (const Detector* member : members_) {
       const Capabilities its = member->capabilities();
       if (its.reads_points) known.knows_presence = known.knows_presence && its.knows_presence;
       if (known.why_whole.empty()) known.why_whole = its.why_whole;
@@ -158,28 +155,18 @@ class ConsistentDetector : public Detector {
       give(blend.first, (1 - blend.share) * d_logits[i]);
       give(blend.second, blend.share * d_logits[i]);
     }
-    SensorGradient sum = members_[Source::fused]->backward(parts[Source::fused]);
+    SensorGradient sum = inner_->backward(parts[Source::fused]);
     for (const auto member : {Source::lidar, Source::camera})
       if (asked[member]) add(sum, members_[member]->backward(parts[member]));
     return sum;
   }
 
-  std::uint64_t weights_version() const override { return members_[Source::fused]->weights_version(); }
-  TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
-    return members_[Source::fused]->train_step(samples, learning_rate);
-  }
-  void save(const std::filesystem::path& file, bool with_optimiser) override {
-    members_[Source::fused]->save(file, with_optimiser);
-  }
   std::unique_ptr<Detector> share() override {
     std::array<std::unique_ptr<Detector>, 3> others;
     for (std::size_t m = 0; m < members_.size(); ++m)
       if (others[m] = members_[m]->share(); !others[m]) return nullptr;
     return std::make_unique<ConsistentDetector>(std::move(others[0]), std::move(others[1]),
                                                 std::move(others[2]));
-  }
-  ImageFeatures image_features(const SensorView& input) override {
-    return members_[Source::fused]->image_features(input);
   }
 
  private:
@@ -195,9 +182,10 @@ class ConsistentDetector : public Detector {
     for (std::size_t i = 0; i < more.presence.size(); ++i) sum.presence[i] += more.presence[i];
   }
 
-  std::array<std::unique_ptr<Detector>, 3> members_;  ///< by Source::Member
-  std::array<std::size_t, 3> counts_{};               ///< of the last forward's proposals
-  std::vector<Blend> blends_;                         ///< of its answers
+  std::unique_ptr<Detector> lidar_, camera_;
+  std::array<Detector*, 3> members_;     ///< by Source::Member
+  std::array<std::size_t, 3> counts_{};  ///< of the last forward's proposals
+  std::vector<Blend> blends_;            ///< of its answers
 };
 
 }  // namespace

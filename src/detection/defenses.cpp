@@ -254,7 +254,6 @@ class JpegDetector : public DetectorAround {
 };
 
 constexpr int kRows = 70, kColumns = 80;  // m: x from 0, y from −40
-constexpr float kNone = 1e9f;
 
 }  // namespace
 
@@ -299,14 +298,8 @@ std::unique_ptr<Detector> behind_jpeg(std::unique_ptr<Detector> inner, int quali
   return std::make_unique<JpegDetector>(std::move(inner), quality);
 }
 
-RoadSurface::RoadSurface(std::span<const LidarPoint> points) : lowest_(as_size(kRows) * kColumns, kNone) {
-  constexpr float kDeepest = -4;  // m; below it mirrored returns
-  for (const LidarPoint& p : points) {
-    const double y = p.y + kColumns / 2.0;
-    if (!(p.x >= 0 && p.x < kRows && y >= 0 && y < kColumns && p.z > kDeepest)) continue;
-    float& lowest = lowest_[static_cast<std::size_t>(p.x) * kColumns + static_cast<std::size_t>(y)];
-    lowest = std::min(lowest, p.z);
-  }
+RoadSurface::RoadSurface(std::span<const LidarPoint> points)
+    : lowest_(floats_of(points), {.z_min = -4}) {  // m; below it mirrored returns
   // Least squares over what lies near the plane of before, more of it below than above.
   for (const double reach : {1.0, 0.5, 0.3, 0.3, 0.3}) {
     constexpr int kFewest = 20;
@@ -315,7 +308,7 @@ RoadSurface::RoadSurface(std::span<const LidarPoint> points) : lowest_(as_size(k
     int used = 0;
     for (int row = 0; row < kRows; ++row)
       for (int column = 0; column < kColumns; ++column) {
-        const double z = lowest_[as_size(row) * kColumns + as_size(column)];
+        const double z = lowest_.at(row, column);
         const Vec3d at(1, row + 0.5, column + 0.5 - kColumns / 2.0);
         const double over = z - at.dot(plane_);
         if (!(over < reach && over > -2 * reach)) continue;
@@ -332,10 +325,10 @@ double RoadSurface::height(double x, double y) const {
   constexpr double kStep = 0.4;  // m
   const int row = static_cast<int>(std::clamp(x, 0.0, kRows - 1.0)),
             column = static_cast<int>(std::clamp(y + kColumns / 2.0, 0.0, kColumns - 1.0));
-  float lowest = kNone;
+  float lowest = LowestReturns::kNone;
   for (int r = std::max(row - 1, 0); r <= std::min(row + 1, kRows - 1); ++r)
     for (int c = std::max(column - 1, 0); c <= std::min(column + 1, kColumns - 1); ++c)
-      lowest = std::min(lowest, lowest_[as_size(r) * kColumns + as_size(c)]);
+      lowest = std::min(lowest, lowest_.at(r, c));
   const double road = plane(x, y);
   return std::abs(lowest - road) < kStep ? lowest : road;
 }

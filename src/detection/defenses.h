@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "detection/car_in_picture.h"
 #include "detection/detector.h"
 #include "geometry/box.h"
 #include "sensors/lidar_model.h"
@@ -132,7 +133,7 @@ class RoadSurface {
 
  private:
   double plane(double x, double y) const { return plane_.x() + plane_.y() * x + plane_.z() * y; }
-  std::vector<float> lowest_;
+  LowestReturns lowest_;
   Vec3d plane_ = Vec3d(-1.7, 0, 0);  ///< z = a + b x + c y
 };
 
