@@ -4,12 +4,18 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
+#include <deque>
 #include <utility>
 #include <vector>
 
+#include "base/files.h"
+#include "base/plugins.h"
 #include "base/sizes.h"
 #include "detection/car_in_picture.h"
+#include "detection/detector_abi.h"
+#include "detection/detector_abi3.h"
 #include "scene/data/data_set.h"
 
 namespace mirage {
@@ -17,6 +23,84 @@ namespace {
 
 constexpr const char* kEntry = "mirage_detector_api";
 constexpr const char* kRebuild = "rebuild the plugin";
+
+/// An instance of a plugin with its weights, by the table of one version.
+template <class Api>
+struct PluginInstance {
+  std::filesystem::path file;
+  const Api* api = nullptr;
+  std::string name;
+  std::filesystem::path weights;  ///< that the user gave; empty for fresh ones
+  void* instance = nullptr;
+};
+
+/// A detector of either version. Functions that its table lacks are a Failure.
+template <class Api>
+class PluginDetectorBase : public Detector {
+ public:
+  /// Takes the instance over, and destroys it at the end.
+  explicit PluginDetectorBase(PluginInstance<Api> plugin) : plugin_(std::move(plugin)) {}
+  PluginDetectorBase(const PluginDetectorBase&) = delete;
+  PluginDetectorBase& operator=(const PluginDetectorBase&) = delete;
+  ~PluginDetectorBase() override { plugin_.api->destroy(plugin_.instance); }
+
+  std::string name() const override { return plugin_.name; }
+  Capabilities capabilities() const override { return capabilities_; }
+  std::uint64_t weights_version() const override { return *version_; }
+
+  void save(const std::filesystem::path& file, bool with_optimiser) override {
+    demand(plugin_.api->save, "save");
+    const std::filesystem::path temporary = file.string() + ".part";
+    if (file.has_parent_path()) make_output_folder(file.parent_path());
+    call("save", plugin_.api->save, temporary.c_str(), with_optimiser);
+    replace_file(temporary, file);
+  }
+
+ protected:
+  /// function(instance, given…, error, its size), called `name`. Failure, or InputError naming the weights.
+  template <class Function, class... Given>
+  void call(const char* name, Function* function, Given... given) {
+    const auto work = [&](char* error) {
+      return function(plugin_.instance, given..., error, kPluginErrorSize);
+    };
+    run_plugin(plugin_.file, name, work, plugin_.weights);
+  }
+  /// Failure naming `what` if the table lacks the function.
+  template <class Function>
+  void demand(Function* function, const char* what) const {
+    if (!function)
+      throw Failure(plugin_.file.string(), std::string("has no ") + what, "use another detector for that");
+  }
+  /// One training step on samples as the interface has them.
+  template <class Sample>
+  TrainingLoss trained(const std::vector<Sample>& raw, double learning_rate) {
+    std::array<float, 3> loss{};
+    call("train_step", plugin_.api->train_step, raw.data(), static_cast<std::int64_t>(raw.size()),
+         static_cast<float>(learning_rate), loss.data());
+    ++*version_;
+    return {loss[0], loss[1], loss[2]};
+  }
+  /// One more instance, on the same weights and with their count of training steps; null if it cannot.
+  template <class Self>
+  std::unique_ptr<Detector> shared() {
+    if (!plugin_.api->share) return nullptr;
+    PluginInstance<Api> other = plugin_;
+    const auto share = [&](char* error) {
+      other.instance = plugin_.api->share(plugin_.instance, error, kPluginErrorSize);
+      return other.instance ? 0 : 1;
+    };
+    run_plugin(plugin_.file, "share", share, plugin_.weights);
+    auto shared = std::make_unique<Self>(std::move(other));
+    shared->version_ = version_;
+    return shared;
+  }
+  /// What errors name: the weights, or the plugin without any.
+  std::string who() const { return (plugin_.weights.empty() ? plugin_.file : plugin_.weights).string(); }
+
+  PluginInstance<Api> plugin_;
+  Capabilities capabilities_;
+  std::shared_ptr<std::atomic<std::uint64_t>> version_ = std::make_shared<std::atomic<std::uint64_t>>(0);
+};
 
 void copy_matrix(const Eigen::Affine3d& transform, double (&out)[12]) {
   Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(out);
@@ -67,14 +151,13 @@ class RawFrame {
 
  private:
   static MirageSensor raw(const SensorData& sensor, const Eigen::Affine3d& ego_from_given) {
-    static_assert(sizeof(LidarPoint) == 4 * sizeof(float));
     MirageSensor raw{};
     raw.name = sensor.name.c_str();
     raw.time = sensor.time;
     copy_matrix(Eigen::Affine3d(sensor.sensor_from_ego.matrix()) * ego_from_given, raw.sensor_from_ego);
     if (sensor.kind == SensorData::Kind::lidar) {
       raw.kind = MIRAGE_LIDAR;
-      raw.data = reinterpret_cast<const float*>(sensor.points.data());
+      raw.data = floats_of(sensor.points).data();
       raw.shape[0] = static_cast<std::int64_t>(sensor.points.size()), raw.shape[1] = 4, raw.shape[2] = 1;
       return raw;
     }
@@ -149,13 +232,10 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
 
   std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
     const RawFrame raw(view, capabilities_, who());
-    if (capabilities_.remembers && !view.continues)
-      run("reset", [&](char* error) {
-        return plugin_.api->reset(plugin_.instance, raw.sequence().c_str(), error, kPluginErrorSize);
-      });
+    if (capabilities_.remembers && !view.continues) call("reset", plugin_.api->reset, raw.sequence().c_str());
     MiragePass pass{&raw.frame(), static_cast<float>(score_threshold), keep_graph, nullptr, nullptr, 0};
     if (capabilities_.knows_presence && keep_graph) {
-      pass.watched = reinterpret_cast<const float*>(view.watched.data());
+      pass.watched = floats_of(view.watched).data();
       pass.watched_count = static_cast<std::int64_t>(view.watched.size());
     }
     std::unique_ptr<RawFrame> clean;
@@ -174,9 +254,7 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     }
     const MirageDetection* found = nullptr;
     std::int64_t count = 0;
-    run("forward", [&](char* error) {
-      return plugin_.api->forward(plugin_.instance, &pass, &found, &count, error, kPluginErrorSize);
-    });
+    call("forward", plugin_.api->forward, &pass, &found, &count);
     kept_ = {};
     kept_.watched = as_size(pass.watched_count);
     for (const SensorData& other : view.others) kept_.others.push_back(other.name);
@@ -218,12 +296,9 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
       }
       if (data) named.push_back({sensor.name.c_str(), data});
     }
-    run("backward", [&](char* error) {
-      return plugin_.api->backward(plugin_.instance, raw.data(), static_cast<std::int64_t>(raw.size()),
-                                   named.data(), static_cast<std::int64_t>(named.size()),
-                                   gradient.presence.empty() ? nullptr : gradient.presence.data(), error,
-                                   kPluginErrorSize);
-    });
+    call("backward", plugin_.api->backward, raw.data(), static_cast<std::int64_t>(raw.size()), named.data(),
+         static_cast<std::int64_t>(named.size()),
+         gradient.presence.empty() ? nullptr : gradient.presence.data());
     return gradient;
   }
 
@@ -253,9 +328,7 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     if (!plugin_.api->image_features || !capabilities_.reads_image) return {};
     const RawFrame frame(view, capabilities_, who());
     MirageFeatureMaps raw{};
-    run("image_features", [&](char* error) {
-      return plugin_.api->image_features(plugin_.instance, &frame.frame(), &raw, error, kPluginErrorSize);
-    });
+    call("image_features", plugin_.api->image_features, &frame.frame(), &raw);
     const auto map = [](const float* values, std::int64_t columns, std::int64_t rows) {
       ImageF image(static_cast<int>(columns), static_cast<int>(rows), 1);
       std::copy_n(values, image.data.size(), image.data.begin());
@@ -266,8 +339,6 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
   }
 
  private:
-  std::string who() const { return (plugin_.weights.empty() ? plugin_.file : plugin_.weights).string(); }
-
   /// InputError for a class or a camera that there is none of.
   Detection detection(const MirageDetection& found, const RawFrame& frame, std::int64_t place) const {
     Detection made;
@@ -309,7 +380,7 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
 };
 
 /// Makes an instance by the table of its version.
-template <class Api>
+template <class Made, class Api>
 std::unique_ptr<Detector> instance_of(const std::filesystem::path& file, const Api* api,
                                       const std::string& name, const std::string& options_json,
                                       const std::filesystem::path& weights) {
@@ -324,7 +395,7 @@ std::unique_ptr<Detector> instance_of(const std::filesystem::path& file, const A
     throw InputError((weights.empty() ? file : weights).string(), "", why,
                      weights.empty() ? "check the detector's options" : "check --weights and --detector");
   }
-  return plugin_detector(std::move(plugin));
+  return std::make_unique<Made>(std::move(plugin));
 }
 
 /// What both versions begin with.
@@ -336,14 +407,13 @@ struct AnyVersion {
 // heights.
 
 MirageSensorInput raw_input(const SensorView& view) {
-  static_assert(sizeof(LidarPoint) == 4 * sizeof(float));
   MirageSensorInput input{};
   if (view.image && !view.image->empty()) {
     input.image = view.image->data.data();
     input.width = view.image->width;
     input.height = view.image->height;
   }
-  input.points = reinterpret_cast<const float*>(view.points.data());
+  input.points = floats_of(view.points).data();
   input.point_count = static_cast<std::int64_t>(view.points.size());
   if (view.calibration) {
     const auto matrix = pixel_from_velo(*view.calibration);
@@ -352,44 +422,15 @@ MirageSensorInput raw_input(const SensorView& view) {
   return input;
 }
 
-std::vector<MirageBox> raw_boxes(const std::vector<BevBox>& boxes) {
-  std::vector<MirageBox> raw;
-  raw.reserve(boxes.size());
-  for (const BevBox& box : boxes)
-    raw.push_back({static_cast<float>(box.x), static_cast<float>(box.y), static_cast<float>(box.length),
-                   static_cast<float>(box.width), static_cast<float>(box.yaw)});
-  return raw;
+MirageBox raw_box(const BevBox& box) {
+  return {static_cast<float>(box.x), static_cast<float>(box.y), static_cast<float>(box.length),
+          static_cast<float>(box.width), static_cast<float>(box.yaw)};
 }
 
-std::vector<MiragePictureBox> raw_boxes(const std::vector<PictureBox>& boxes) {
-  std::vector<MiragePictureBox> raw;
-  raw.reserve(boxes.size());
-  for (const PictureBox& box : boxes)
-    raw.push_back({static_cast<float>(box.left), static_cast<float>(box.top), static_cast<float>(box.right),
-                   static_cast<float>(box.bottom)});
-  return raw;
+MiragePictureBox raw_box(const PictureBox& box) {
+  return {static_cast<float>(box.left), static_cast<float>(box.top), static_cast<float>(box.right),
+          static_cast<float>(box.bottom)};
 }
-
-/// The ground truth of one sample as the plugin gets it; the input is the caller's to fill in.
-struct RawTruth {
-  explicit RawTruth(const TrainingSample& sample)
-      : boxes(raw_boxes(sample.boxes)),
-        ignore(raw_boxes(sample.ignore)),
-        picture_boxes(raw_boxes(sample.picture_boxes)),
-        picture_ignore(raw_boxes(sample.picture_ignore)) {}
-  void give(MirageSample& sample) const {
-    const auto set = [](const auto& from, auto*& values, std::int64_t& count) {
-      values = from.data();
-      count = static_cast<std::int64_t>(from.size());
-    };
-    set(boxes, sample.boxes, sample.box_count);
-    set(ignore, sample.ignore, sample.ignore_count);
-    set(picture_boxes, sample.picture_boxes, sample.picture_box_count);
-    set(picture_ignore, sample.picture_ignore, sample.picture_ignore_count);
-  }
-  std::vector<MirageBox> boxes, ignore;
-  std::vector<MiragePictureBox> picture_boxes, picture_ignore;
-};
 
 class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
  public:
@@ -423,24 +464,17 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
     const bool watches = capabilities_.knows_presence && keep_graph;
     kept_watched_ = watches ? view.watched.size() : 0;
     if (watches)
-      run("watch", [&](char* error) {
-        return plugin_.api->watch(plugin_.instance, reinterpret_cast<const float*>(view.watched.data()),
-                                  static_cast<std::int64_t>(kept_watched_), error, kPluginErrorSize);
-      });
+      call("watch", plugin_.api->watch, floats_of(view.watched).data(),
+           static_cast<std::int64_t>(kept_watched_));
+    const auto least = static_cast<float>(score_threshold);
     if (view.clean && capabilities_.why_whole.empty()) {
       const MirageSensorInput clean = raw_input({view.clean->image, view.clean->points, view.calibration});
       const PixelRect& rect = view.clean->changed;
       const MirageChange change = {&clean, view.clean->key, rect.u0, rect.v0, rect.u1, rect.v1};
-      run("forward_changed", [&](char* error) {
-        return plugin_.api->forward_changed(plugin_.instance, &input, &change,
-                                            static_cast<float>(score_threshold), keep_graph, &raw_proposals,
-                                            &count, error, kPluginErrorSize);
-      });
+      call("forward_changed", plugin_.api->forward_changed, &input, &change, least, keep_graph,
+           &raw_proposals, &count);
     } else {
-      run("forward", [&](char* error) {
-        return plugin_.api->forward(plugin_.instance, &input, static_cast<float>(score_threshold), keep_graph,
-                                    &raw_proposals, &count, error, kPluginErrorSize);
-      });
+      call("forward", plugin_.api->forward, &input, least, keep_graph, &raw_proposals, &count);
     }
     kept_width_ = view.image ? view.image->width : 0;
     kept_height_ = view.image ? view.image->height : 0;
@@ -452,8 +486,7 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
       proposals.push_back(
           {{b.x, b.y, b.length, b.width, b.yaw}, raw_proposals[i].logit, {p.left, p.top, p.right, p.bottom}});
     }
-    check_proposals(proposals, capabilities_.matching(),
-                    (plugin_.weights.empty() ? plugin_.file : plugin_.weights).string());
+    check_proposals(proposals, capabilities_.matching(), who());
     // Labels end at the picture's border, and what they are compared with must, too.
     for (Detection& proposal : proposals)
       proposal.picture = within(proposal.picture, kept_width_, kept_height_);
@@ -467,29 +500,33 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
     gradient.points.resize(kept_points_);
     float* d_image = gradient.image.empty() ? nullptr : gradient.image.data.data();
     float* d_points = gradient.points.empty() ? nullptr : gradient.points.data()->data();
-    run("backward", [&](char* error) {
-      return plugin_.api->backward(plugin_.instance, raw.data(), static_cast<std::int64_t>(raw.size()),
-                                   d_image, d_points, error, kPluginErrorSize);
-    });
+    call("backward", plugin_.api->backward, raw.data(), static_cast<std::int64_t>(raw.size()), d_image,
+         d_points);
     gradient.presence.resize(kept_watched_);
     if (kept_watched_ > 0)
-      run("presence", [&](char* error) {
-        return plugin_.api->presence(plugin_.instance, gradient.presence.data(),
-                                     static_cast<std::int64_t>(kept_watched_), error, kPluginErrorSize);
-      });
+      call("presence", plugin_.api->presence, gradient.presence.data(),
+           static_cast<std::int64_t>(kept_watched_));
     return gradient;
   }
 
   TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
     std::vector<MirageSample> raw(samples.size());
-    std::vector<RawTruth> truths;
+    std::deque<std::vector<MirageBox>> boxes;
+    std::deque<std::vector<MiragePictureBox>> in_pictures;
+    const auto give = [](const auto& from, auto& kept, auto*& values, std::int64_t& count) {
+      auto& its = kept.emplace_back();
+      for (const auto& box : from) its.push_back(raw_box(box));
+      values = its.data(), count = static_cast<std::int64_t>(its.size());
+    };
     for (std::size_t i = 0; i < samples.size(); ++i) {
       const TrainingSample& sample = samples[i];
       raw[i].input = raw_input(sample.input);
       Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(raw[i].input.pixel_from_velo);
       matrix = (matrix * sample.data_from_sample.matrix()).eval();
-      truths.emplace_back(sample);  // moved with its vectors when the list grows: their memory stays
-      truths.back().give(raw[i]);
+      give(sample.boxes, boxes, raw[i].boxes, raw[i].box_count);
+      give(sample.ignore, boxes, raw[i].ignore, raw[i].ignore_count);
+      give(sample.picture_boxes, in_pictures, raw[i].picture_boxes, raw[i].picture_box_count);
+      give(sample.picture_ignore, in_pictures, raw[i].picture_ignore, raw[i].picture_ignore_count);
       raw[i].vehicle_mask = sample.vehicle_mask.empty() ? nullptr : sample.vehicle_mask.data();
       raw[i].picture_key = sample.picture_key;
     }
@@ -502,9 +539,7 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
     if (!plugin_.api->image_features || !capabilities_.reads_image) return {};
     const MirageSensorInput input = raw_input(view);
     MirageImageFeatures raw{};
-    run("image_features", [&](char* error) {
-      return plugin_.api->image_features(plugin_.instance, &input, &raw, error, kPluginErrorSize);
-    });
+    call("image_features", plugin_.api->image_features, &input, &raw);
     ImageFeatures features{ImageF(raw.columns, raw.rows, 1), raw.stride,
                            ImageF(raw.bev_columns, raw.bev_rows, 1), raw.cell};
     std::copy_n(raw.map, features.map.data.size(), features.map.data.begin());
@@ -519,10 +554,6 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
 
 }  // namespace
 
-std::unique_ptr<Detector> plugin_detector(PluginInstance<MirageDetectorApi> plugin) {
-  return std::make_unique<PluginDetector>(std::move(plugin));
-}
-
 std::unique_ptr<Detector> open_detector(const std::filesystem::path& file, const std::string& name,
                                         const std::string& options_json,
                                         const std::filesystem::path& weights) {
@@ -534,15 +565,11 @@ std::unique_ptr<Detector> open_detector(const std::filesystem::path& file, const
     if (!api->create || !api->destroy || !api->region || !api->forward || !api->backward ||
         !api->train_step || !api->save || !api->capabilities)
       throw missing;
-    return instance_of(file, api, name, options_json, weights);
+    return instance_of<Version3Detector>(file, api, name, options_json, weights);
   }
   const auto* api = reinterpret_cast<const MirageDetectorApi*>(any);
   if (!api->create || !api->destroy || !api->capabilities || !api->forward) throw missing;
-  return instance_of(file, api, name, options_json, weights);
-}
-
-std::unique_ptr<Detector> plugin_detector(PluginInstance<MirageDetectorApi3> plugin) {
-  return std::make_unique<Version3Detector>(std::move(plugin));
+  return instance_of<PluginDetector>(file, api, name, options_json, weights);
 }
 
 }  // namespace mirage
