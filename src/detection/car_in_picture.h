@@ -26,50 +26,40 @@ inline std::span<const float> floats_of(std::span<const LidarPoint> points) {
   return {reinterpret_cast<const float*>(points.data()), 4 * points.size()};
 }
 
-/// m, `velo`; returns elsewhere are left out.
-struct LowestReturnsRegion {
-  double x_min = 0, x_max = 70, y_min = -40, y_max = 40, z_min = -2.6, z_max = 1;
-};
-
-/// The lowest return of each square metre of a region.
+/// The lowest return of each square metre ahead.
 class LowestReturns {
  public:
-  /// `points`: x, y, z and a fourth value each (m, `velo`).
-  LowestReturns(std::span<const float> points, const LowestReturnsRegion& region)
-      : region_(region),
-        rows_(static_cast<int>(region.x_max - region.x_min)),
-        columns_(static_cast<int>(region.y_max - region.y_min)),
-        lowest_(as_size(rows_) * as_size(columns_), kNone) {
+  static constexpr int kRows = 70, kColumns = 80;  ///< m (`velo`): x from 0, y from −40
+  static constexpr float kNone = 1e9f;             ///< m
+  /// `points`: x, y, z and a fourth value each (m, `velo`). `deepest`: lower ones are left out.
+  explicit LowestReturns(std::span<const float> points, double deepest = -2.6)
+      : lowest_(as_size(kRows) * kColumns, kNone) {
     for (std::size_t i = 0; i + 3 < points.size(); i += 4) {
-      const double x = points[i] - region.x_min, y = points[i + 1] - region.y_min;
-      if (!(x >= 0 && x < rows_ && y >= 0 && y < columns_ && points[i + 2] > region.z_min)) continue;
-      float& lowest = lowest_[static_cast<std::size_t>(x) * as_size(columns_) + static_cast<std::size_t>(y)];
+      const double x = points[i], y = points[i + 1] + kColumns / 2.0;
+      if (!(x >= 0 && x < kRows && y >= 0 && y < kColumns && points[i + 2] > deepest)) continue;
+      float& lowest = lowest_[static_cast<std::size_t>(x) * kColumns + static_cast<std::size_t>(y)];
       lowest = std::min(lowest, points[i + 2]);
     }
   }
   /// Of a square metre; kNone without a return.
-  float at(int row, int column) const { return lowest_[as_size(row) * as_size(columns_) + as_size(column)]; }
-  static constexpr float kNone = 1e9f;  ///< m
+  float at(int row, int column) const { return lowest_[as_size(row) * kColumns + as_size(column)]; }
   /// Height (m) of the ground around a box, by the lowest return up to kNearby m around it; kGround where
-  /// there is none below z_max.
+  /// there is none below kHighest.
   double ground(const BevBox& box) const {
     const double reach = std::hypot(box.length, box.width) / 2 + kNearby;
     const auto bound = [](double at, int size) {
       return static_cast<int>(std::clamp(std::floor(at), 0.0, size - 1.0));
     };
     float lowest = kNone;
-    const double x = box.x - region_.x_min, y = box.y - region_.y_min;
-    for (int row = bound(x - reach, rows_); row <= bound(x + reach, rows_); ++row)
-      for (int column = bound(y - reach, columns_); column <= bound(y + reach, columns_); ++column)
+    const double x = box.x, y = box.y + kColumns / 2.0;
+    for (int row = bound(x - reach, kRows); row <= bound(x + reach, kRows); ++row)
+      for (int column = bound(y - reach, kColumns); column <= bound(y + reach, kColumns); ++column)
         lowest = std::min(lowest, at(row, column));
-    return lowest < region_.z_max ? lowest : kGround;
+    return lowest < kHighest ? lowest : kGround;
   }
 
  private:
-  static constexpr double kGround = -1.7, kNearby = 1;
-
-  LowestReturnsRegion region_;
-  int rows_, columns_;
+  static constexpr double kGround = -1.7, kNearby = 1, kHighest = 1;  // m
   std::vector<float> lowest_;
 };
 

@@ -43,7 +43,7 @@ std::vector<std::size_t> speaking(const std::vector<Detection>& proposals) {
 class PictureWitness {
  public:
   PictureWitness(const SensorView& view, const std::vector<Detection>& boxes)
-      : boxes_(boxes), order_(speaking(boxes)), returns_(floats_of(view.points), {}) {
+      : boxes_(boxes), order_(speaking(boxes)), returns_(floats_of(view.points)) {
     if (!view.image || view.image->empty() || !view.calibration) return;
     width_ = view.image->width, height_ = view.image->height;
     projection_ = pixel_from_velo(*view.calibration);
@@ -52,12 +52,9 @@ class PictureWitness {
     if (width_ == 0) return {};
     const auto seen = car_in_picture(box, returns_.ground(box), projection_, width_, height_);
     if (!seen) return {};
-    for (const std::size_t k : order_) {
-      PictureBox other = boxes_[k].picture;  // as far as the picture shows it
-      other.left = std::max(other.left, 0.0), other.right = std::min(other.right, width_ - 1.0);
-      other.top = std::max(other.top, 0.0), other.bottom = std::min(other.bottom, height_ - 1.0);
-      if (iou(*seen, other) > kSamePicture) return {boxes_[k].logit, {Source::camera, k}};
-    }
+    for (const std::size_t k : order_)  // as far as the picture shows it
+      if (iou(*seen, within(boxes_[k].picture, width_, height_)) > kSamePicture)
+        return {boxes_[k].logit, {Source::camera, k}};
     return {};
   }
 

@@ -253,7 +253,7 @@ class JpegDetector : public DetectorAround {
   int quality_;
 };
 
-constexpr int kRows = 70, kColumns = 80;  // m: x from 0, y from −40
+constexpr int kRows = LowestReturns::kRows, kColumns = LowestReturns::kColumns;
 
 }  // namespace
 
@@ -299,7 +299,7 @@ std::unique_ptr<Detector> behind_jpeg(std::unique_ptr<Detector> inner, int quali
 }
 
 RoadSurface::RoadSurface(std::span<const LidarPoint> points)
-    : lowest_(floats_of(points), {.z_min = -4}) {  // m; below it mirrored returns
+    : lowest_(floats_of(points), -4) {  // m; below it mirrored returns
   // Least squares over what lies near the plane of before, more of it below than above.
   for (const double reach : {1.0, 0.5, 0.3, 0.3, 0.3}) {
     constexpr int kFewest = 20;

@@ -76,16 +76,6 @@ constexpr double kLeastIou = 0.01;
 constexpr double kDistanceUnit = 70, kLogitUnit = 4;
 constexpr int kInputs = 4;
 
-double iou(const PictureBox& a, const float* b, int width, int height) {
-  const double left = std::max(b[0], 0.f), top = std::max(b[1], 0.f);
-  const double right = std::min<double>(b[2], width - 1), bottom = std::min<double>(b[3], height - 1);
-  const double across = std::min(a.right, right) - std::max(a.left, left);
-  const double down = std::min(a.bottom, bottom) - std::max(a.top, top);
-  if (!(across > 0 && down > 0)) return 0;
-  const double both = across * down;
-  return both / ((a.right - a.left) * (a.bottom - a.top) + (right - left) * (bottom - top) - both);
-}
-
 }  // namespace
 
 std::vector<std::int64_t> nearest_before(std::span<const float> points, const Projection& projection,
@@ -143,8 +133,7 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
   const std::vector<std::int64_t> boxes = highest(input.camera.logits, kLeastBox, kMostBoxes);
   const Tensor rectangles = input.camera.boxes.detach().to(torch::kFloat).contiguous();
   const Tensor points = input.points.detach().to(torch::kFloat).contiguous();
-  const LowestReturns returns({points.data_ptr<float>(), as_size(points.numel())},
-                              {kXMin, kXMax, kYMin, kYMax, kZMin, kZMax});
+  const LowestReturns returns({points.data_ptr<float>(), as_size(points.numel())});
   const Tensor values = output.detach().to(torch::kFloat).reshape({kOutputs, -1}).contiguous();
   const std::int64_t cells = values.size(1);
 
@@ -162,7 +151,8 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
     const auto seen = car_in_picture(box, returns.ground(box), input.projection, width, height);
     std::int64_t pairs = 0;
     for (std::size_t b = 0; seen && b < boxes.size(); ++b) {
-      const double overlap = iou(*seen, rectangles.data_ptr<float>() + 4 * boxes[b], width, height);
+      const float* other = rectangles.data_ptr<float>() + 4 * boxes[b];
+      const double overlap = iou(*seen, within({other[0], other[1], other[2], other[3]}, width, height));
       if (overlap < kLeastIou) continue;
       of_proposal.push_back(static_cast<std::int64_t>(k));
       of_box.push_back(boxes[b]);

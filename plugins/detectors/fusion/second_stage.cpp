@@ -156,8 +156,7 @@ RegionReturns::RegionReturns(const Tensor& boxes, const SensorTensors& input, in
   const Tensor all = everything(input), plain = boxes.detach().to(torch::kFloat).contiguous();
   const std::span<const float> points(all.data_ptr<float>(), as_size(all.numel()));
   const std::int64_t recorded = input.points.size(0);
-  const LowestReturns returns(points.first(as_size(4 * recorded)),
-                              {kXMin, kXMax, kYMin, kYMax, kZMin, kZMax});
+  const LowestReturns returns(points.first(as_size(4 * recorded)));
   const Buckets buckets(points);
   std::vector<std::int64_t> row_of(as_size(all.size(0)), -1), mine;
   for (std::int64_t k = 0; k < plain.size(0); ++k) {
