@@ -43,8 +43,8 @@ void add_fusion(const SensorTensors& input, NetworkImpl& network, CleanFrame& fr
 }  // namespace
 
 std::size_t CleanFrame::bytes() const {
-  std::size_t all = camera.bytes() + backbone.bytes() + points.nbytes() +
-                    footprints.size() * sizeof(Footprint) + (painted.defined() ? painted.nbytes() : 0);
+  std::size_t all =
+      camera.bytes() + backbone.bytes() + points.nbytes() + footprints.size() * sizeof(Footprint);
   for (const auto& cells : nearest) all += cells.size() * sizeof(std::int32_t);
   return all;
 }
@@ -151,10 +151,7 @@ std::shared_ptr<CleanFrame> CleanFrames::make(const SensorTensors& given_input) 
   const BackbonePlan& plan = *frame->backbone_plan;
   std::vector<Tensor> given(plan.plan.layers().size());
   Tensor voxels = soft_voxels(input.points);
-  if (parts.painted) {
-    frame->painted = painted_voxels(input);
-    voxels = torch::cat({voxels, frame->painted}, 1);
-  }
+  if (parts.painted) voxels = torch::cat({voxels, painted_voxels(input)}, 1);
   given[as_size(plan.voxels)] = voxels;
   if (parts.image && frame->camera_plan) add_fusion(input, *network_, *frame, given);
   frame->backbone = run(plan.plan, given);
@@ -188,6 +185,8 @@ SweepChange sweep_change(const Tensor& clean, const Tensor& points) {
     next = at + 1;
   }
   for (; next < from; ++next) change.gone.push_back(next);
+  for (const std::int64_t i : change.gone) change.moved.push_back(a + 4 * i);
+  for (const std::int64_t i : change.fresh) change.moved.push_back(b + 4 * i);
   return change;
 }
 
@@ -196,10 +195,8 @@ std::array<std::vector<ChangedCell>, kGrids.size()> changed_cells(const CleanFra
                                                                   const SweepChange& change,
                                                                   const Dirty& read) {
   const int width = static_cast<int>(clean.width), height = static_cast<int>(clean.height);
-  const float *before = clean.points.data_ptr<float>(), *now = points.data_ptr<float>();
-  std::vector<const float*> moved;  // points that came or went, where they matter
-  for (const std::int64_t i : change.gone) moved.push_back(before + 4 * i);
-  for (const std::int64_t i : change.fresh) moved.push_back(now + 4 * i);
+  const float* now = points.data_ptr<float>();
+  std::vector<const float*> moved = change.moved;  // where they matter
   std::erase_if(moved, [&](const float* p) { return !feeds_cells(p, clean.projection, width, height); });
   // Points that may feed a cell near these.
   std::vector<std::int64_t> candidates;

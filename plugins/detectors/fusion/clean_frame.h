@@ -27,7 +27,6 @@ struct CleanFrame {
   std::shared_ptr<const CameraPlan> camera_plan;
   std::shared_ptr<const BackbonePlan> backbone_plan;
   CleanMaps camera, backbone;
-  torch::Tensor painted;  ///< of a network that paints
   /// Of a network with continuous fusion, by grid: the point that feeds a cell, −1: none.
   std::array<std::vector<std::int32_t>, kGrids.size()> nearest;
   std::vector<Footprint> footprints;  ///< of points in the map that fusion reads
@@ -78,7 +77,7 @@ struct SweepChange {
   std::vector<std::int64_t> now;    ///< by point of the clean sweep: its number in this one, −1: gone
   std::vector<std::int64_t> gone;   ///< of the clean sweep
   std::vector<std::int64_t> fresh;  ///< of this one
-  bool empty() const { return gone.empty() && fresh.empty(); }
+  std::vector<const float*> moved;  ///< all of these, where the tensors have them
 };
 
 /// Both N × 4, float, contiguous. Points that stay are those found again in their order, to the bit: with

@@ -66,8 +66,7 @@ double LocalNetwork::pixels_a_metre() const {
 
 void LocalNetwork::confine() {
   Dirty moved(kVoxelsX, kVoxelsY);
-  for (const std::int64_t i : sweep_.gone) add_voxels_of(clean_->points.data_ptr<float>() + 4 * i, moved);
-  for (const std::int64_t i : sweep_.fresh) add_voxels_of(input_.points.data_ptr<float>() + 4 * i, moved);
+  for (const float* point : sweep_.moved) add_voxels_of(point, moved);
   if (moved.empty()) return;  // the picture alone: the bird's-eye view is as far as it goes
   backbone_->confine(std::move(moved), static_cast<std::int64_t>(std::ceil(locality_ / kVoxel)));
   confined_ = true;
@@ -82,14 +81,7 @@ void LocalNetwork::look() {
   if (!changed_.empty()) dirty.add(focus_window(changed_));
   if (locality_ > 0)
     camera_->confine(dirty, static_cast<std::int64_t>(std::ceil(locality_ * pixels_a_metre() / 2)));
-  std::vector<Patch> patches;
-  for (const Window& at : camera_->needed(plan.picture, dirty)) {
-    Patch patch;
-    patch.at = at;
-    patch.value = focused(typed_.image, at);
-    patches.push_back(std::move(patch));
-  }
-  camera_->give(plan.picture, std::move(dirty), std::move(patches));
+  camera_->give(plan.picture, std::move(dirty), [&](const Window& at) { return focused(typed_.image, at); });
   camera_->forward();
   if (network_->parts.lidar) seen_.mask = camera_->whole(plan.mask);
   if (plan.rows[0] < 0) return;
@@ -133,27 +125,22 @@ void LocalNetwork::add_features() {
     for (const ChangedCell& changed : cells_[level]) row_of[as_size(changed.cell)] = nothing.data();
     for (std::size_t k = 0; k < cells.size(); ++k)
       row_of[as_size(cells[k])] = static_cast<const std::byte*>(rows.data_ptr()) + k * bytes;
-    std::vector<Patch> patches;
-    for (const Window& at : windows_of(dirty, layer)) {
-      Patch patch;
-      patch.at = at;
-      patch.value = backbone_->window(number, at);
-      auto* value = static_cast<std::byte*>(patch.value.data_ptr());
+    backbone_->give(number, std::move(dirty), [&](const Window& at) {
+      const Tensor map = backbone_->window(number, at);
+      auto* value = static_cast<std::byte*>(map.data_ptr());
       for (std::int64_t row = at.top; row < at.bottom; ++row)
         for (std::int64_t column = at.left; column < at.right; ++column, value += bytes)
           if (const std::byte* from = row_of[as_size(row * grid.columns + column)])
             std::memcpy(value, from, bytes);
-      patches.push_back(std::move(patch));
-    }
-    backbone_->give(number, std::move(dirty), std::move(patches));
+      return map;
+    });
   }
 }
 
 void LocalNetwork::give_voxels() {
   const BackbonePlan& plan = *clean_->backbone_plan;
   Dirty dirty(kVoxelsX, kVoxelsY);
-  for (const std::int64_t i : sweep_.gone) add_voxels_of(clean_->points.data_ptr<float>() + 4 * i, dirty);
-  for (const std::int64_t i : sweep_.fresh) add_voxels_of(input_.points.data_ptr<float>() + 4 * i, dirty);
+  for (const float* point : sweep_.moved) add_voxels_of(point, dirty);
   // Where a return may come the value is as it was; the slope must be known.
   for (std::int64_t i = 0; i < watched_count(); ++i)
     add_voxels_of(input_.watched.data_ptr<float>() + 4 * i, dirty);
@@ -164,23 +151,18 @@ void LocalNetwork::give_voxels() {
     if (camera_) add_painted(dirty);
   }
   if (confined_) dirty.keep(backbone_->near(kVoxelsX, kVoxelsY));
-  std::vector<Patch> patches;
-  for (const Window& at : backbone_->needed(plan.voxels, dirty)) {
-    Patch patch;
-    patch.at = at;
-    patch.value = soft_voxels(typed_.points, at);
+  backbone_->give(plan.voxels, std::move(dirty), [&](const Window& at) {
+    Tensor voxels = soft_voxels(typed_.points, at);
     if (painted.defined()) {
       const Window inside = intersection(at, {0, 0, kVoxelsX, kVoxelsY});
       Tensor beside = torch::zeros({1, kPaintedChannels, at.rows(), at.columns()}, painted.options());
       part(beside,
            {inside.top - at.top, inside.left - at.left, inside.bottom - at.top, inside.right - at.left})
           .copy_(part(painted, inside));
-      patch.value = torch::cat({patch.value, beside}, 1);
+      voxels = torch::cat({voxels, beside}, 1);
     }
-    patch.value = patch.value.contiguous(torch::MemoryFormat::ChannelsLast);
-    patches.push_back(std::move(patch));
-  }
-  backbone_->give(plan.voxels, std::move(dirty), std::move(patches));
+    return voxels.contiguous(torch::MemoryFormat::ChannelsLast);
+  });
 }
 
 void LocalNetwork::add_painted(Dirty& dirty) const {
@@ -204,8 +186,7 @@ void LocalNetwork::add_painted(Dirty& dirty) const {
                column = static_cast<std::int64_t>((q[1] - kYMin) / kVoxel - 0.5);
     dirty.add(Window{row, column, row + 2, column + 2});
   };
-  for (const std::int64_t i : sweep_.gone) add_columns(clean_->points.data_ptr<float>() + 4 * i);
-  for (const std::int64_t i : sweep_.fresh) add_columns(input_.points.data_ptr<float>() + 4 * i);
+  for (const float* point : sweep_.moved) add_columns(point);
   for (std::int64_t i = 0; i < watched_count(); ++i) add_columns(input_.watched.data_ptr<float>() + 4 * i);
 }
 

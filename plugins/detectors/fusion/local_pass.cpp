@@ -95,8 +95,7 @@ Tensor slope(const Layer& layer, const Patch& patch, const Window& at, const Ten
   return gradient;
 }
 
-}  // namespace
-
+/// Windows for the dirty places of a layer: rows together while that costs less than another window.
 std::vector<Window> windows_of(const Dirty& dirty, const Layer& layer) {
   const double work = layer.work();
   if (work == 0) return dirty.windows(kWindowPlaces);
@@ -118,13 +117,19 @@ std::vector<Window> windows_of(const Dirty& dirty, const Layer& layer) {
   return windows;
 }
 
+}  // namespace
+
 LocalPass::LocalPass(const Plan& plan, const CleanMaps& clean)
     : plan_(plan), clean_(clean), nodes_(plan.layers().size()) {
   for (std::size_t i = 0; i < nodes_.size(); ++i)
     nodes_[i].dirty = Dirty(plan.layers()[i].rows, plan.layers()[i].columns);
 }
 
-void LocalPass::give(int layer, Dirty dirty, std::vector<Patch> patches) {
+void LocalPass::give(int layer, Dirty dirty, const std::function<Tensor(const Window&)>& value) {
+  const Layer& shape = plan_[layer];
+  std::vector<Patch> patches;
+  for (const Window& at : shape.kept ? windows_of(dirty, shape) : needed(layer, dirty))
+    patches.push_back({at, value(at)});
   nodes_[as_size(layer)] = {std::move(dirty), std::move(patches)};
 }
 
@@ -154,8 +159,7 @@ void LocalPass::forward() {
     node.patches.clear();
     if (node.dirty.empty()) continue;
     for (const Window& at : windows(layer, node.dirty)) {
-      Patch patch;
-      patch.at = at;
+      Patch patch{at};
       compute(layer, patch);
       node.patches.push_back(std::move(patch));
     }

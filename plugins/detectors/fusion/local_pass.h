@@ -10,6 +10,8 @@
 // layers are small by the change and the late ones by the loss.
 #pragma once
 
+#include <functional>
+
 #include "base/sizes.h"
 #include "plan.h"
 
@@ -18,11 +20,11 @@ namespace mirage::fusion {
 /// A window of a layer's map.
 struct Patch {
   Window at;
-  torch::Tensor value;     ///< 1 × channels × rows × columns, channels-last
-  torch::Tensor before;    ///< of a conv with SiLU: what the curve was given
-  torch::Tensor highest;   ///< of a pool: where the maxima lie
-  Dirty touched;           ///< places of the map outside of which `gradient` is zero
-  torch::Tensor gradient;  ///< over `at`; undefined: none
+  torch::Tensor value = {};     ///< 1 × channels × rows × columns, channels-last
+  torch::Tensor before = {};    ///< of a conv with SiLU: what the curve was given
+  torch::Tensor highest = {};   ///< of a pool: where the maxima lie
+  Dirty touched = {};           ///< places of the map outside of which `gradient` is zero
+  torch::Tensor gradient = {};  ///< over `at`; undefined: none
 };
 
 class LocalPass {
@@ -30,12 +32,10 @@ class LocalPass {
   /// Both must outlive it.
   LocalPass(const Plan& plan, const CleanMaps& clean);
 
-  /// What the one reader of an input that is not kept will read of it, if those places changed: windows that
-  /// may overlap, and go beyond the map (where they are zero).
-  std::vector<Window> needed(int layer, const Dirty& changed) const;
-  /// What changed in an input: patches that cover `dirty`, or, of an input that is not kept, what is
-  /// needed().
-  void give(int layer, Dirty dirty, std::vector<Patch> patches);
+  /// What changed in an input, and value(window), its map there, channels-last. Windows cover `dirty`; of an
+  /// input that is not kept they are what its one reader will read: they may overlap, and go beyond the map
+  /// (where it is zero).
+  void give(int layer, Dirty dirty, const std::function<torch::Tensor(const Window&)>& value);
   /// From here on nothing changes further than `halo` places from `changed`, both of an input's map: what
   /// does is left as it was. The pass is then an approximation. Maps of other sizes count in steps of a power
   /// of two.
@@ -71,6 +71,7 @@ class LocalPass {
     std::vector<Patch> patches;
   };
   Dirty spread(const Layer& layer) const;
+  std::vector<Window> needed(int layer, const Dirty& changed) const;
   std::vector<Window> windows(const Layer& layer, const Dirty& dirty) const;
   void compute(const Layer& layer, Patch& patch);
   void back(const Layer& layer, const Patch& patch, const Window& at);
@@ -84,8 +85,5 @@ class LocalPass {
   std::int64_t halo_ = 0;
   double work_ = 0;
 };
-
-/// Windows for the dirty places of a layer: rows together while that costs less than another window.
-std::vector<Window> windows_of(const Dirty& dirty, const Layer& layer);
 
 }  // namespace mirage::fusion

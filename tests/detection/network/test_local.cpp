@@ -127,16 +127,11 @@ TEST(LocalPass, EveryLayerForwardAndBackwardIsThatOfTheWholeMap) {
     LocalPass pass(mixed.plan, clean);
     Dirty dirty(46, 70);
     dirty.add(at);
-    std::vector<Patch> patches;
-    for (const Window& window : pass.needed(mixed.input, dirty)) {
-      Patch patch;
-      patch.at = window;
-      patch.value = torch::constant_pad_nd(x.detach(),
-                                           {-window.left, window.right - 70, -window.top, window.bottom - 46})
-                        .contiguous(torch::MemoryFormat::ChannelsLast);
-      patches.push_back(patch);
-    }
-    pass.give(mixed.input, dirty, patches);
+    pass.give(mixed.input, dirty, [&](const Window& window) {
+      return torch::constant_pad_nd(x.detach(),
+                                    {-window.left, window.right - 70, -window.top, window.bottom - 46})
+          .contiguous(torch::MemoryFormat::ChannelsLast);
+    });
     pass.forward();
     const Tensor found = pass.whole(mixed.output);
     EXPECT_LT((found - expected).abs().max().item<double>(), 1e-5);
