@@ -199,6 +199,15 @@ Estimate jackknifed(double value, const FramesAndVehicles& clusters, const Witho
   return estimate;
 }
 
+/// The i-th label must be found.
+void must_find(TruthBoxes& truth, const Label& label, std::size_t i) {
+  truth.boxes.push_back(boxes_of(label));
+  truth.labels.push_back(i);
+  truth.difficulty.push_back(easiest_level(label));
+  truth.distance.push_back(has_box(label) ? std::hypot(label.box.bev.x, label.box.bev.y) : kUnknownDistance);
+  truth.tracks.push_back(label.track);
+}
+
 bool has_boxes(std::span<const ScoredFrame> frames) {
   return std::any_of(frames.begin(), frames.end(),
                      [](const ScoredFrame& frame) { return !frame.truth.boxes.empty(); });
@@ -235,11 +244,7 @@ GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region
     if (label.type == "Misc") truth.look_alikes.push_back(boxes_of(label));
     if (label.type != "Car" && label.type != "Van" && !is_sought(label)) continue;
     if (counts_by_label(label, region)) {
-      truth.boxes.push_back(boxes_of(label));
-      truth.labels.push_back(i);
-      truth.difficulty.push_back(easiest_level(label));
-      truth.distance.push_back(std::hypot(label.box.bev.x, label.box.bev.y));
-      truth.tracks.push_back(label.track);
+      must_find(truth, label, i);
     } else {
       truth.ignore.push_back(boxes_of(label));
     }
@@ -265,12 +270,7 @@ TruthBoxes picture_truth(std::span<const Label> labels) {
     const Label& label = labels[i];
     if (label.type == "Misc") truth.look_alikes.push_back(boxes_of(label));
     if (is_sought(label) && meets(label, limits_of(Difficulty::hard))) {
-      truth.boxes.push_back(boxes_of(label));
-      truth.labels.push_back(i);
-      truth.difficulty.push_back(easiest_level(label));
-      truth.distance.push_back(has_box(label) ? std::hypot(label.box.bev.x, label.box.bev.y)
-                                              : kUnknownDistance);
-      truth.tracks.push_back(label.track);
+      must_find(truth, label, i);
     } else if (is_vehicle(label) || label.type == "DontCare") {
       truth.ignore.push_back(boxes_of(label));
     }

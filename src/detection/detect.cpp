@@ -100,8 +100,9 @@ PictureBox picture_of(const json& from, const fs::path& file, const std::string&
   return box;
 }
 
-ListedDetection detection_of(const json& from, const fs::path& file, const std::string& where) {
-  ListedDetection detection{number(from, "score", file, where), {}, {}};
+KittiDetection detection_of(const json& from, const fs::path& file, const std::string& where) {
+  KittiDetection detection;
+  detection.score = number(from, "score", file, where);
   if (from.contains("left")) {  // a detector of the picture alone
     detection.picture = picture_of(from, file, where);
     return detection;
@@ -372,7 +373,7 @@ DetectionFiles::DetectionFiles(const fs::path& path) : path_(path) {
       throw InputError(path_.string(), fmt::format("frames.{}", i),
                        "has no frame's name or no list of detections", kFix);
     const std::string id = unescape_name(frame["frame"].get<std::string>());
-    std::vector<ListedDetection>& listed = frames_[id];
+    std::vector<KittiDetection>& listed = frames_[id];
     listed.clear();
     for (const json& from : frame["detections"])
       listed.push_back(detection_of(from, path_, fmt::format("frame {}, detection {}", id, listed.size())));
@@ -388,13 +389,9 @@ std::vector<KittiDetection> DetectionFiles::of(const Frame& frame) const {
   if (const auto text = texts_.find(frame.id); text != texts_.end()) {
     detections = read_results(text->second, frame.calibration);
   } else if (const auto listed = frames_.find(frame.id); listed != frames_.end()) {
-    for (const ListedDetection& from : listed->second) {
-      KittiDetection detection;
-      detection.score = from.score;
-      if (from.box) detection.box = upright({*from.box, {}}, frame.sweep);
-      if (from.picture) detection.picture = *from.picture;
-      detections.push_back(detection);
-    }
+    detections = listed->second;
+    for (KittiDetection& detection : detections)
+      if (detection.box) detection.box = upright({*detection.box, {}}, frame.sweep);
   }
   std::stable_sort(detections.begin(), detections.end(),
                    [](const auto& a, const auto& b) { return a.score > b.score; });

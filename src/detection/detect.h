@@ -100,13 +100,6 @@ std::vector<KittiDetection> kitti_detections(std::span<const Detection> proposal
                                              const Frame& frame,
                                              const std::vector<std::string>& types = {kCars});
 
-/// A detection as detections.json has it.
-struct ListedDetection {
-  double score = 0;
-  std::optional<Box3> box;  ///< without a height where the file tells none
-  std::optional<PictureBox> picture;
-};
-
 /// The detections of a data set's frames.
 class DetectionFiles {
  public:
@@ -125,8 +118,9 @@ class DetectionFiles {
 
  private:
   std::filesystem::path path_;
-  std::map<std::string, std::filesystem::path> texts_;          ///< by frame
-  std::map<std::string, std::vector<ListedDetection>> frames_;  ///< of detections.json, by frame
+  std::map<std::string, std::filesystem::path> texts_;  ///< by frame
+  /// Of detections.json, by frame; boxes are without a height where the file tells none.
+  std::map<std::string, std::vector<KittiDetection>> frames_;
 };
 
 // Average precision by the rules of KITTI's development kit (Geiger et al., CVPR 2012; evaluate_object with

@@ -6,6 +6,7 @@
 
 #include "base/files.h"
 #include "base/image.h"
+#include "base/intervals.h"
 #include "base/logging.h"
 #include "base/random.h"
 #include "base/sizes.h"
@@ -118,10 +119,8 @@ Site look_at_site(const std::vector<LidarPoint>& points, const Box3& box) {
     if (contains(column, point.position().cast<double>(), 0.5)) heights.push_back(point.z);
   Site site;
   if (heights.size() >= 5) {
-    const auto tenth = heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 10);
-    std::nth_element(heights.begin(), tenth, heights.end());
     site.known = true;
-    site.ground = *tenth;
+    site.ground = lower_quantile(heights, 0.1);
   }
   Box3 body = box;
   if (site.known && std::abs(site.ground - box.bottom) <= kLargestLift) body.bottom = site.ground;
@@ -297,8 +296,7 @@ SamplingUnit sampling_unit(const LidarModel& lidar) {
   std::vector<double> gaps;
   for (std::size_t i = 1; i < elevations.size(); ++i) gaps.push_back(elevations[i] - elevations[i - 1]);
   if (gaps.empty()) gaps.push_back(unit.azimuth_step);
-  std::nth_element(gaps.begin(), gaps.begin() + static_cast<std::ptrdiff_t>(gaps.size() / 2), gaps.end());
-  unit.beam_gap = gaps[gaps.size() / 2];
+  unit.beam_gap = lower_quantile(gaps, 0.5);
   return unit;
 }
 

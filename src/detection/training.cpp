@@ -219,8 +219,7 @@ std::size_t TrainingData::frame_of(std::uint64_t index) const {
   std::vector<std::size_t> order(count);
   std::iota(order.begin(), order.end(), std::size_t{0});
   RandomStream random(seed_, "training order", epoch);
-  for (std::size_t i = count; i-- > 1;)
-    std::swap(order[i], order[as_size(random.below(static_cast<int>(i) + 1))]);
+  shuffle(order, random);
   return order[index % count];
 }
 
