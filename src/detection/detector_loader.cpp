@@ -129,10 +129,9 @@ std::unique_ptr<Detector> judged_by(std::unique_ptr<Detector> detector, MatchBy 
     if (!finds)
       throw FieldError("matching", Matching{by}.name(), detector->name() + " finds no " + what, fix);
   };
-  if (by == MatchBy::own) return std::make_unique<AskedDetector>(std::move(detector), by, asked);
   if (by == MatchBy::picture) {
     demand(can.finds_picture, "boxes in the picture", "use bev, or leave it out");
-  } else {
+  } else if (by != MatchBy::own) {
     demand(can.finds_bev, "boxes in space", "use picture, or leave it out");
     if (by == MatchBy::space) demand(can.finds_heights, "heights of its boxes", "use bev or centre");
   }

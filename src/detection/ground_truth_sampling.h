@@ -56,8 +56,6 @@ bool may_be_cut_out(const Label& label, const std::array<double, 4>& region);
 // Sensors 2018), with their pixels where the set says which are theirs (as in Wang et al., PointAugmenting,
 // CVPR 2021).
 
-struct CompactFrame;
-
 /// What of the LiDAR unit decides which returns hide which.
 struct SamplingUnit {
   Vec3d origin = Vec3d::Zero();  ///< m, `velo`: mean of where the beams start

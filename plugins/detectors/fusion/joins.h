@@ -24,7 +24,7 @@ inline constexpr int kPaintedChannels = 2;
 /// Σ w e / (1 + Σ w) and Σ w (1 − e) / (1 + Σ w). Returns that the camera does not see (outside the picture,
 /// nearer than 0.5 m) are left out. All zero without a picture. Differentiable in mask and points, where a
 /// return's evidence also moves with its pixel. Outside `within` the result is not complete.
-torch::Tensor painted_voxels(const SensorTensors& input, const Window& within = {0, 0, kVoxelsX, kVoxelsY});
+torch::Tensor painted_voxels(const SensorTensors& input, const Window& within = kGridWindow);
 
 // Fusion that trusts a pixel only as far as its depth agrees with the point's: the defence against features
 // that reach a point from something that stands before it in the picture (Mirage's own; the paper leaves it
@@ -48,8 +48,6 @@ std::vector<std::int64_t> nearest_before(std::span<const float> points, const Pr
 torch::Tensor depth_gate(const torch::Tensor& depth, const torch::Tensor& front);
 
 // Late fusion: the LiDAR's proposals joined with the camera's boxes (after Pang et al., CLOCs, IROS 2020).
-
-struct SensorTensors;
 
 struct LateJoinImpl : torch::nn::Module {
   LateJoinImpl();

@@ -18,11 +18,6 @@ using torch::Tensor;
 /// sweep.
 constexpr std::int64_t kApart = 4096;
 
-/// The part of a map that covers (0, 0), ….
-Tensor part(const Tensor& map, const Window& at) {
-  return map.narrow(2, at.top, at.rows()).narrow(3, at.left, at.columns());
-}
-
 Window whole_picture(const Tensor& image) {
   return {0, 0, image.size(0), image.size(1)};
 }
@@ -153,14 +148,7 @@ void LocalNetwork::give_voxels() {
   if (confined_) dirty.keep(backbone_->near(kVoxelsX, kVoxelsY));
   backbone_->give(plan.voxels, std::move(dirty), [&](const Window& at) {
     Tensor voxels = soft_voxels(typed_.points, at);
-    if (painted.defined()) {
-      const Window inside = intersection(at, {0, 0, kVoxelsX, kVoxelsY});
-      Tensor beside = torch::zeros({1, kPaintedChannels, at.rows(), at.columns()}, painted.options());
-      part(beside,
-           {inside.top - at.top, inside.left - at.left, inside.bottom - at.top, inside.right - at.left})
-          .copy_(part(painted, inside));
-      voxels = torch::cat({voxels, beside}, 1);
-    }
+    if (painted.defined()) voxels = torch::cat({voxels, around(painted, kGridWindow, at)}, 1);
     return voxels.contiguous(torch::MemoryFormat::ChannelsLast);
   });
 }
@@ -298,7 +286,7 @@ void LocalNetwork::back_through_features(Gradient& gradient) {
 
 void LocalNetwork::back_through_voxels(Gradient& gradient) {
   const int number = clean_->backbone_plan->voxels;
-  const Window touched = intersection(backbone_->touched(number), {0, 0, kVoxelsX, kVoxelsY});
+  const Window touched = intersection(backbone_->touched(number), kGridWindow);
   if (touched.empty()) return;
   const Tensor d_voxels = backbone_->gradient(number, touched);
   if (!sweep_.fresh.empty()) {
@@ -309,11 +297,9 @@ void LocalNetwork::back_through_voxels(Gradient& gradient) {
     at = intersection(at, touched);
     if (!at.empty()) {
       const Tensor fresh = typed_.points.index_select(0, torch::tensor(sweep_.fresh));
-      const Window inner{at.top - touched.top, at.left - touched.left, at.bottom - touched.top,
-                         at.right - touched.left};
       add_to_points(gradient, sweep_.fresh,
                     soft_voxels_vjp(fresh, at, soft_voxels(typed_.points, at),
-                                    part(d_voxels, inner).narrow(1, 0, kVoxelsZ)));
+                                    cut(d_voxels, touched, at).narrow(1, 0, kVoxelsZ)));
     }
   }
   if (watched_count() > 0) back_to_masses(touched, d_voxels, gradient);
@@ -329,7 +315,7 @@ void LocalNetwork::back_through_voxels(Gradient& gradient) {
       leaves.push_back(input.masses = torch::zeros_like(typed_.masses).requires_grad_(true));
     const Tensor painted = painted_voxels(input, touched);
     if (!painted.requires_grad()) return;
-    changed = torch::autograd::grad({part(painted, touched)}, leaves,
+    changed = torch::autograd::grad({cut(painted, kGridWindow, touched)}, leaves,
                                     {d_voxels.narrow(1, kVoxelsZ, kPaintedChannels)}, {}, false, true);
   }
   const torch::NoGradGuard guard;
@@ -346,10 +332,8 @@ void LocalNetwork::back_to_masses(const Window& touched, const Tensor& d_voxels,
   for (const Window& window : near.windows(kApart)) {
     const Window at = intersection(window, touched);
     if (at.empty()) continue;
-    const Window inner{at.top - touched.top, at.left - touched.left, at.bottom - touched.top,
-                       at.right - touched.left};
     gradient.masses += soft_voxels_masses(typed_.watched, at, soft_voxels(typed_.points, at),
-                                          part(d_voxels, inner).narrow(1, 0, kVoxelsZ));
+                                          cut(d_voxels, touched, at).narrow(1, 0, kVoxelsZ));
   }
 }
 

@@ -25,20 +25,6 @@ Tensor zeros(std::int64_t channels, const Window& at, torch::Dtype type) {
   return empty(channels, at, type).zero_();
 }
 
-/// The part `part` of x, which covers `at`; a view.
-Tensor cut(const Tensor& x, const Window& at, const Window& part) {
-  return x.narrow(2, part.top - at.top, part.rows()).narrow(3, part.left - at.left, part.columns());
-}
-
-/// The part `wanted` of x, which covers `at`; zeros outside. Channels-last in memory.
-Tensor around(const Tensor& x, const Window& at, const Window& wanted) {
-  const Window both = intersection(at, wanted);
-  if (both == wanted) return cut(x, at, wanted).contiguous(kNhwc);
-  Tensor y = zeros(x.size(1), wanted, x.scalar_type());
-  if (!both.empty()) cut(y, wanted, both).copy_(cut(x, at, both));
-  return y;
-}
-
 /// Copies the common part of two channels-last maps of one channel count.
 void paste(const Tensor& from, const Window& from_at, Tensor& into, const Window& into_at) {
   const Window both = intersection(from_at, into_at);
@@ -118,6 +104,18 @@ std::vector<Window> windows_of(const Dirty& dirty, const Layer& layer) {
 }
 
 }  // namespace
+
+Tensor cut(const Tensor& x, const Window& at, const Window& part) {
+  return x.narrow(2, part.top - at.top, part.rows()).narrow(3, part.left - at.left, part.columns());
+}
+
+Tensor around(const Tensor& x, const Window& at, const Window& wanted) {
+  const Window both = intersection(at, wanted);
+  if (both == wanted) return cut(x, at, wanted).contiguous(kNhwc);
+  Tensor y = zeros(x.size(1), wanted, x.scalar_type());
+  if (!both.empty()) cut(y, wanted, both).copy_(cut(x, at, both));
+  return y;
+}
 
 LocalPass::LocalPass(const Plan& plan, const CleanMaps& clean)
     : plan_(plan), clean_(clean), nodes_(plan.layers().size()) {

@@ -17,6 +17,11 @@
 
 namespace mirage::fusion {
 
+/// The part `part` of x, which covers `at`; a view.
+torch::Tensor cut(const torch::Tensor& x, const Window& at, const Window& part);
+/// The part `wanted` of x, which covers `at`; zeros outside. Channels-last in memory.
+torch::Tensor around(const torch::Tensor& x, const Window& at, const Window& wanted);
+
 /// A window of a layer's map.
 struct Patch {
   Window at;

@@ -128,8 +128,6 @@ struct Corner {
 constexpr std::array<std::int64_t, 3> kSize = {kVoxelsX, kVoxelsY, kVoxelsZ};
 constexpr std::array<double, 3> kPitch = {kVoxel, kVoxel, kLayer};
 
-constexpr Window kGridWindow{0, 0, kVoxelsX, kVoxelsY};
-
 template <class T>
 Corner<T> corner_of(const T* point) {
   constexpr std::array<double, 3> origin = {kXMin, kYMin, kZMin};

@@ -65,6 +65,9 @@ torch::Tensor places_in_map(const torch::Tensor& pixels, int stride);
 
 // LiDAR points to a soft occupancy grid, with its exact derivative.
 
+/// All columns of voxels.
+inline constexpr Window kGridWindow{0, 0, kVoxelsX, kVoxelsY};
+
 /// points: N × (x, y, z, …) float or double, `velo`, on the CPU. Each point spreads a unit of mass over the 8
 /// voxels whose centres surround it, with tri-linear weights; what falls outside the grid is dropped, and so
 /// are points that are not finite. Result: 1 × 18 × 280 × 320 (layers as channels; rows along x, columns
