@@ -21,6 +21,8 @@
 namespace mirage {
 namespace {
 
+namespace fs = std::filesystem;
+
 constexpr double kEarthRadius = 6378137;  // m, the development kit's
 constexpr const char* kRestoreRow = "restore the file from the recording";
 
@@ -28,12 +30,104 @@ std::string row_name(std::size_t row) {
   return fmt::format("row {}", row + 1);
 }
 
+/// The line, from 0. InputError if the file ends before, or the line is empty.
+std::string text_line(const fs::path& file, std::size_t row) {
+  const std::string text = read_text(file, kLargestLabels);
+  std::size_t begin = 0;
+  for (std::size_t i = 0; i < row && begin != text.npos; ++i) {
+    begin = text.find('\n', begin);
+    if (begin != text.npos) ++begin;
+  }
+  std::string line = begin == text.npos ? "" : text.substr(begin, text.find('\n', begin) - begin);
+  if (line.find_first_not_of(" \t\r") == line.npos)
+    throw InputError(file.string(), row_name(row), "missing: the recording has a frame of that number",
+                     kRestoreRow);
+  return line;
+}
+
+/// A row of the recordings' 30 numbers. InputError for fewer than 25 (without the five flags at the end), for
+/// what is no number and for what is no place on Earth.
+OxtsRow oxts_row(const fs::path& file, std::size_t row) {
+  constexpr std::size_t kFewest = 25;
+  const std::string line = text_line(file, row);
+  const auto words = split(line, " \t\r\n");
+  if (words.size() < kFewest)
+    throw InputError(file.string(), row_name(row), fmt::format("{} numbers where 30 belong", words.size()),
+                     kRestoreRow);
+  double value[6];
+  for (std::size_t i = 0; i < 6; ++i)
+    value[i] = to_number(words[i], file, fmt::format("{}, number {}", row_name(row), i + 1));
+  const OxtsRow pose{value[0], value[1], value[2], value[3], value[4], value[5]};
+  if (!(std::abs(pose.latitude) < 89 && std::abs(pose.longitude) <= 360 && std::abs(pose.altitude) < 1e5))
+    throw InputError(file.string(), row_name(row),
+                     "is no place on a road: latitude and longitude in degrees, altitude in metres",
+                     kRestoreRow);
+  return pose;
+}
+
+/// s from 2000-01-01 on, of "2011-09-26 13:02:25.594360375". InputError for another form.
+double stamp_seconds(const fs::path& file, std::size_t row) {
+  const std::string stamp = text_line(file, row);
+  const auto words = split(stamp, "-: \t\r\n");
+  double value[6] = {};
+  bool good = words.size() == 6;
+  for (std::size_t i = 0; good && i < 6; ++i) {
+    const char* end = words[i].data() + words[i].size();
+    const auto [read, error] = std::from_chars(words[i].data(), end, value[i]);
+    good = error == std::errc() && read == end && value[i] >= 0 && value[i] < 10000;
+  }
+  namespace chrono = std::chrono;
+  const chrono::year_month_day day(chrono::year(static_cast<int>(value[0])),
+                                   chrono::month(static_cast<unsigned>(value[1])),
+                                   chrono::day(static_cast<unsigned>(value[2])));
+  if (!good || !day.ok() || value[3] >= 24 || value[4] >= 60 || value[5] >= 61)
+    throw InputError(file.string(), row_name(row), "is no time, as 2011-09-26 13:02:25.594360375",
+                     kRestoreRow);
+  const chrono::sys_days start = chrono::year(2000) / 1 / 1;
+  const double days = static_cast<double>((chrono::sys_days(day) - start).count());
+  return ((days * 24 + value[3]) * 60 + value[4]) * 60 + value[5];
+}
+
+/// A frame by its sequence and its number there; its id is SEQUENCE_NAME.
+struct Place {
+  std::string sequence, name;  ///< "2011_09_26_drive_0009_sync", "0000000012"; "0003", "000012"
+  int frame = 0;               ///< the name as a number
+  std::size_t number = 0;      ///< the sequence's, that its tracks are numbered by
+  fs::path folder = {};        ///< of a raw drive
+};
+
+/// What both layouts of drives have in common.
+class KittiDrives : public DataSet {
+ public:
+  using DataSet::DataSet;
+
+  Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
+
+  std::optional<std::string> beside(const std::string& id, int step) const override {
+    const Place at = place(id);
+    if (at.frame + step < 0) return std::nullopt;
+    const std::string other =
+        fmt::format("{}_{:0{}}", at.sequence, at.frame + step, static_cast<int>(at.name.size()));
+    return fs::exists(parts(other).at(0).file) ? std::optional(other) : std::nullopt;
+  }
+
+ protected:
+  virtual Place place(const std::string& id) const = 0;
+
+  /// `first`: where the world has its origin.
+  static Moment moment_at(const Place& at, const fs::path& times, const OxtsRow& pose, const OxtsRow& first,
+                          const MatrixRow& velo_from_imu) {
+    const double time = fs::exists(times) ? stamp_seconds(times, as_size(at.frame)) - stamp_seconds(times, 0)
+                                          : at.frame * kSweepSeconds;
+    return {at.sequence, at.frame, time, world_from_imu(pose, first) * rigid(velo_from_imu).inverse()};
+  }
+};
+
 // KITTI's raw recordings (Geiger et al., IJRR 2013), synchronised and rectified: a folder for each day with
 // its calibration, in it one for each drive. Labels are the drive's tracklets: boxes in `velo`, which the
 // picture's boxes are projected from. A frame's id is DRIVE_FRAME, "2011_09_26_drive_0009_sync_0000000012".
 // Where the car stood says DRIVE/oxts/data/FRAME.txt, when DRIVE/velodyne_points/timestamps.txt.
 
-namespace fs = std::filesystem;
 using tinyxml2::XMLElement;
 
 constexpr const char* kPose = "calib_velo_to_cam.txt";
@@ -96,9 +190,9 @@ class Tracklets {
   const XMLElement* list_ = nullptr;
 };
 
-class KittiRaw : public DataSet {
+class KittiRaw : public KittiDrives {
  public:
-  using DataSet::DataSet;
+  using KittiDrives::KittiDrives;
 
   const char* layout() const override { return "kitti-raw"; }
 
@@ -124,15 +218,13 @@ class KittiRaw : public DataSet {
 
   std::vector<Part> parts(const std::string& id) const override {
     const Place at = place(id);
-    std::vector<Part> files = {{at.drive / "velodyne_points" / "data" / (at.name + ".bin"), "the sweep"},
-                               {picture_in(at.drive / "image_02" / "data", at.name), "the image"},
-                               {at.drive.parent_path() / kCameras, "the cameras' calibration"},
-                               {at.drive.parent_path() / kPose, "the LiDAR's calibration"}};
-    if (fs::exists(at.drive / kLabels)) files.push_back({at.drive / kLabels, "the labels"});
+    std::vector<Part> files = {{at.folder / "velodyne_points" / "data" / (at.name + ".bin"), "the sweep"},
+                               {picture_in(at.folder / "image_02" / "data", at.name), "the image"},
+                               {at.folder.parent_path() / kCameras, "the cameras' calibration"},
+                               {at.folder.parent_path() / kPose, "the LiDAR's calibration"}};
+    if (fs::exists(at.folder / kLabels)) files.push_back({at.folder / kLabels, "the labels"});
     return files;
   }
-
-  Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
 
   Annotations annotations(const std::string& id, int width, int height) const override {
     const Place at = place(id);
@@ -144,34 +236,20 @@ class KittiRaw : public DataSet {
     known.calibration =
         calibration_of(projection, rectification, pose_row(pose, files[3].file), width, height);
     known.labelled = files.size() > 4;
-    if (known.labelled)
-      known.labels = read_tracklets(files[4].file, at.frame, at.drive_number, known.calibration);
+    if (known.labelled) known.labels = read_tracklets(files[4].file, at.frame, at.number, known.calibration);
     return known;
   }
 
   std::optional<Moment> moment(const std::string& id) const override {
     const Place at = place(id);
-    const fs::path poses = at.drive / "oxts" / "data",
-                   times = at.drive / "velodyne_points" / "timestamps.txt",
-                   inertial = at.drive.parent_path() / kInertial;
+    const fs::path poses = at.folder / "oxts" / "data",
+                   times = at.folder / "velodyne_points" / "timestamps.txt",
+                   inertial = at.folder.parent_path() / kInertial;
     // The world's origin: the drive's first row, which a part of a drive may lack.
     const auto first = first_pose(poses);
     if (!first || !fs::exists(inertial)) return std::nullopt;
-    const auto pose = [](const fs::path& file) { return oxts_row(text_line(file, 0), file, 0); };
-    const auto time = [&](std::size_t k) { return stamp_seconds(text_line(times, k), times, k); };
-    const Transform velo_from_imu = rigid(pose_row(CalibrationFile(inertial), inertial));
-    const auto row = as_size(at.frame);
-    return Moment{at.drive.filename().string(), at.frame,
-                  fs::exists(times) ? time(row) - time(0) : at.frame * kSweepSeconds,
-                  world_from_imu(pose(poses / (at.name + ".txt")), pose(*first)) * velo_from_imu.inverse()};
-  }
-
-  std::optional<std::string> beside(const std::string& id, int step) const override {
-    const Place at = place(id);
-    if (at.frame + step < 0) return std::nullopt;
-    const std::string name = fmt::format("{:0{}}", at.frame + step, static_cast<int>(at.name.size()));
-    if (!fs::exists(at.drive / "velodyne_points" / "data" / (name + ".bin"))) return std::nullopt;
-    return at.drive.filename().string() + "_" + name;
+    return moment_at(at, times, oxts_row(poses / (at.name + ".txt"), 0), oxts_row(*first, 0),
+                     pose_row(CalibrationFile(inertial), inertial));
   }
 
  private:
@@ -195,13 +273,6 @@ class KittiRaw : public DataSet {
     return first;
   }
 
-  struct Place {
-    fs::path drive;
-    std::string name;  ///< "0000000012"
-    int frame = 0;
-    std::size_t drive_number = 0;
-  };
-
   std::vector<fs::path> drives() const {
     std::vector<fs::path> days = {data()}, folders;
     for (const auto& entry : fs::directory_iterator(data()))
@@ -214,13 +285,13 @@ class KittiRaw : public DataSet {
     return folders;
   }
 
-  Place place(const std::string& id) const {
+  Place place(const std::string& id) const override {
     check_id(id);
     if (const auto parts = split_id(id)) {
       const std::vector<fs::path> all = drives();
       for (std::size_t i = 0; i < all.size(); ++i)
         if (all[i].filename() == parts->first)
-          return {all[i], id.substr(parts->first.size() + 1), parts->second, i};
+          return {parts->first, id.substr(parts->first.size() + 1), parts->second, i, all[i]};
     }
     throw InputError(data().string(), "frame \"" + id + "\"", "is of no drive here",
                      "give drive and number, as 2011_09_26_drive_0009_sync_0000000012");
@@ -236,9 +307,9 @@ class KittiRaw : public DataSet {
 /// cars of the object benchmark, and what is cut off by a lot beyond all of them.
 constexpr double kTruncated[] = {0, 0.3, 0.8};
 
-class KittiTracking : public DataSet {
+class KittiTracking : public KittiDrives {
  public:
-  explicit KittiTracking(const fs::path& data) : DataSet(data), part_(benchmark_part(data)) {}
+  explicit KittiTracking(const fs::path& data) : KittiDrives(data), part_(benchmark_part(data)) {}
 
   const char* layout() const override { return "kitti-tracking"; }
 
@@ -267,8 +338,6 @@ class KittiTracking : public DataSet {
     return files;
   }
 
-  Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
-
   Annotations annotations(const std::string& id, int width, int height) const override {
     const Place at = place(id);
     const std::vector<Part> files = parts(id);
@@ -278,8 +347,7 @@ class KittiTracking : public DataSet {
     known.calibration = calibration_of(projection, rectification, rows.row(kLidarPose, 12), width, height);
     known.labelled = files.size() > 3;
     if (known.labelled)
-      known.labels =
-          read_tracking_labels(files[3].file, at.frame, at.sequence_number, known.calibration, known.notes);
+      known.labels = read_tracking_labels(files[3].file, at.frame, at.number, known.calibration, known.notes);
     return known;
   }
 
@@ -288,30 +356,13 @@ class KittiTracking : public DataSet {
     const fs::path poses = part_ / "oxts" / (at.sequence + ".txt"),
                    times = part_ / "times" / (at.sequence + ".txt");
     if (!fs::exists(poses)) return std::nullopt;
-    const auto row = as_size(at.frame);
-    const auto pose = [&](std::size_t k) { return oxts_row(text_line(poses, k), poses, k); };
-    const auto time = [&](std::size_t k) { return stamp_seconds(text_line(times, k), times, k); };
-    const Transform velo_from_imu =
-        rigid(CalibrationFile(part_ / "calib" / (at.sequence + ".txt")).row(kInertialPose, 12));
-    return Moment{at.sequence, at.frame, fs::exists(times) ? time(row) - time(0) : at.frame * kSweepSeconds,
-                  world_from_imu(pose(row), pose(0)) * velo_from_imu.inverse()};
-  }
-
-  std::optional<std::string> beside(const std::string& id, int step) const override {
-    const Place at = place(id);
-    if (at.frame + step < 0) return std::nullopt;
-    const std::string other =
-        fmt::format("{}_{:0{}}", at.sequence, at.frame + step, static_cast<int>(at.name.size()));
-    return fs::exists(parts(other).at(0).file) ? std::optional(other) : std::nullopt;
+    const fs::path calibration = part_ / "calib" / (at.sequence + ".txt");
+    return moment_at(at, times, oxts_row(poses, as_size(at.frame)), oxts_row(poses, 0),
+                     CalibrationFile(calibration).row(kInertialPose, 12));
   }
 
  private:
-  struct Place {
-    std::string sequence, name;  ///< "0003", "000012"
-    int frame = 0;
-    std::size_t sequence_number = 0;
-  };
-  Place place(const std::string& id) const {
+  Place place(const std::string& id) const override {
     check_id(id);
     const auto parts = split_id(id);
     if (!parts)
@@ -320,30 +371,13 @@ class KittiTracking : public DataSet {
     const auto& [sequence, frame] = *parts;
     const bool number = !sequence.empty() && sequence.size() < 7 &&
                         sequence.find_first_not_of("0123456789") == std::string::npos;
-    return {sequence, id.substr(sequence.size() + 1), frame, number ? std::stoul(sequence) : 0};
+    return {sequence, id.substr(sequence.size() + 1), frame, number ? std::stoul(sequence) : 0, {}};
   }
 
   fs::path part_;  ///< DATA/training or DATA/testing
 };
 
 }  // namespace
-
-OxtsRow oxts_row(std::string_view line, const std::filesystem::path& file, std::size_t row) {
-  constexpr std::size_t kFewest = 25;
-  const auto words = split(line, " \t\r\n");
-  if (words.size() < kFewest)
-    throw InputError(file.string(), row_name(row), fmt::format("{} numbers where 30 belong", words.size()),
-                     kRestoreRow);
-  double value[6];
-  for (std::size_t i = 0; i < 6; ++i)
-    value[i] = to_number(words[i], file, fmt::format("{}, number {}", row_name(row), i + 1));
-  const OxtsRow pose{value[0], value[1], value[2], value[3], value[4], value[5]};
-  if (!(std::abs(pose.latitude) < 89 && std::abs(pose.longitude) <= 360 && std::abs(pose.altitude) < 1e5))
-    throw InputError(file.string(), row_name(row),
-                     "is no place on a road: latitude and longitude in degrees, altitude in metres",
-                     kRestoreRow);
-  return pose;
-}
 
 Transform world_from_imu(const OxtsRow& row, const OxtsRow& first) {
   const double scale = std::cos(first.latitude * kDegree) * kEarthRadius;
@@ -357,41 +391,6 @@ Transform world_from_imu(const OxtsRow& row, const OxtsRow& first) {
                       .toRotationMatrix();
   pose.translation() = place(row) - place(first);
   return pose;
-}
-
-double stamp_seconds(std::string_view stamp, const std::filesystem::path& file, std::size_t row) {
-  const auto words = split(stamp, "-: \t\r\n");
-  double value[6] = {};
-  bool good = words.size() == 6;
-  for (std::size_t i = 0; good && i < 6; ++i) {
-    const char* end = words[i].data() + words[i].size();
-    const auto [read, error] = std::from_chars(words[i].data(), end, value[i]);
-    good = error == std::errc() && read == end && value[i] >= 0 && value[i] < 10000;
-  }
-  namespace chrono = std::chrono;
-  const chrono::year_month_day day(chrono::year(static_cast<int>(value[0])),
-                                   chrono::month(static_cast<unsigned>(value[1])),
-                                   chrono::day(static_cast<unsigned>(value[2])));
-  if (!good || !day.ok() || value[3] >= 24 || value[4] >= 60 || value[5] >= 61)
-    throw InputError(file.string(), row_name(row), "is no time, as 2011-09-26 13:02:25.594360375",
-                     kRestoreRow);
-  const chrono::sys_days start = chrono::year(2000) / 1 / 1;
-  const double days = static_cast<double>((chrono::sys_days(day) - start).count());
-  return ((days * 24 + value[3]) * 60 + value[4]) * 60 + value[5];
-}
-
-std::string text_line(const std::filesystem::path& file, std::size_t row) {
-  const std::string text = read_text(file, kLargestLabels);
-  std::size_t begin = 0;
-  for (std::size_t i = 0; i < row && begin != text.npos; ++i) {
-    begin = text.find('\n', begin);
-    if (begin != text.npos) ++begin;
-  }
-  std::string line = begin == text.npos ? "" : text.substr(begin, text.find('\n', begin) - begin);
-  if (line.find_first_not_of(" \t\r") == line.npos)
-    throw InputError(file.string(), row_name(row), "missing: the recording has a frame of that number",
-                     kRestoreRow);
-  return line;
 }
 
 std::vector<Label> read_tracklets(const fs::path& file, int frame, std::size_t drive,
