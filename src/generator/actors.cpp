@@ -8,6 +8,7 @@
 #include "generator/car_body.h"
 #include "generator/looks/american_parts.h"
 #include "generator/parts.h"
+#include "geometry/box.h"
 #include "geometry/mesh.h"
 
 namespace mirage::generator {
@@ -100,39 +101,17 @@ Surface seen_only(Mesh mesh, Material cover) {
   return surface(std::move(mesh), cover);
 }
 
-/// Counter-clockwise convex outline of a mesh's plan below `height` (Andrew's monotone chain).
-std::vector<Vec2d> outline(const Mesh& mesh, double height) {
-  std::vector<Vec2d> points;
-  for (const Vec3d& v : mesh.vertices)
-    if (v.z() <= height) points.push_back(v.head<2>());
-  std::sort(points.begin(), points.end(), [](const Vec2d& a, const Vec2d& b) {
-    return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
-  });
-  std::vector<Vec2d> hull;
-  for (int pass = 0; pass < 2; ++pass) {
-    const std::size_t first = hull.size();
-    for (const Vec2d& p : points) {
-      while (hull.size() >= first + 2) {
-        const Vec2d a = hull.back() - hull[hull.size() - 2], b = p - hull.back();
-        if (a.x() * b.y() - a.y() * b.x() > 0) break;
-        hull.pop_back();
-      }
-      hull.push_back(p);
-    }
-    hull.pop_back();
-    std::reverse(points.begin(), points.end());
-  }
-  return hull;
-}
-
 /// The cover's lower part, down to the ground, with what is between the wheels.
 Mesh hem(const Mesh& body, double height) {
   Mesh mesh;
-  const std::vector<Vec2d> plan = outline(body, kHem * height);
+  std::vector<Vec2d> low;
+  for (const Vec3d& v : body.vertices)
+    if (v.z() <= kHem * height) low.push_back(v.head<2>());
+  const std::vector<Vec2d> plan = convex_hull(std::move(low));
   for (std::size_t i = 0; i < plan.size(); ++i) {
     const Vec2d a = 1.012 * plan[i], b = 1.012 * plan[(i + 1) % plan.size()];
-    const double low = 0.005, high = kHem * height;
-    add_quad(mesh, {a.x(), a.y(), low}, {b.x(), b.y(), low}, {b.x(), b.y(), high}, {a.x(), a.y(), high});
+    const double foot = 0.005, high = kHem * height;
+    add_quad(mesh, {a.x(), a.y(), foot}, {b.x(), b.y(), foot}, {b.x(), b.y(), high}, {a.x(), a.y(), high});
   }
   return mesh;
 }

@@ -85,6 +85,23 @@ bool contains(const Box3& box, const Vec3d& p_velo, double margin) {
          p.z() >= -margin && p.z() <= box.height + margin;
 }
 
+std::vector<Vec2d> convex_hull(std::vector<Vec2d> places) {
+  std::sort(places.begin(), places.end(),
+            [](const Vec2d& a, const Vec2d& b) { return std::pair(a.x(), a.y()) < std::pair(b.x(), b.y()); });
+  std::vector<Vec2d> hull;
+  for (int pass = 0; pass < 2 && !places.empty(); ++pass) {
+    const std::size_t first = hull.size();
+    for (const Vec2d& p : places) {
+      while (hull.size() >= first + 2 && !(cross(hull.back() - hull[hull.size() - 2], p - hull.back()) > 0))
+        hull.pop_back();
+      hull.push_back(p);
+    }
+    hull.pop_back();  // the other pass begins with it
+    std::reverse(places.begin(), places.end());
+  }
+  return hull;
+}
+
 double area(const PictureBox& box) {
   return std::max(0.0, box.right - box.left) * std::max(0.0, box.bottom - box.top);
 }

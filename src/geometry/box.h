@@ -37,6 +37,10 @@ bool contains(const Box3& box, const Vec3d& p_velo, double margin = 0);
 /// velo_from_box: origin at the centre of the bottom face, x along the heading, z up.
 Transform velo_from_box(const Box3& box);
 
+/// The corners of the convex hull of places in a plane, counter-clockwise, the leftmost first (Andrew,
+/// Information Processing Letters 9, 1979). Places on a side are no corners.
+std::vector<Vec2d> convex_hull(std::vector<Vec2d> places);
+
 // Boxes in a picture: upright rectangles with IoU.
 
 /// Pixels in KITTI's convention: the centre of the upper left pixel is (0, 0).

@@ -94,38 +94,21 @@ struct GroundSample {
 
 bool in_convex(const std::vector<Vec2d>& hull, const Vec2d& p) {
   for (std::size_t i = 0; i < hull.size(); ++i) {
-    const Vec2d a = hull[i], edge = hull[(i + 1) % hull.size()] - a, to = p - a;
-    if (edge.x() * to.y() - edge.y() * to.x() < 0) return false;
+    const Vec2d a = hull[i], edge = hull[(i + 1) % hull.size()] - a;
+    if (cross(edge, p - a) < 0) return false;
   }
   return hull.size() >= 3;
 }
 
-/// Convex hull (Andrew's monotone chain) of a box in the photograph; empty where it reaches behind the
-/// camera.
+/// Convex hull of a box in the photograph; empty where it reaches behind the camera.
 std::vector<Vec2d> outline(const Frame& frame, const Box3& box) {
-  std::vector<Vec2d> points, hull;
+  std::vector<Vec2d> points;
   for (const Vec3d& corner : corners(box)) {
     const Vec3d p = frame.calibration.camera_from_velo * corner;
     if (p.z() < 0.1) return {};
     points.push_back(frame.calibration.camera.project(p));
   }
-  std::sort(points.begin(), points.end(),
-            [](const Vec2d& a, const Vec2d& b) { return std::pair(a.x(), a.y()) < std::pair(b.x(), b.y()); });
-  const auto chain = [&](auto begin, auto end) {
-    const std::size_t start = hull.size();
-    for (auto p = begin; p != end; ++p) {
-      while (hull.size() >= start + 2) {
-        const Vec2d u = hull[hull.size() - 1] - hull[hull.size() - 2], v = *p - hull[hull.size() - 1];
-        if (u.x() * v.y() - u.y() * v.x() > 0) break;
-        hull.pop_back();
-      }
-      hull.push_back(*p);
-    }
-    hull.pop_back();
-  };
-  chain(points.begin(), points.end());
-  chain(points.rbegin(), points.rend());
-  return hull;
+  return convex_hull(std::move(points));
 }
 
 bool is_vehicle(const Label& label) {
