@@ -238,7 +238,6 @@ Vec3d SweepIndex::seen_by_unit(const Vec3d& p_velo) const {
 void SweepIndex::build(const Sweep& sweep, std::span<const double> phases, const SweepMotion& motion,
                        bool own_firings) {
   motion_ = motion;
-  own_firings_ = own_firings;
   slopes_ = slopes_of(lidar_);
   returns_.reserve(sweep.size());
   std::size_t seen = 0;  // of `phases`, which returns that are skipped do not have

@@ -108,7 +108,6 @@ class SweepIndex {
 
   LidarModel lidar_;
   SweepMotion motion_;
-  bool own_firings_ = false;
   std::vector<Return> returns_;                     ///< beam −1: not finite, skipped
   std::vector<double> firings_;                     ///< rad, rising, in [−π, π)
   std::vector<Turn> elevations_, offsets_, turns_;  ///< of the beams, their azimuth offsets, the firings

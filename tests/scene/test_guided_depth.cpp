@@ -26,8 +26,8 @@ using test::error_text;
 using testing::HasSubstr;
 
 /// Ground plane and a box, seen by a small camera; returns on every fourth row.
-DepthFrame small_frame(std::uint64_t seed) {
-  DepthFrame frame{ImageF(112, 64, 3), ImageF(112, 64, 1), ImageF(112, 64, 1)};
+DepthSample small_frame(std::uint64_t seed) {
+  DepthSample frame{ImageF(112, 64, 3), ImageF(112, 64, 1), ImageF(112, 64, 1)};
   RandomStream random(seed, "small depth frame");
   const int left = 20 + random.below(50);
   for (int v = 0; v < 64; ++v)
@@ -49,7 +49,7 @@ std::unique_ptr<LearnedDepth> fresh(std::uint64_t seed = 1, int threads = 1) {
   return load_learned_depth({"guided", {}, true, seed, threads});
 }
 
-DepthSample sample_of(const DepthFrame& frame) {
+DepthSample sample_of(const DepthSample& frame) {
   return {frame.image, frame.sparse, frame.truth};
 }
 
@@ -81,7 +81,7 @@ TEST(GuidedDepth, ShippedWeightsBeatIpBasicOnAFreshFrame) {
 
 TEST(GuidedDepth, OddInputs) {
   const auto guided = load_depth_completion({"guided"});
-  const DepthFrame frame = small_frame(1);
+  const DepthSample frame = small_frame(1);
   const ImageF none(112, 64, 1);
   EXPECT_TRUE(finite(guided->complete(frame.image, none)));
   ImageF one = none;
@@ -189,7 +189,7 @@ TEST(GuidedDepth, WeightsThatDeclareMoreThanTheyHoldAreRefusedUnread) {
 /// Two frames as mirage generate --depth writes them.
 void write_set(const std::filesystem::path& folder) {
   for (int i = 0; i < 2; ++i) {
-    const DepthFrame made = small_frame(static_cast<std::uint64_t>(10 + i));
+    const DepthSample made = small_frame(static_cast<std::uint64_t>(10 + i));
     Frame frame;
     frame.id = "00000" + std::to_string(i);
     frame.calibration.camera = {80, 80, 55.5, 30, 112, 64};
@@ -234,8 +234,8 @@ TEST(DepthTraining, AStoppedRunGoesOnToTheSameWeights) {
   {
     // Step s takes samples 2 s and 2 s + 1; an epoch is one step, so both frames come, in the epoch's order.
     const auto model = fresh(options.seed);
-    std::vector<DepthFrame> frames = {read_depth_frame(options.data, "000000"),
-                                      read_depth_frame(options.data, "000001")};
+    std::vector<DepthSample> frames = {read_depth_frame(options.data, "000000"),
+                                       read_depth_frame(options.data, "000001")};
     for (std::uint64_t step = 0; step < 2; ++step) {
       RandomStream random(options.seed, "depth training order", step);
       const bool swapped = random.below(2) == 0;
@@ -272,7 +272,7 @@ TEST(DepthTraining, AFrameWithoutTrueDepthIsNamed) {
 }
 
 TEST(DepthTraining, SamplesDependOnSeedAndIndexAlone) {
-  const DepthFrame frame = small_frame(3);
+  const DepthSample frame = small_frame(3);
   const DepthSample a = augmented_crop(frame, 80, 1, 7), b = augmented_crop(frame, 80, 1, 7),
                     c = augmented_crop(frame, 80, 1, 8);
   EXPECT_EQ(a.image.data, b.image.data);

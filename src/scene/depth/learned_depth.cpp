@@ -259,14 +259,13 @@ class DepthData {
     std::vector<std::size_t> order(count);
     std::iota(order.begin(), order.end(), std::size_t{0});
     RandomStream random(options_.seed, "depth training order", index / count);
-    for (std::size_t i = count; i-- > 1;)
-      std::swap(order[i], order[as_size(random.below(static_cast<int>(i) + 1))]);
+    shuffle(order, random);
     return order[index % count];
   }
 
-  const DepthFrame& frame(std::size_t number) {
+  const DepthSample& frame(std::size_t number) {
     if (!frames_[number].image.empty()) return frames_[number];
-    DepthFrame read = read_depth_frame(options_.data, ids_[number]);
+    DepthSample read = read_depth_frame(options_.data, ids_[number]);
     const std::size_t bytes = 5 * sizeof(float) * read.sparse.data.size();
     if (bytes_ + bytes > kMemory) return passing_ = std::move(read);
     bytes_ += bytes;
@@ -275,8 +274,8 @@ class DepthData {
 
   DepthTrainingOptions options_;
   std::vector<std::string> ids_;
-  std::vector<DepthFrame> frames_;
-  DepthFrame passing_;  // where memory is full
+  std::vector<DepthSample> frames_;
+  DepthSample passing_;  // where memory is full
   std::size_t bytes_ = 0;
 };
 
@@ -329,19 +328,19 @@ std::unique_ptr<DepthCompletion> load_depth_completion(const DepthOptions& optio
   return load_learned_depth(options);
 }
 
-DepthFrame read_depth_frame(const std::filesystem::path& data, const std::string& id) {
+DepthSample read_depth_frame(const std::filesystem::path& data, const std::string& id) {
   const auto file = true_depth_file(data, id);
   if (!std::filesystem::exists(file))
     throw InputError(file.string(), "", "missing (the frame's true depth)",
                      "make the data set with mirage generate --depth");
   const Frame frame = read_frame(data, id);
-  DepthFrame out{frame.image, sparse_depth(frame.sweep, frame.calibration), read_depth_png(file)};
+  DepthSample out{frame.image, sparse_depth(frame.sweep, frame.calibration), read_depth_png(file)};
   if (out.truth.width != out.image.width || out.truth.height != out.image.height)
     throw InputError(file.string(), "size", "differs from the picture's", "make the data set anew");
   return out;
 }
 
-DepthSample augmented_crop(const DepthFrame& frame, int width, std::uint64_t seed, std::uint64_t index,
+DepthSample augmented_crop(const DepthSample& frame, int width, std::uint64_t seed, std::uint64_t index,
                            const DepthAugmentation& augmentation) {
   RandomStream random(seed, "depth augmentation", index);
   width = std::min(width, frame.image.width);

@@ -119,18 +119,14 @@ struct DepthTrainingResult {
 /// Interrupted is thrown).
 DepthTrainingResult train_depth(const DepthTrainingOptions& options);
 
-/// A frame as training keeps it.
-struct DepthFrame {
-  ImageF image, sparse, truth;  ///< truth: 0 is sky
-};
-/// InputError where the frame has no true depth, or one of another size.
-DepthFrame read_depth_frame(const std::filesystem::path& data, const std::string& id);
+/// A whole frame. InputError where the frame has no true depth, or one of another size.
+DepthSample read_depth_frame(const std::filesystem::path& data, const std::string& id);
 
 /// A crop of the frame, changed at random by (seed, index) alone: mirrored; all depths scaled by 0.85–1.15;
 /// up to half of the returns hidden, and in some samples rectangles of them (dark cars and glass give none);
 /// returns shifted together (calibration) and shaken in range; the picture's exposure, colour, contrast and
 /// noise changed, or all of it left out.
-DepthSample augmented_crop(const DepthFrame& frame, int width, std::uint64_t seed, std::uint64_t index,
+DepthSample augmented_crop(const DepthSample& frame, int width, std::uint64_t seed, std::uint64_t index,
                            const DepthAugmentation& augmentation = {});
 
 }  // namespace mirage
