@@ -13,6 +13,7 @@
 #include "base/sizes.h"
 #include "exchange/gltf_document.h"
 #include "exchange/gltf_model.h"
+#include "scene/data/kitti.h"
 #include "scene/recorded_light.h"
 #include "simulation/camera_pass.h"
 
@@ -430,14 +431,8 @@ void write_scene(const std::filesystem::path& file, const ExportScene& scene) {
   for (const ExportScene::Proxy& proxy : scene.proxies) add_proxy(gltf, proxy);
   const json camera = add_camera(gltf, scene.camera, scene.calibration, "camera");
   add_sun(gltf, scene.lighting);
-  const Lighting& light = scene.lighting;
   gltf.json()["scenes"][0]["name"] = scene.name;
-  gltf.json()["scenes"][0]["extras"]["mirage"] = {{"camera", camera},
-                                                  {"lighting",
-                                                   {{"to_sun_velo", vector_json(light.to_sun_velo)},
-                                                    {"sun", vector_json(light.sun)},
-                                                    {"ambient", vector_json(light.ambient)},
-                                                    {"hemisphere", vector_json(light.hemisphere)}}}};
+  gltf.json()["scenes"][0]["extras"]["mirage"] = {{"camera", camera}, {"lighting", to_json(scene.lighting)}};
   if (scene.learned_on) gltf.json()["scenes"][0]["extras"]["mirage"]["learned_on"] = *scene.learned_on;
   if (!scene.photograph.empty())
     gltf.json()["scenes"][0]["extras"]["mirage"]["photograph"] =

@@ -244,7 +244,8 @@ std::vector<Seed> seeds() {
                [](const fs::path& file) {
                  write_sweep(file, {{5, 0, -1.7f, 0.3f}, {0, 60, 1, 0}, {1, 2, 3, 1}});
                })},
-      {"lighting", "default", written("seed.json", [](const fs::path& file) { write_lighting(file, {}); })},
+      {"lighting", "default",
+       written("seed.json", [](const fs::path& file) { write_json(file, to_json(Lighting())); })},
       {"png", "colour", encode_srgb_png(picture())},
       {"png", "depth", written("seed.png", [&](const fs::path& file) { write_depth_png(file, depth); })},
       {"gltf", "scene", scene()},

@@ -471,7 +471,7 @@ TEST_F(Kitti, BrokenLightingAndImage) {
   EXPECT_THAT(reading_fails(), AllOf(HasSubstr(name), HasSubstr("byte")));
   write_file(file(name),
              R"({"to_sun_velo": [0, 0, 1], "sun": [1, 1], "ambient": [0, 0, 0], "hemisphere": [0, 0, 0]})");
-  EXPECT_THAT(reading_fails(), AllOf(HasSubstr(name), HasSubstr("sun: not a list of three")));
+  EXPECT_THAT(reading_fails(), AllOf(HasSubstr(name), HasSubstr("sun: not a list of 3")));
   write_file(file(name), R"({"to_sun_velo": [0, 0, 0], "sun": [1, 1, 1]})");
   EXPECT_THAT(reading_fails(), AllOf(HasSubstr(name), HasSubstr("to_sun_velo")));
   const std::string picture = read_file(file("image_2/000042.png"));

@@ -153,22 +153,6 @@ Surround read_surround(const fs::path& part, const std::string& id) {
   return all;
 }
 
-Vec3d read_triple(const nlohmann::json& json, const char* key, const fs::path& file, double low) {
-  const auto bad = [&](const char* problem) {
-    return InputError(file.string(), key, problem, "write it as three numbers, e.g. [0.5, 0.5, 0.7]");
-  };
-  if (!json.is_object() || !json.contains(key)) throw bad("missing");
-  const auto& value = json[key];
-  if (!value.is_array() || value.size() != 3) throw bad("not a list of three numbers");
-  Vec3d result;
-  for (int i = 0; i < 3; ++i) {
-    if (!value[as_size(i)].is_number()) throw bad("not a list of three numbers");
-    result[i] = value[as_size(i)].get<double>();
-  }
-  if (!result.allFinite() || result.minCoeff() < low || result.maxCoeff() > 1e3) throw bad("out of range");
-  return result;
-}
-
 class KittiObject : public DataSet {
  public:
   explicit KittiObject(const fs::path& data, Cameras cameras = Cameras::first)
@@ -437,23 +421,27 @@ void write_sweep(const fs::path& file, const Sweep& sweep) {
 
 Lighting read_lighting(const fs::path& file) {
   const nlohmann::json json = read_json(file, kLargestText);
+  const JsonFields from(file, json, "write it as three numbers, e.g. [0.5, 0.5, 0.7]");
+  const auto triple = [&](const char* key, double low) {
+    return Vec3d(from.numbers(key, 3, low, 1e3).data());
+  };
   Lighting lighting;
-  lighting.to_sun_velo = read_triple(json, "to_sun_velo", file, -1e3);
+  lighting.to_sun_velo = triple("to_sun_velo", -1e3);
   if (lighting.to_sun_velo.norm() < 1e-6)
     throw InputError(file.string(), "to_sun_velo", "has no length", "give the direction towards the sun");
   lighting.to_sun_velo.normalize();
-  lighting.sun = read_triple(json, "sun", file, 0);
-  lighting.ambient = read_triple(json, "ambient", file, 0);
-  lighting.hemisphere = read_triple(json, "hemisphere", file, 0);
+  lighting.sun = triple("sun", 0);
+  lighting.ambient = triple("ambient", 0);
+  lighting.hemisphere = triple("hemisphere", 0);
   return lighting;
 }
 
-void write_lighting(const fs::path& file, const Lighting& lighting) {
+nlohmann::json to_json(const Lighting& lighting) {
   const auto list = [](const Vec3d& v) { return nlohmann::json{v.x(), v.y(), v.z()}; };
-  write_json(file, {{"to_sun_velo", list(lighting.to_sun_velo)},
-                    {"sun", list(lighting.sun)},
-                    {"ambient", list(lighting.ambient)},
-                    {"hemisphere", list(lighting.hemisphere)}});
+  return {{"to_sun_velo", list(lighting.to_sun_velo)},
+          {"sun", list(lighting.sun)},
+          {"ambient", list(lighting.ambient)},
+          {"hemisphere", list(lighting.hemisphere)}};
 }
 
 fs::path true_depth_file(const fs::path& data, const std::string& id) {
@@ -467,7 +455,7 @@ void write_frame(const fs::path& data, const Frame& frame) {
   std::copy_if(frame.labels.begin(), frame.labels.end(), std::back_inserter(first),
                [](const Label& label) { return label.camera == 0; });
   write_labels(part(data, "label_2", frame.id, ".txt"), first, frame.calibration);
-  write_lighting(part(data, "lighting", frame.id, ".json"), frame.lighting);
+  write_json(part(data, "lighting", frame.id, ".json"), to_json(frame.lighting));
   if (std::any_of(frame.labels.begin(), frame.labels.end(), [](const Label& l) { return l.track >= 0; })) {
     std::string tracks;
     for (const Label& label : first) tracks += fmt::format("{}\n", label.track);

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -47,7 +48,7 @@ std::filesystem::path true_depth_file(const std::filesystem::path& data, const s
 
 /// {"to_sun_velo": [x, y, z], "sun": [r, g, b], "ambient": …, "hemisphere": …}
 Lighting read_lighting(const std::filesystem::path& file);
-/// What read_lighting reads, atomically.
-void write_lighting(const std::filesystem::path& file, const Lighting& lighting);
+/// What read_lighting reads.
+nlohmann::json to_json(const Lighting& lighting);
 
 }  // namespace mirage
