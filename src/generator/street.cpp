@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <memory>
 #include <numbers>
 
 #include "base/sizes.h"
@@ -21,15 +22,51 @@ bool on_roof(const Surface& surface, const Placed& placed) {
                      [&](const Vec3d& v) { return v.z() > top + 0.01; });
 }
 
-Street make_street(std::uint64_t seed, std::uint64_t index, double height, Look look, double behind) {
-  if (look == Look::american) return AmericanStreet(seed, index, height).build(behind);
-  return EuropeanStreet(seed, index, height).build(behind);
+namespace {
+
+std::unique_ptr<StreetSite> site_of(std::uint64_t seed, std::uint64_t index, double height, Look look) {
+  if (look == Look::american) return std::make_unique<AmericanStreet>(seed, index, height);
+  return std::make_unique<EuropeanStreet>(seed, index, height);
 }
 
-void StreetSite::go_on(double behind) {
+}  // namespace
+
+Street make_street(std::uint64_t seed, std::uint64_t index, double height, Look look, double behind) {
+  return site_of(seed, index, height, look)->build(behind);
+}
+
+MovingStreet make_moving_street(std::uint64_t seed, std::uint64_t index, double height, Look look,
+                                double seconds) {
+  return site_of(seed, index, height, look)->build_moving(seconds);
+}
+
+Street StreetSite::build(double behind) {
+  choose();
   behind_ = ahead_ = behind;
   far_ = kFar + behind;
   if (behind > 0 && cross_s_ < kFar && chance(0.5)) cross_s_ += behind;  // before us, or behind
+  lay_ground();
+  place_traffic();
+  furnish();
+  return finish();
+}
+
+MovingStreet StreetSite::build_moving(double seconds) {
+  choose();
+  widen(seconds);
+  lay_ground();
+  drive(seconds);
+  furnish();
+  moving_.standing = finish();
+  return std::move(moving_);
+}
+
+Street StreetSite::finish() {
+  Street out;
+  for (Surface& s : surfaces_)
+    if (!s.mesh.faces.empty()) out.surfaces.push_back(std::move(s));
+  out.placed = std::move(placed_);
+  return out;
 }
 
 // Plants, fences and ground that every look uses.
@@ -83,12 +120,11 @@ void StreetSite::add_fence(double s0, double s1, double d) {
 }
 
 void StreetSite::add_woods(int side, double from) {
-  const double sign = side ? 1 : -1;
   Mesh leaves, trunks, cores;
   for (double s = -5; s < far_ + 10; s += 3) {
     if (in_cross(s, 2)) continue;
     for (int k = 0; k < 2; ++k) {
-      const double d = sign * (from + u(0, 10));
+      const double d = sign(side) * (from + u(0, 10));
       const Vec3d p = on_ground(s, d);
       const double h = u(4, 12);
       const int count = away(s) < 15 ? 1300 : away(s) < 40 ? 600 : 180;
@@ -297,13 +333,13 @@ Way StreetSite::way_of(const Course& course, double seconds, double lift) const 
   return way;
 }
 
-void StreetSite::widen(double seconds, int& own_lanes, double inner) {
+void StreetSite::widen(double seconds) {
   heading_ = 0;
-  if (own_lanes < 2) {
-    own_lanes = 2;
+  if (lanes_[0] < 2) {
+    lanes_[0] = 2;
     half_[0] += lane_;
   }
-  ego_d_ = -inner - 1.5 * lane_ + 0.15 * random_.normal();
+  ego_d_ = -0.5 * turn_lane_ - 1.5 * lane_ + 0.15 * random_.normal();
   own_speed_ = std::min(u(5, 12), 60 / seconds);
   ahead_ = own_speed_ * seconds;
   far_ = kFar + ahead_;
@@ -311,8 +347,8 @@ void StreetSite::widen(double seconds, int& own_lanes, double inner) {
   if (cross_s_ > far_ || cross_s_ < 25) cross_s_ = u(30, 45) + 0.5 * ahead_;
 }
 
-void StreetSite::drive(double seconds, double left_lane, double oncoming_lane,
-                       const std::function<Actor()>& vehicle) {
+void StreetSite::drive(double seconds) {
+  const double left_lane = lane_d(0, 0), oncoming_lane = lane_d(1, lanes_[1] - 1);
   const auto wobble = [&](double sigma) { return sigma * random_.normal(); };
   const auto box_at = [](const Waypoint& at, const Vec3d& size, double margin) {
     return BevBox{at.position.x(), at.position.y(), size.x() + 2 * margin, size.y() + 2 * margin, at.yaw};
@@ -336,7 +372,7 @@ void StreetSite::drive(double seconds, double left_lane, double oncoming_lane,
     return false;
   };
   const auto add = [&](const std::string& role, const auto& course_of) {
-    Actor actor = vehicle();
+    Actor actor = vehicle(0);
     for (int i = 0; i < kTries; ++i) {
       Way way = way_of(course_of(i), seconds, 0);
       if (meets(way, actor.size)) continue;
@@ -381,12 +417,6 @@ void StreetSite::drive(double seconds, double left_lane, double oncoming_lane,
     taken_.push_back(box_at(moving_.own[k], own_size, 0.15));
     for (const Mover& mover : moving_.movers) taken_.push_back(box_at(mover.way[k], mover.actor.size, 0.2));
   }
-}
-
-MovingStreet make_moving_street(std::uint64_t seed, std::uint64_t index, double height, Look look,
-                                double seconds) {
-  if (look == Look::american) return AmericanStreet(seed, index, height).build_moving(seconds);
-  return EuropeanStreet(seed, index, height).build_moving(seconds);
 }
 
 }  // namespace mirage::generator

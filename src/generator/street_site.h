@@ -4,9 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <numbers>
 #include <string>
+#include <utility>
 
 #include "generator/placed.h"
 
@@ -18,23 +18,38 @@ inline constexpr double kKerb = 0.11;  // m
 
 // Street coordinates: s along the centre line (behind_ at the ego vehicle), d to its left.
 class StreetSite {
+ public:
+  virtual ~StreetSite() = default;
+  /// One moment of it; `behind`: how much lies behind the ego vehicle (m).
+  Street build(double behind);
+  /// Some seconds of it.
+  MovingStreet build_moving(double seconds);
+
  protected:
   /// Streams "PURPOSE" (the layout) and "PURPOSE actors" (what things look like) of (seed, index). `height`:
   /// of the `velo` origin over the road.
   StreetSite(std::uint64_t seed, const std::string& purpose, std::uint64_t index, double height)
       : random_(seed, purpose, index), actors_(seed, purpose + " actors", index), height_(height) {}
 
-  Street finish() {
-    Street out;
-    for (Surface& s : surfaces_)
-      if (!s.mesh.faces.empty()) out.surfaces.push_back(std::move(s));
-    out.placed = std::move(placed_);
-    return out;
-  }
+  /// Which street it is: its course, its lanes and what lies beside them.
+  virtual void choose() = 0;
+  /// The ground, what is painted on it, and the junction.
+  virtual void lay_ground() = 0;
+  /// What stands on the lanes.
+  virtual void place_traffic() = 0;
+  /// What stands everywhere else.
+  virtual void furnish() = 0;
+  /// A vehicle, or with probability `alike` something that looks like a car to a LiDAR.
+  virtual Actor vehicle(double alike) = 0;
 
   double u(double a, double b) { return random_.uniform(a, b); }
   bool chance(double p) { return random_.uniform() < p; }
   float f(double a, double b) { return static_cast<float>(random_.uniform(a, b)); }
+
+  /// The sign of d on a side: 0 is the right one, ours, and 1 the left.
+  static double sign(int side) { return side ? 1 : -1; }
+  /// Middle of a lane on a side, counted from the centre line.
+  double lane_d(int side, int lane) const { return sign(side) * (0.5 * turn_lane_ + (lane + 0.5) * lane_); }
 
   Vec2d xy(double s, double d) const {
     // A shallow arc: heading θ0 + κ t, where t is 0 at the ego vehicle.
@@ -78,6 +93,30 @@ class StreetSite {
       add_quad(mesh, on_ground(s, d0, lift), on_ground(e, d0, lift), on_ground(e, d1, lift),
                on_ground(s, d1, lift));
     }
+  }
+  /// The same beside the road, from `a` to `b` m off its middle, wound upwards on either side.
+  void add_side_strip(Mesh& mesh, int side, double a, double b, double s0, double s1, double step) {
+    if (side)
+      add_strip(mesh, a, b, s0, s1, step);
+    else
+      add_strip(mesh, -b, -a, s0, s1, step);
+  }
+  /// Kerbstones along the road's edge: their tops and their faces.
+  void add_kerb(Mesh& kerbs, int side, double s0, double s1, double step) {
+    const double edge = half_[side], d = sign(side) * edge, b = sign(side) * (edge + 0.06);
+    add_side_strip(kerbs, side, edge + 0.06, edge + 0.2, s0, s1, step);
+    for (double s = s0; s < s1; s += step) {
+      const double e = std::min(s + step, s1);
+      add_quad(kerbs, on_ground(s, d), on_ground(e, d), on_ground(e, b), on_ground(s, b));
+    }
+  }
+  /// lay(side, s0, s1) for the street's stretches before and behind the crossing, on both sides.
+  template <class Lay>
+  void for_each_stretch(const Lay& lay) const {
+    for (int side : {0, 1})
+      for (const auto& [s0, s1] : {std::pair(-12.0, std::min(far_, cross_s_ - cross_half_)),
+                                   std::pair(cross_s_ + cross_half_, far_)})
+        if (s1 > s0) lay(side, s0 + 0.01, s1 - 0.01);
   }
   /// The crossing road's surface beside the street's own, out to `reach` m from its middle; none without one.
   void add_cross_road(Mesh& road, double reach) {
@@ -140,9 +179,6 @@ class StreetSite {
     add_surfaces(actor, at(p.x(), p.y(), ground_z(s, d), yaw(s) + turn), -1);
   }
 
-  /// Once the street is chosen: it goes on for so much (m) behind the ego vehicle.
-  void go_on(double behind);
-
   // Plants and fences (street.cpp).
   void add_fence(double s0, double s1, double d);
   void add_woods(int side, double from);
@@ -161,20 +197,17 @@ class StreetSite {
   };
   Way way_of(const Course& course, double seconds, double lift) const;
   /// Before the ground is laid: two lanes for us at least, ours the second from the middle, and street
-  /// enough. `inner`: where the first begins (m from the centre line).
-  void widen(double seconds, int& own_lanes, double inner);
-  /// After it: the traffic, `left_lane` and `oncoming_lane` by their middles (m).
-  void drive(double seconds, double left_lane, double oncoming_lane, const std::function<Actor()>& vehicle);
-  MovingStreet finish_moving() {
-    moving_.standing = finish();
-    return std::move(moving_);
-  }
+  /// enough.
+  void widen(double seconds);
+  /// After it: the traffic.
+  void drive(double seconds);
 
   RandomStream random_, actors_;
   double height_;
   double kerb_ = kKerb;  ///< height of what lies beside the road (m)
   double lane_ = 3, half_[2] = {4, 4}, strip_[2] = {}, pavement_[2] = {}, front_[2] = {}, bank_[2] = {};
-  int lanes_left_ = 1, lanes_right_ = 1;
+  int lanes_[2] = {1, 1};  ///< right, left
+  double turn_lane_ = 0;   ///< m; 0: there is none in the middle
   double heading_ = 0, curvature_ = 0, ego_d_ = 0, slope_ = 0, wave_ = 0, wave_length_ = 50, wave_phase_ = 0;
   double cross_s_ = 1e9, cross_half_ = 4;
   double far_ = kFar, ahead_ = 0;  ///< m of street that is built; further on than a single frame needs
@@ -184,6 +217,9 @@ class StreetSite {
   std::vector<Surface> surfaces_;
   std::vector<Placed> placed_;
   std::vector<BevBox> taken_;
+
+ private:
+  Street finish();
 };
 
 }  // namespace mirage::generator

@@ -56,40 +56,27 @@ void AmericanStreet::lay_ground() {
   lawn.pattern = Pattern::grass, lawn.variant = random_.next_u32();
   lawn.second = chance(0.3) ? Vec3f(0.2f, 0.17f, 0.08f) : Vec3f(f(0.06, 0.11), f(0.09, 0.13), 0.03f);
   Mesh slabs, grass, kerbs, lots;
-  for (int side : {0, 1}) {
+  for_each_stretch([&](int side, double s0, double s1) {
     const double edge = half_[side], outer = edge + pavement_[side];
-    for (int piece = 0; piece < 2; ++piece) {
-      double s0 = piece == 0 ? -12 : cross_s_ + cross_half_,
-             s1 = piece == 0 ? std::min(far_, cross_s_ - cross_half_) : far_;
-      if (s1 <= s0) continue;
-      s0 += 0.01, s1 -= 0.01;
-      const auto lay = [&](Mesh& mesh, double a, double b) {  // wound upwards on either side
-        if (side)
-          add_strip(mesh, a, b, s0, s1, 2);
-        else
-          add_strip(mesh, -b, -a, s0, s1, 2);
-      };
-      lay(kerbs, edge + 0.06, edge + 0.2);
-      for (double s = s0; s < s1; s += 2) {
-        const double e = std::min(s + 2, s1), d = sign(side) * edge, b = sign(side) * (edge + 0.06);
-        add_quad(kerbs, on_ground(s, d), on_ground(e, d), on_ground(e, b), on_ground(s, b));
-      }
-      if (verge_[side] > 0) lay(grass, edge + 0.2, edge + verge_[side]);
-      lay(slabs, edge + std::max(0.2, verge_[side]), outer);
-      if (kind_ == Kind::suburb) {
-        lay(grass, outer, outer + 8), lay(grass, outer + 8, outer + 26);
-      } else if (kind_ == Kind::avenue) {
-        lay(grass, outer, outer + 1.5), lay(lots, outer + 1.5, outer + 26);
-      } else {
-        lay(slabs, outer, outer + 6), lay(lots, outer + 6, outer + 26);
-      }
-      lay(grass, outer + 26, outer + 80);
+    const auto lay = [&](Mesh& mesh, double a, double b) { add_side_strip(mesh, side, a, b, s0, s1, 2); };
+    add_kerb(kerbs, side, s0, s1, 2);
+    if (verge_[side] > 0) lay(grass, edge + 0.2, edge + verge_[side]);
+    lay(slabs, edge + std::max(0.2, verge_[side]), outer);
+    if (kind_ == Kind::suburb) {
+      lay(grass, outer, outer + 8), lay(grass, outer + 8, outer + 26);
+    } else if (kind_ == Kind::avenue) {
+      lay(grass, outer, outer + 1.5), lay(lots, outer + 1.5, outer + 26);
+    } else {
+      lay(slabs, outer, outer + 6), lay(lots, outer + 6, outer + 26);
     }
-  }
+    lay(grass, outer + 26, outer + 80);
+  });
   surfaces_.push_back(surface(slabs, walk));
   surfaces_.push_back(surface(lots, lot));
   surfaces_.push_back(surface(grass, lawn));
   surfaces_.push_back(surface(kerbs, plain(Vec3f(1, 0.98f, 0.93f) * f(0.28, 0.42), 0.35f)));
+  paint_road();
+  if (cross_s_ < far_) place_junction();
 }
 
 // The North American look: road markings, the junction and the traffic.

@@ -7,36 +7,15 @@
 
 namespace mirage::generator {
 
-class AmericanStreet : private StreetSite {
+class AmericanStreet : public StreetSite {
  public:
   AmericanStreet(std::uint64_t seed, std::uint64_t index, double height)
       : StreetSite(seed, "american street", index, height) {}
 
-  Street build(double behind) {
-    choose();
-    go_on(behind);
-    lay_ground();
-    paint_road();
-    if (cross_s_ < far_) place_junction();
-    place_traffic();
-    furnish();
-    return finish();
-  }
-  MovingStreet build_moving(double seconds) {
-    choose();
-    widen(seconds, lanes_[0], 0.5 * turn_lane_);
-    lay_ground();
-    paint_road();
-    if (cross_s_ < far_) place_junction();
-    drive(seconds, lane_d(0, 0), lane_d(1, lanes_[1] - 1), [&] { return vehicle(0); });
-    furnish();
-    return finish_moving();
-  }
-
  private:
   enum class Kind { avenue, suburb, downtown };
 
-  void furnish() {
+  void furnish() override {
     place_parked();
     for (int side : {0, 1}) {
       if (kind_ == Kind::suburb)
@@ -53,13 +32,13 @@ class AmericanStreet : private StreetSite {
   }
 
   // Course and ground
-  void choose();
-  void lay_ground();
+  void choose() override;
+  void lay_ground() override;
   // Markings, junction, traffic
   void paint_road();
   void paint_arrow(Mesh& paint, double s, double d);
   void place_junction();
-  void place_traffic();
+  void place_traffic() override;
   void place_parked();
   // What stands beside the road
   void line_with_houses(int side);
@@ -73,11 +52,7 @@ class AmericanStreet : private StreetSite {
   void add_shop(double s, double d, double along, double deep, int side);
   void add_office(double s, double d, double along, double deep, int side);
 
-  /// A vehicle, or with probability `alike` something that looks like a car to a LiDAR.
-  Actor vehicle(double alike);
-  double sign(int side) const { return side ? 1 : -1; }
-  /// Middle of a lane on a side (0: our own), counted from the centre line.
-  double lane_d(int side, int lane) const { return sign(side) * (0.5 * turn_lane_ + (lane + 0.5) * lane_); }
+  Actor vehicle(double alike) override;
   /// A wall's frame: x along the street, y to its left, z up, origin on the ground before the middle.
   Transform footing(double s, double d) const {
     const Vec2d p = xy(s, d);
@@ -85,9 +60,7 @@ class AmericanStreet : private StreetSite {
   }
 
   Kind kind_ = Kind::avenue;
-  double turn_lane_ = 0;   // m; 0: none, the yellow lines are in the middle
-  int lanes_[2] = {2, 2};  // right, left
-  double verge_[2] = {};   // grass between kerb and walk
+  double verge_[2] = {};  // grass between kerb and walk
 };
 
 }  // namespace mirage::generator

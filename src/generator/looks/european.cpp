@@ -13,8 +13,8 @@ void EuropeanStreet::choose() {
           : pick < 0.9  ? Kind::crossing
                         : Kind::square;
   lane_ = u(2.9, 3.6);
-  lanes_left_ = kind_ == Kind::avenue && chance(0.4) ? 2 : 1;
-  lanes_right_ = kind_ == Kind::avenue && chance(0.5) ? 2 : 1;
+  lanes_[1] = kind_ == Kind::avenue && chance(0.4) ? 2 : 1;
+  lanes_[0] = kind_ == Kind::avenue && chance(0.5) ? 2 : 1;
   const double parking = kind_ == Kind::residential ? 0.85
                          : kind_ == Kind::crossing  ? 0.5
                          : kind_ == Kind::avenue    ? 0.35
@@ -22,7 +22,7 @@ void EuropeanStreet::choose() {
                                                     : 0.05;
   for (int side = 0; side < 2; ++side) {
     strip_[side] = chance(parking) ? (chance(kind_ == Kind::square ? 0.7 : 0.15) ? 5.0 : u(2.0, 2.4)) : 0;
-    half_[side] = lane_ * (side ? lanes_left_ : lanes_right_) + strip_[side] + u(0.0, 0.4);
+    half_[side] = lane_ * lanes_[side] + strip_[side] + u(0.0, 0.4);
     pavement_[side] = kind_ == Kind::rural ? 0 : u(1.5, 4.0);
     front_[side] = kind_ == Kind::residential ? (chance(0.5) ? u(0, 1) : u(2, 7))
                    : kind_ == Kind::rural     ? u(4, 12)
@@ -31,7 +31,7 @@ void EuropeanStreet::choose() {
   heading_ = 0.02 * random_.normal();
   curvature_ = chance(0.4) ? 0.0025 * random_.normal() : 0;
   ego_d_ = -0.5 * lane_ + 0.25 * random_.normal();
-  if (lanes_right_ == 2 && chance(0.5)) ego_d_ -= lane_;
+  if (lanes_[0] == 2 && chance(0.5)) ego_d_ -= lane_;
   slope_ = 0.010 * random_.normal();
   wave_ = 0.10 * random_.uniform(), wave_length_ = u(30, 80), wave_phase_ = u(0, 2 * kPi);
   cross_s_ = kind_ == Kind::crossing || chance(0.15) ? u(14, 45) : 1e9;
@@ -56,34 +56,17 @@ void EuropeanStreet::lay_ground() {
   Material kerb = plain(Vec3f::Constant(f(0.2, 0.36)), 0.3f);
   Mesh pavement, grass, kerbs;
   const bool green = kind_ == Kind::rural || kind_ == Kind::avenue || chance(0.5);
-  for (int side : {0, 1}) {
-    const double sign = side ? 1 : -1, edge = half_[side], outer = edge + pavement_[side];
-    for (int piece = 0; piece < 2; ++piece) {
-      double s0 = piece == 0 ? -12 : cross_s_ + cross_half_,
-             s1 = piece == 0 ? std::min(far_, cross_s_ - cross_half_) : far_;
-      if (s1 <= s0) continue;
-      s0 += 0.01, s1 -= 0.01;
-      const auto lay = [&](Mesh& mesh, double a, double b, double step) {
-        // Wound upwards on either side.
-        if (sign > 0)
-          add_strip(mesh, a, b, s0, s1, step);
-        else
-          add_strip(mesh, -b, -a, s0, s1, step);
-      };
-      if (kind_ != Kind::rural) {
-        lay(kerbs, edge + 0.06, edge + 0.2, 3);
-        for (double s = s0; s < s1; s += 3) {
-          const double e = std::min(s + 3, s1);
-          add_quad(kerbs, on_ground(s, sign * edge), on_ground(e, sign * edge),
-                   on_ground(e, sign * (edge + 0.06), 0), on_ground(s, sign * (edge + 0.06), 0));
-        }
-        lay(pavement, edge + 0.2, outer, 2);
-      }
-      lay(green ? grass : pavement, outer, outer + 6, 2);
-      lay(green ? grass : pavement, outer + 6, outer + 24, 2);
-      lay(grass, outer + 24, outer + 80, 2);
+  for_each_stretch([&](int side, double s0, double s1) {
+    const double edge = half_[side], outer = edge + pavement_[side];
+    const auto lay = [&](Mesh& mesh, double a, double b) { add_side_strip(mesh, side, a, b, s0, s1, 2); };
+    if (kind_ != Kind::rural) {
+      add_kerb(kerbs, side, s0, s1, 3);
+      lay(pavement, edge + 0.2, outer);
     }
-  }
+    lay(green ? grass : pavement, outer, outer + 6);
+    lay(green ? grass : pavement, outer + 6, outer + 24);
+    lay(grass, outer + 24, outer + 80);
+  });
   add_earth();
   add_manhole_covers(random_.below(4));
   surfaces_.push_back(surface(pavement, stone));
@@ -107,16 +90,16 @@ void EuropeanStreet::lay_ground() {
     } else {
       solid(0);
     }
-    for (int k = 1; k < lanes_left_; ++k) dashes(k * lane_, 3, 6);
-    for (int k = 1; k < lanes_right_; ++k) dashes(-k * lane_, 3, 6);
+    for (int k = 1; k < lanes_[1]; ++k) dashes(k * lane_, 3, 6);
+    for (int k = 1; k < lanes_[0]; ++k) dashes(-k * lane_, 3, 6);
     if (kind_ == Kind::rural || kind_ == Kind::avenue) {
-      solid(lanes_left_ * lane_ - 0.1);
-      solid(-lanes_right_ * lane_ + 0.1);
+      solid(lanes_[1] * lane_ - 0.1);
+      solid(-lanes_[0] * lane_ + 0.1);
     }
   }
   if (cross_s_ < far_ && chance(0.7)) {
     const double s = cross_s_ - cross_half_ - 1.2;
-    add_strip(paint, -lanes_right_ * lane_ + 0.2, -0.2, s, s + 0.5, 1, 0.008);
+    add_strip(paint, -lanes_[0] * lane_ + 0.2, -0.2, s, s + 0.5, 1, 0.008);
     if (chance(0.5))
       for (double d = -half_[0] + 0.4; d < half_[1] - 0.4; d += 1.0)
         add_strip(paint, d, d + 0.5, s - 4.2, s - 1.2, 2, 0.008);
@@ -134,12 +117,12 @@ void EuropeanStreet::place_traffic() {
     for (int i = 0; i < count; ++i, s += u(7, 22))
       put(vehicle(kAlikeOnLanes), {.turn = wobble(0.02), .d = ego_d_ + wobble(0.25), .s = s});
   }
-  if (lanes_right_ == 2)
+  if (lanes_[0] == 2)
     for (double s = u(3, 20); s < 65 + ahead_; s += u(8, 35)) {
       const double d = ego_d_ > -lane_ ? -1.5 * lane_ : -0.5 * lane_;
       put(vehicle(kAlikeOnLanes), {.turn = wobble(0.02), .d = d + wobble(0.25), .s = s});
     }
-  for (int lane = 0; lane < lanes_left_; ++lane)
+  for (int lane = 0; lane < lanes_[1]; ++lane)
     if (chance(flow))
       for (double s = u(4, 40); s < 66 + ahead_; s += u(8, 45))
         put(vehicle(kAlikeOnLanes),
@@ -161,18 +144,17 @@ void EuropeanStreet::place_traffic() {
 void EuropeanStreet::place_parked() {
   const auto wobble = [&](double sigma) { return sigma * random_.normal(); };
   for (int side : {0, 1}) {
-    const double sign = side ? 1 : -1;
     if (strip_[side] == 0) continue;
     const double share = u(0.5, 1.0);
     const bool across = strip_[side] > 4, slanted = across && chance(0.4);
     const double slant = slanted ? u(0.5, 1.1) : 0.5 * kPi;
-    const double d = sign * (half_[side] - 0.5 * strip_[side] + (across ? 0 : u(-0.1, 0.3)));
+    const double d = sign(side) * (half_[side] - 0.5 * strip_[side] + (across ? 0 : u(-0.1, 0.3)));
     for (double s = -4 + u(0, 5); s < 66 + ahead_;
          s += across ? u(2.4, 2.9) / std::sin(slant) : u(5.0, 6.3)) {
       if (!chance(share) || in_cross(s, 6)) continue;
       double turn = 0;
       if (across)
-        turn = (chance(0.75) ? 1 : -1) * sign * slant;
+        turn = (chance(0.75) ? 1 : -1) * sign(side) * slant;
       else
         turn = chance(side ? 0.7 : 0.12) ? kPi : 0;
       put(vehicle(kAlikeParked), {.turn = turn + wobble(0.025), .d = d + wobble(0.1), .s = s}, 0.12);
@@ -180,11 +162,12 @@ void EuropeanStreet::place_parked() {
   }
   // Cars off the street: drives, yards, car parks.
   for (int side : {0, 1}) {
-    const double sign = side ? 1 : -1;
     const int count = chance(0.45) ? 1 + random_.below(4) : 0;
     for (int i = 0; i < count; ++i)
       put(vehicle(kAlikeParked),
-          {.turn = u(-kPi, kPi), .d = sign * (half_[side] + pavement_[side] + u(2.5, 12)), .s = u(8, 60)},
+          {.turn = u(-kPi, kPi),
+           .d = sign(side) * (half_[side] + pavement_[side] + u(2.5, 12)),
+           .s = u(8, 60)},
           0.3);
     // At the roadside, half on the pavement or the verge.
     for (int i = 1 + random_.below(4); i > 0; --i) {
@@ -192,7 +175,7 @@ void EuropeanStreet::place_parked() {
       if (in_cross(s, 3)) continue;
       put(vehicle(kAlikeParked),
           {.turn = chance(0.8) ? (chance(0.5) ? 0 : kPi) + wobble(0.06) : u(-kPi, kPi),
-           .d = sign * d,
+           .d = sign(side) * d,
            .s = s},
           0.2);
     }
@@ -202,9 +185,9 @@ void EuropeanStreet::place_parked() {
 // The European look: what stands beside the road.
 
 void EuropeanStreet::add_building(double s, double d, double along, double deep, int side) {
-  const double sign = side ? 1 : -1, h = chance(0.6) ? u(5, 10) : u(9, 18);
-  const Vec2d p = xy(s, sign * (d + 0.5 * deep));
-  const double base = ground_z(s, sign * d);
+  const double h = chance(0.6) ? u(5, 10) : u(9, 18);
+  const Vec2d p = xy(s, sign(side) * (d + 0.5 * deep));
+  const double base = ground_z(s, sign(side) * d);
   Material wall;
   wall.pattern = chance(0.85) ? Pattern::facade : Pattern::brick;
   const Vec3f tints[6] = {{0.62f, 0.58f, 0.5f}, {0.6f, 0.5f, 0.32f},   {0.5f, 0.5f, 0.5f},
@@ -230,11 +213,11 @@ void EuropeanStreet::add_building(double s, double d, double along, double deep,
       surface(roof, plain(chance(0.6) ? Vec3f(0.22f, 0.08f, 0.05f) : Vec3f::Constant(0.08f), 0.3f)));
   // Balconies, a door or a shop front give the walls relief.
   Mesh relief;
-  const double front = -sign * 0.5 * deep;
+  const double front = -sign(side) * 0.5 * deep;
   for (int i = random_.below(4); i > 0; --i) {
     const double x = u(-0.4, 0.4) * along, z = u(2.6, std::max(2.7, h - 2)), w = u(0.5, 1.5);
-    const Vec3d low(x - w, std::min(front, front - sign * 1.0), z),
-        high(x + w, std::max(front, front - sign * 1.0), z + u(0.15, 1.0));
+    const Vec3d low(x - w, std::min(front, front - sign(side) * 1.0), z),
+        high(x + w, std::max(front, front - sign(side) * 1.0), z + u(0.15, 1.0));
     Mesh part;
     add_box(part, low, high);
     append(relief, part, t);
@@ -244,7 +227,7 @@ void EuropeanStreet::add_building(double s, double d, double along, double deep,
 
 void EuropeanStreet::place_edges() {
   for (int side : {0, 1}) {
-    const double sign = side ? 1 : -1, edge = half_[side] + pavement_[side];
+    const double edge = half_[side] + pavement_[side];
     const double line = edge + front_[side] + 0.3;
     const bool wooded = kind_ == Kind::rural    ? chance(0.75)
                         : kind_ == Kind::avenue ? chance(0.4)
@@ -256,7 +239,7 @@ void EuropeanStreet::place_edges() {
       for (double s = -8; s < far_;) {
         const double along = u(7, 22), deep = u(8, 14);
         if (!chance(gap) && !in_cross(s + 0.5 * along, 0.5 * along + 3)) {
-          const Vec2d p = xy(s + 0.5 * along, sign * (line + 0.5 * deep));
+          const Vec2d p = xy(s + 0.5 * along, sign(side) * (line + 0.5 * deep));
           const BevBox box{p.x(), p.y(), along, deep, yaw(s)};
           if (free(box)) {
             add_building(s + 0.5 * along, line, along, deep, side);
@@ -269,7 +252,7 @@ void EuropeanStreet::place_edges() {
     }
     if (kind_ != Kind::rural && front_[side] > 1.0 && chance(0.7)) {
       const double s = u(-5, 20);
-      add_fence(s, s + u(8, 50), sign * (edge + 0.2));
+      add_fence(s, s + u(8, 50), sign(side) * (edge + 0.2));
     }
     // Street trees in a row, or a few anywhere.
     const bool row = chance(kind_ == Kind::avenue ? 0.75 : 0.35);
@@ -277,7 +260,7 @@ void EuropeanStreet::place_edges() {
       if (in_cross(s, 2)) continue;
       Actor tree = make_tree(actors_, detail(s, 3.0, 1.5, 0.6));
       const double d =
-          sign * (row ? half_[side] + std::min(0.9, 0.5 * pavement_[side] + 0.4) : edge + u(0.5, 5));
+          sign(side) * (row ? half_[side] + std::min(0.9, 0.5 * pavement_[side] + 0.4) : edge + u(0.5, 5));
       const Vec2d p = xy(s, d);
       const BevBox box{p.x(), p.y(), 0.6, 0.6, 0};
       if (!free(box)) continue;
@@ -286,14 +269,14 @@ void EuropeanStreet::place_edges() {
     }
     for (double s = u(3, 15); s < 80 + ahead_; s += u(8, 30)) {
       if (in_cross(s, 0)) continue;
-      stand(make_pole(actors_), s, sign * (half_[side] + u(0.35, 0.7)), side ? kPi : 0);
+      stand(make_pole(actors_), s, sign(side) * (half_[side] + u(0.35, 0.7)), side ? kPi : 0);
     }
     for (int i = random_.below(6) + 1; i > 0; --i) {
       const double s = u(4, 55);
       if (in_cross(s, 1)) continue;
       put(make_clutter(actors_),
           {.turn = chance(0.7) ? 0.05 * random_.normal() : u(-kPi, kPi),
-           .d = sign * (edge + (chance(0.4) ? u(-std::min(1.2, pavement_[side]), 0.5) : u(0.5, 7))),
+           .d = sign(side) * (edge + (chance(0.4) ? u(-std::min(1.2, pavement_[side]), 0.5) : u(0.5, 7))),
            .s = s},
           0.1);
     }
@@ -317,14 +300,13 @@ void EuropeanStreet::place_people() {
   const int count = kind_ == Kind::rural ? random_.below(2) : random_.below(5);
   for (int i = 0; i < count; ++i) {
     const int side = random_.below(2);
-    const double sign = side ? 1 : -1;
     if (chance(0.25))
       put(make_cyclist(actors_),
-          {.turn = side ? kPi : 0, .d = sign * (half_[side] - u(0.3, 1.2)), .s = u(6, 50)}, 0.1);
+          {.turn = side ? kPi : 0, .d = sign(side) * (half_[side] - u(0.3, 1.2)), .s = u(6, 50)}, 0.1);
     else
       put(make_pedestrian(actors_),
           {.turn = u(-kPi, kPi),
-           .d = sign * (half_[side] + u(-0.5, std::max(0.5, pavement_[side]))),
+           .d = sign(side) * (half_[side] + u(-0.5, std::max(0.5, pavement_[side]))),
            .s = u(5, 45)},
           0.1);
   }
