@@ -74,6 +74,16 @@ Actor make_tree(RandomStream& random, double detail);
 Actor make_pole(RandomStream& random);
 /// Faces −x. `lit`: 0 red, 1 amber, 2 green.
 Actor make_traffic_light(RandomStream& random, int lit);
+/// The lamps of a traffic light, m.
+struct SignalLamps {
+  Vec3d highest;         ///< of the red one: the middle of its lens, as far forward as its hood begins
+  double apart = 0;      ///< from one down to the next
+  double lens = 0;       ///< radius
+  double hood = 0;       ///< radius
+  double hood_long = 0;  ///< forward
+};
+/// Adds three lenses to `actor` and their hoods to `hoods`; faces −x, `lit` as above.
+void add_signal_lamps(Actor& actor, Mesh& hoods, const SignalLamps& lamps, int lit);
 
 // Road signs put together from flat coloured pieces.
 

@@ -233,32 +233,37 @@ Actor make_pole(RandomStream& random) {
   return pole;
 }
 
+void add_signal_lamps(Actor& actor, Mesh& hoods, const SignalLamps& lamps, int lit) {
+  const std::array<Vec3f, 3> dark = {Vec3f(0.10f, 0.01f, 0.01f), Vec3f(0.12f, 0.07f, 0.01f),
+                                     Vec3f(0.01f, 0.08f, 0.05f)},
+                             bright = {Vec3f(3.0f, 0.12f, 0.08f), Vec3f(3.0f, 1.3f, 0.05f),
+                                       Vec3f(0.1f, 2.6f, 1.1f)};
+  const double x = lamps.highest.x(), y = lamps.highest.y(), r = lamps.hood;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const double z = lamps.highest.z() - lamps.apart * static_cast<double>(k);
+    Mesh lens;
+    append(lens, cylinder(lamps.lens, 0.01, 18),
+           Transform(Eigen::Translation3d(x - 0.005, y, z) *
+                     Eigen::AngleAxisd(-0.5 * std::numbers::pi, Vec3d::UnitY())));
+    Material glass = plain(dark[k], 0.3f, 0.03f);
+    if (static_cast<int>(k) == lit) glass.emission = bright[k];
+    actor.surfaces.push_back(surface(lens, glass));
+    for (int i = 0; i < 6; ++i) {
+      const double a = std::numbers::pi * i / 6, b = std::numbers::pi * (i + 1) / 6;
+      const Vec3d p(x, y + r * std::cos(a), z + r * std::sin(a)),
+          q(x, y + r * std::cos(b), z + r * std::sin(b)), out(lamps.hood_long, 0, 0);
+      add_quad(hoods, p, q, q - out, p - out);
+    }
+  }
+}
+
 Actor make_traffic_light(RandomStream& random, int lit) {
   Actor light;
   const double foot = random.uniform(2.1, 2.5);
   Mesh post, housing;
   append(post, cylinder(0.06, foot + 1.0, 12), Transform::Identity());
   add_box(housing, {-0.30, -0.16, foot}, {-0.07, 0.16, foot + 0.96});
-  const std::array<Vec3f, 3> dark = {Vec3f(0.10f, 0.01f, 0.01f), Vec3f(0.12f, 0.07f, 0.01f),
-                                     Vec3f(0.01f, 0.08f, 0.05f)},
-                             bright = {Vec3f(3.0f, 0.12f, 0.08f), Vec3f(3.0f, 1.3f, 0.05f),
-                                       Vec3f(0.1f, 2.6f, 1.1f)};
-  for (std::size_t k = 0; k < 3; ++k) {
-    const double z = foot + 0.80 - 0.32 * static_cast<double>(k);
-    Mesh lens;
-    append(lens, cylinder(0.11, 0.01, 18),
-           Transform(Eigen::Translation3d(-0.305, 0, z) *
-                     Eigen::AngleAxisd(-0.5 * std::numbers::pi, Vec3d::UnitY())));
-    Material glass = plain(dark[k], 0.3f, 0.03f);
-    if (static_cast<int>(k) == lit) glass.emission = bright[k];
-    light.surfaces.push_back(surface(lens, glass));
-    for (int i = 0; i < 6; ++i) {  // hood
-      const double a = std::numbers::pi * i / 6, b = std::numbers::pi * (i + 1) / 6, r = 0.13;
-      const Vec3d p(-0.30, r * std::cos(a), z + r * std::sin(a)),
-          q(-0.30, r * std::cos(b), z + r * std::sin(b));
-      add_quad(housing, p, q, q - Vec3d(0.17, 0, 0), p - Vec3d(0.17, 0, 0));
-    }
-  }
+  add_signal_lamps(light, housing, {{-0.30, 0, foot + 0.80}, 0.32, 0.11, 0.13, 0.17}, lit);
   light.surfaces.push_back(surface(post, plain(sign_color::kGrey, 0.35f, 0.02f)));
   light.surfaces.push_back(surface(housing, plain(Vec3f::Constant(0.02f), 0.15f, 0.02f)));
   return light;

@@ -55,26 +55,7 @@ void add_signal_head(Actor& actor, double y, double z, int lit, bool yellow) {
   add_box(housing, {-0.12, y - 0.17, z - 0.53}, {0.10, y + 0.17, z + 0.53});
   add_quad(plate, {0.0, y - 0.32, z - 0.68}, {0.0, y + 0.32, z - 0.68}, {0.0, y + 0.32, z + 0.68},
            {0.0, y - 0.32, z + 0.68});
-  const std::array<Vec3f, 3> dark = {Vec3f(0.10f, 0.01f, 0.01f), Vec3f(0.12f, 0.07f, 0.01f),
-                                     Vec3f(0.01f, 0.08f, 0.05f)},
-                             bright = {Vec3f(3.0f, 0.12f, 0.08f), Vec3f(3.0f, 1.3f, 0.05f),
-                                       Vec3f(0.1f, 2.6f, 1.1f)};
-  for (std::size_t k = 0; k < 3; ++k) {
-    const double zk = z + 0.35 - 0.35 * static_cast<double>(k);
-    Mesh lens;
-    append(
-        lens, cylinder(0.14, 0.01, 18),
-        Transform(Eigen::Translation3d(-0.125, y, zk) * Eigen::AngleAxisd(-0.5 * kHalfTurn, Vec3d::UnitY())));
-    Material glass = plain(dark[k], 0.3f, 0.03f);
-    if (static_cast<int>(k) == lit) glass.emission = bright[k];
-    actor.surfaces.push_back(surface(lens, glass));
-    for (int i = 0; i < 6; ++i) {
-      const double a = kHalfTurn * i / 6, b = kHalfTurn * (i + 1) / 6, r = 0.155;
-      const Vec3d p(-0.12, y + r * std::cos(a), zk + r * std::sin(a)),
-          q(-0.12, y + r * std::cos(b), zk + r * std::sin(b));
-      add_quad(hoods, p, q, q - Vec3d(0.2, 0, 0), p - Vec3d(0.2, 0, 0));
-    }
-  }
+  add_signal_lamps(actor, hoods, {{-0.12, y, z + 0.35}, 0.35, 0.14, 0.155, 0.2}, lit);
   const Material black = plain(Vec3f::Constant(0.015f), 0.15f, 0.02f);
   const Material paint = yellow ? plain(Vec3f(0.55f, 0.33f, 0.015f), 0.4f, 0.02f) : black;
   actor.surfaces.push_back(surface(housing, paint));
