@@ -13,7 +13,6 @@
 #include "base/random.h"
 #include "base/sizes.h"
 #include "generator/dataset.h"
-#include "generator/street.h"
 #include "sensors/ray_caster.h"
 
 namespace mirage::generator {

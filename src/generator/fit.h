@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "base/json_fields.h"
-#include "generator/placed.h"
+#include "generator/street.h"
 #include "geometry/box.h"
 #include "geometry/mesh.h"
 #include "scene/shape/shape_fit.h"

@@ -20,7 +20,6 @@
 #include "base/random.h"
 #include "base/sizes.h"
 #include "base/types.h"
-#include "generator/street.h"
 #include "geometry/box.h"
 #include "sensors/camera.h"
 #include "sensors/lidar_sweep.h"

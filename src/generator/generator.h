@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "base/image.h"
-#include "generator/placed.h"
+#include "generator/street.h"
 #include "scene/frame.h"
 #include "sensors/ray_camera.h"
 

@@ -8,8 +8,6 @@
 #include <numbers>
 
 #include "base/sizes.h"
-#include "generator/looks/american.h"
-#include "generator/looks/european.h"
 #include "generator/parts.h"
 #include "generator/street_site.h"
 #include "geometry/mesh.h"
@@ -20,24 +18,6 @@ bool on_roof(const Surface& surface, const Placed& placed) {
   const double top = placed.box.bottom + placed.box.height;
   return std::any_of(surface.mesh.vertices.begin(), surface.mesh.vertices.end(),
                      [&](const Vec3d& v) { return v.z() > top + 0.01; });
-}
-
-namespace {
-
-std::unique_ptr<StreetSite> site_of(std::uint64_t seed, std::uint64_t index, double height, Look look) {
-  if (look == Look::american) return std::make_unique<AmericanStreet>(seed, index, height);
-  return std::make_unique<EuropeanStreet>(seed, index, height);
-}
-
-}  // namespace
-
-Street make_street(std::uint64_t seed, std::uint64_t index, double height, Look look, double behind) {
-  return site_of(seed, index, height, look)->build(behind);
-}
-
-MovingStreet make_moving_street(std::uint64_t seed, std::uint64_t index, double height, Look look,
-                                double seconds) {
-  return site_of(seed, index, height, look)->build_moving(seconds);
 }
 
 Street StreetSite::build(double behind) {
@@ -210,10 +190,23 @@ void european_sign(Actor& pole, double x, double z, RandomStream& random) {
   }
 }
 
+std::unique_ptr<StreetSite> site_of(std::uint64_t seed, std::uint64_t index, double height, Look look) {
+  return look == Look::american ? american_street(seed, index, height) : european_street(seed, index, height);
+}
+
 constexpr double kApart = 0.35;  // m that two that drive keep between their boxes, to each side
 constexpr int kTries = 60;       // courses drawn for one that drives before it is left out
 
 }  // namespace
+
+Street make_street(std::uint64_t seed, std::uint64_t index, double height, Look look, double behind) {
+  return site_of(seed, index, height, look)->build(behind);
+}
+
+MovingStreet make_moving_street(std::uint64_t seed, std::uint64_t index, double height, Look look,
+                                double seconds) {
+  return site_of(seed, index, height, look)->build_moving(seconds);
+}
 
 Actor make_pole(RandomStream& random) {
   Actor pole;

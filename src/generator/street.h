@@ -1,11 +1,89 @@
-// Lays out a street around the ego vehicle.
+// A street around the ego vehicle: surfaces, the labelled things among them, and what moves.
 #pragma once
 
 #include <cstdint>
+#include <string>
+#include <vector>
 
-#include "generator/placed.h"
+#include "base/error.h"
+#include "base/fields.h"
+#include "base/types.h"
+#include "generator/parts.h"
+#include "geometry/box.h"
+
+namespace mirage {
+
+// What kind of place the generated streets show.
+
+/// Which country's streets are generated.
+enum class Look {
+  european,  ///< streets of a middle-sized German town and the roads around it
+  american   ///< North American avenues, suburbs and office blocks
+};
+
+/// "european", "american".
+inline std::string name_of(Look look) {
+  return look == Look::american ? "american" : "european";
+}
+
+/// InputError naming `where` and `field` if there is no such look.
+inline Look parse_look(const std::string& name, const std::string& where, const std::string& field) {
+  if (name == "european") return Look::european;
+  if (name == "american") return Look::american;
+  throw InputError(where, field, name + " is not a look", use_one_of(name, {"european", "american"}));
+}
+
+}  // namespace mirage
 
 namespace mirage::generator {
+
+/// A labelled thing where it stands.
+struct Placed {
+  std::string type;
+  Box3 box;               ///< `velo`
+  std::string kind = {};  ///< Actor::kind
+};
+
+/// Surfaces in `velo`; a labelled thing's surfaces carry its index in `placed` as object.
+struct Street {
+  std::vector<Surface> surfaces;
+  std::vector<Placed> placed;
+};
+
+/// Where something upright is at a moment, and how it moves.
+struct Waypoint {
+  Vec3d position = Vec3d::Zero();  ///< m, in the world: on the ground under the box's centre; ours: `velo`
+  double yaw = 0;                  ///< rad
+  Vec3d velocity = Vec3d::Zero();  ///< m/s
+  double yaw_rate = 0;             ///< rad/s
+  /// world_from_thing.
+  Transform pose() const;
+};
+using Way = std::vector<Waypoint>;  ///< one each kWayStep seconds
+
+/// s between the waypoints of a Way.
+inline constexpr double kWayStep = 0.02;
+
+/// Something that drives.
+struct Mover {
+  std::string role;  ///< brakes, overtakes, towards, crosses, keeps
+  Actor actor;
+  Way way;
+};
+
+/// A street that lasts some seconds (street.h).
+struct MovingStreet {
+  Street standing;  ///< in the world
+  std::vector<Mover> movers;
+  Way own;  ///< of `velo`
+
+  /// The step of the ways at a time (s), from 0 to their end.
+  std::size_t step(double time) const;
+  /// All of it at a time, in the world; what drives is placed after what stands, in the order of `movers`.
+  Street at(double time) const;
+  /// A mover's surfaces at a time, in the world, with its place among the placed as object.
+  std::vector<Surface> surfaces_of(std::size_t mover, double time) const;
+};
 
 /// Whether the surface is something that lies on the roof of `placed`: part of the thing, but not of its
 /// boxes.

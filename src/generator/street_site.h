@@ -1,14 +1,16 @@
 // The ground that every look of a street is laid on: its course, its heights, and the placing of things. The
-// looks (looks/european.h, looks/american.h) say what stands where.
+// looks (looks/european.cpp, looks/american.cpp) say what stands where.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <memory>
 #include <numbers>
 #include <string>
 #include <utility>
 
-#include "generator/placed.h"
+#include "generator/street.h"
 
 namespace mirage::generator {
 
@@ -16,7 +18,8 @@ inline constexpr double kPi = std::numbers::pi;
 inline constexpr double kFar = 110;    // m of street that is built
 inline constexpr double kKerb = 0.11;  // m
 
-// Street coordinates: s along the centre line (behind_ at the ego vehicle), d to its left.
+/// A street that is being laid out. Street coordinates: s along the centre line (behind_ at the ego vehicle),
+/// d to its left.
 class StreetSite {
  public:
   virtual ~StreetSite() = default;
@@ -221,5 +224,10 @@ class StreetSite {
  private:
   Street finish();
 };
+
+/// Streets of a middle-sized German town and the roads around it.
+std::unique_ptr<StreetSite> european_street(std::uint64_t seed, std::uint64_t index, double height);
+/// North American avenues, suburbs and office blocks.
+std::unique_ptr<StreetSite> american_street(std::uint64_t seed, std::uint64_t index, double height);
 
 }  // namespace mirage::generator

@@ -1,9 +1,71 @@
-// The North American look: which street it is and its ground.
-#include "generator/looks/american.h"
+// The North American look: avenues with shops behind car parks, suburbs with lawns and driveways, office
+// blocks.
+#include <memory>
 
+#include "generator/looks/american_parts.h"
+#include "generator/street_site.h"
 #include "geometry/mesh.h"
 
 namespace mirage::generator {
+namespace {
+
+class AmericanStreet final : public StreetSite {
+ public:
+  AmericanStreet(std::uint64_t seed, std::uint64_t index, double height)
+      : StreetSite(seed, "american street", index, height) {}
+
+ private:
+  enum class Kind { avenue, suburb, downtown };
+
+  void furnish() override {
+    place_parked();
+    for (int side : {0, 1}) {
+      if (kind_ == Kind::suburb)
+        line_with_houses(side);
+      else if (kind_ == Kind::avenue)
+        line_with_shops(side);
+      else
+        line_with_offices(side);
+      place_verge(side);
+    }
+    place_utility_line();
+    place_people();
+    close_view();
+  }
+
+  // Course and ground
+  void choose() override;
+  void lay_ground() override;
+  // Markings, junction, traffic
+  void paint_road();
+  void paint_arrow(Mesh& paint, double s, double d);
+  void place_junction();
+  void place_traffic() override;
+  void place_parked();
+  // What stands beside the road
+  void line_with_houses(int side);
+  void line_with_shops(int side);
+  void line_with_offices(int side);
+  void place_verge(int side);
+  void place_utility_line();
+  void place_people();
+  void close_view();
+  void add_house(double s, double d, double along, double deep, int side, double drive_s);
+  void add_shop(double s, double d, double along, double deep, int side);
+  void add_office(double s, double d, double along, double deep, int side);
+
+  Actor vehicle(double alike) override;
+  /// A wall's frame: x along the street, y to its left, z up, origin on the ground before the middle.
+  Transform footing(double s, double d) const {
+    const Vec2d p = xy(s, d);
+    return at(p.x(), p.y(), ground_z(s, d), yaw(s));
+  }
+
+  Kind kind_ = Kind::avenue;
+  double verge_[2] = {};  // grass between kerb and walk
+};
+
+// Which street it is and its ground.
 
 void AmericanStreet::choose() {
   const double pick = random_.uniform();
@@ -79,21 +141,15 @@ void AmericanStreet::lay_ground() {
   if (cross_s_ < far_) place_junction();
 }
 
-// The North American look: road markings, the junction and the traffic.
-
-namespace {
+// Road markings, the junction and the traffic.
 
 constexpr double kLine = 0.11, kLift = 0.008;  // m, width of a line, height of the paint
-
-// The North American look: detached houses, shops and office blocks.
 
 Mesh placed(const Mesh& mesh, const Transform& t) {
   Mesh out;
   append(out, mesh, t);
   return out;
 }
-
-}  // namespace
 
 // A left arrow in the turn lane: a shaft and a head.
 void AmericanStreet::paint_arrow(Mesh& paint, double s, double d) {
@@ -413,7 +469,7 @@ void AmericanStreet::add_office(double s, double d, double along, double deep, i
   surfaces_.push_back(surface(placed(ledge, t), plain(wall.albedo * 0.8f, 0.35f)));
 }
 
-// The North American look: what stands beside the road.
+// What stands beside the road.
 
 void AmericanStreet::line_with_houses(int side) {
   const double edge = half_[side] + pavement_[side], line = edge + front_[side];
@@ -606,6 +662,12 @@ void AmericanStreet::close_view() {
   surfaces_.push_back(surface(leaves, m));
   m.albedo *= 0.5f, m.second *= 0.5f;
   surfaces_.push_back(surface(crowns, m));
+}
+
+}  // namespace
+
+std::unique_ptr<StreetSite> american_street(std::uint64_t seed, std::uint64_t index, double height) {
+  return std::make_unique<AmericanStreet>(seed, index, height);
 }
 
 }  // namespace mirage::generator

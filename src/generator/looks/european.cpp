@@ -1,9 +1,44 @@
-// The European look: which street it is, its road and its traffic.
-#include "generator/looks/european.h"
+// The European look: streets of a middle-sized German town and the roads around it.
+#include <memory>
 
+#include "generator/street_site.h"
 #include "geometry/mesh.h"
 
 namespace mirage::generator {
+namespace {
+
+class EuropeanStreet final : public StreetSite {
+ public:
+  EuropeanStreet(std::uint64_t seed, std::uint64_t index, double height)
+      : StreetSite(seed, "street", index, height) {}
+
+ private:
+  enum class Kind { residential, avenue, rural, crossing, square };
+
+  void choose() override;
+  void lay_ground() override;
+  void place_traffic() override;
+  void furnish() override {
+    place_parked();
+    place_edges();
+    place_people();
+  }
+  void place_parked();
+  void place_people();
+  void place_edges();
+  void place_signals();
+  void add_building(double s, double d, double along, double deep, int side);
+
+  Actor vehicle(double alike) override {
+    if (actors_.uniform() < alike) return make_look_alike(make_car(actors_), actors_);
+    const double pick = actors_.uniform();
+    return pick < 0.93 ? make_car(actors_) : pick < 0.985 ? make_van(actors_) : make_truck(actors_);
+  }
+
+  Kind kind_ = Kind::residential;
+};
+
+// Which street it is, its road and its traffic.
 
 void EuropeanStreet::choose() {
   const double pick = random_.uniform();
@@ -182,7 +217,7 @@ void EuropeanStreet::place_parked() {
   }
 }
 
-// The European look: what stands beside the road.
+// What stands beside the road.
 
 void EuropeanStreet::add_building(double s, double d, double along, double deep, int side) {
   const double h = chance(0.6) ? u(5, 10) : u(9, 18);
@@ -310,6 +345,12 @@ void EuropeanStreet::place_people() {
            .s = u(5, 45)},
           0.1);
   }
+}
+
+}  // namespace
+
+std::unique_ptr<StreetSite> european_street(std::uint64_t seed, std::uint64_t index, double height) {
+  return std::make_unique<EuropeanStreet>(seed, index, height);
 }
 
 }  // namespace mirage::generator
