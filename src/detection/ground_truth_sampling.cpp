@@ -12,8 +12,8 @@
 #include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "scene/data/data_rig.h"
+#include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
-#include "scene/data/truth_files.h"
 
 namespace mirage {
 namespace {

@@ -13,8 +13,8 @@
 #include "base/types.h"
 #include "detection/car_in_picture.h"
 #include "detection/detector_settings.h"
+#include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
-#include "scene/data/truth_files.h"
 #include "scene/occlusion.h"
 
 namespace mirage {

@@ -17,7 +17,6 @@
 #include "base/ranks.h"
 #include "base/sizes.h"
 #include "base/types.h"
-#include "scene/data/kitti.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/data/read_frames.h"
 

@@ -9,7 +9,7 @@
 #include <string>
 
 #include "generator/generator.h"
-#include "scene/data/truth_files.h"
+#include "scene/data/kitti.h"
 
 namespace mirage {
 

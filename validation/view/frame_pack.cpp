@@ -18,7 +18,7 @@
 #include "detection/average_precision.h"
 #include "detection/car_in_picture.h"
 #include "detection/defenses.h"
-#include "scene/data/truth_files.h"
+#include "scene/data/kitti.h"
 #include "simulation/render_scene.h"
 
 namespace mirage {

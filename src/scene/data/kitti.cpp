@@ -5,6 +5,7 @@
 #include <Eigen/LU>
 #include <Eigen/SVD>
 #include <algorithm>
+#include <bit>
 #include <charconv>
 #include <cmath>
 #include <cstring>
@@ -31,6 +32,8 @@ namespace mirage {
 namespace {
 
 namespace fs = std::filesystem;
+
+static_assert(std::endian::native == std::endian::little);  // as the files of sweeps and their truth
 
 const char* kRestore = "restore the file from its source";
 
@@ -446,6 +449,42 @@ nlohmann::json to_json(const Lighting& lighting) {
 
 fs::path true_depth_file(const fs::path& data, const std::string& id) {
   return part(data, "depth", id, ".png");
+}
+
+fs::path instance_file(const fs::path& data, const std::string& id) {
+  return part(data, "instance_2", id, ".png");
+}
+
+Image<std::uint16_t> read_instances(const fs::path& data, const std::string& id, int width, int height) {
+  Image<std::uint16_t> instances = read_index_png(instance_file(data, id));
+  if (instances.width != width || instances.height != height)
+    throw InputError(instance_file(data, id).string(), "size", "differs from the image's",
+                     "write both with the same mirage generate --truth");
+  return instances;
+}
+
+fs::path point_label_file(const fs::path& data, const std::string& id) {
+  return part(data, "instance_velodyne", id, ".label");
+}
+
+void write_point_labels(const fs::path& file, const std::vector<std::uint32_t>& labels) {
+  write_file(file, {reinterpret_cast<const char*>(labels.data()), labels.size() * sizeof labels[0]});
+}
+
+std::vector<std::uint32_t> read_point_labels(const fs::path& file, std::size_t points) {
+  const std::size_t needed = points * sizeof(std::uint32_t);
+  const auto check = [&](std::uintmax_t size) {
+    if (size != needed)
+      throw InputError(
+          file.string(), "size", fmt::format("{} bytes for {} points", size, points),
+          "4 bytes a point of the sweep are needed; make the set again with mirage generate --truth");
+  };
+  check(OpenFile(file).size());  // before any of it is in memory
+  const std::string bytes = read_file(file);
+  check(bytes.size());
+  std::vector<std::uint32_t> labels(points);
+  if (needed > 0) std::memcpy(labels.data(), bytes.data(), needed);
+  return labels;
 }
 
 void write_frame(const fs::path& data, const Frame& frame) {
