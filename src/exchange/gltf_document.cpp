@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <cstring>
 #include <numbers>
+#include <optional>
 #include <utility>
 
 #include "base/error.h"
@@ -49,6 +50,28 @@ std::string read_regular_file(const fs::path& file, std::size_t most) {
   ::close(handle);
   if (done < bytes.size()) throw InputError(file.string(), "", std::strerror(reason), kCheckPath);
   return bytes;
+}
+
+/// "%20" → " " and so on (RFC 3986, section 2.1). None for a broken sequence or a zero byte.
+std::optional<std::string> percent_decoded(const std::string& uri) {
+  const auto digit = [](char c) {
+    if (c >= '0' && c <= '9') return c - '0';
+    const char lower = static_cast<char>(c | 0x20);
+    return lower >= 'a' && lower <= 'f' ? lower - 'a' + 10 : -1;
+  };
+  std::string text;
+  for (std::size_t i = 0; i < uri.size(); ++i) {
+    if (uri[i] != '%') {
+      text.push_back(uri[i]);
+      continue;
+    }
+    if (i + 2 >= uri.size()) return std::nullopt;
+    const int high = digit(uri[i + 1]), low = digit(uri[i + 2]);
+    if (high < 0 || low < 0 || high + low == 0) return std::nullopt;
+    text.push_back(static_cast<char>(16 * high + low));
+    i += 2;
+  }
+  return text;
 }
 
 constexpr std::size_t kHeader = 20, kChunkHeader = 8;  // bytes; the former with the first chunk's
@@ -90,7 +113,7 @@ constexpr std::size_t kMostValues = 200000;
 /// Of a file, and of all buffers together: a photograph and thirty objects of a million faces.
 constexpr std::size_t kMostInMemory = std::size_t{1} << 28;
 
-// check_gltf: what glTF 2.0 demands of a document (Khronos, glTF 2.0 specification, chapter 5) as far as a
+// What glTF 2.0 demands of a document (Khronos, glTF 2.0 specification, chapter 5) as far as a
 // reader relies on it, and the limits of gltf_document.h.
 
 using nlohmann::json;
@@ -451,27 +474,6 @@ std::string lower_extension(const fs::path& file) {
   return extension;
 }
 
-std::optional<std::string> percent_decoded(const std::string& uri) {
-  const auto digit = [](char c) {
-    if (c >= '0' && c <= '9') return c - '0';
-    const char lower = static_cast<char>(c | 0x20);
-    return lower >= 'a' && lower <= 'f' ? lower - 'a' + 10 : -1;
-  };
-  std::string text;
-  for (std::size_t i = 0; i < uri.size(); ++i) {
-    if (uri[i] != '%') {
-      text.push_back(uri[i]);
-      continue;
-    }
-    if (i + 2 >= uri.size()) return std::nullopt;
-    const int high = digit(uri[i + 1]), low = digit(uri[i + 2]);
-    if (high < 0 || low < 0 || high + low == 0) return std::nullopt;
-    text.push_back(static_cast<char>(16 * high + low));
-    i += 2;
-  }
-  return text;
-}
-
 bool looks_like_json(std::string_view head) {
   if (head.starts_with("\xEF\xBB\xBF")) head.remove_prefix(3);  // a byte order mark
   const std::size_t first = head.find_first_not_of(" \t\r\n");
@@ -504,7 +506,7 @@ GltfDocument open_gltf(const fs::path& file) {
   } catch (const nlohmann::json::exception&) {
     throw InputError(file.string(), "JSON", "holds a number beyond all limits", "export the file again");
   }
-  check_gltf(document.json, file.string());
+  Checker(document.json, file.string()).run();
   const std::size_t behind = kHeader + text.size() + kChunkHeader;  // where a .glb's data begin
   if (binary) {
     document.bytes = read_file(folder.file(), kMostInMemory);
@@ -542,10 +544,6 @@ GltfDocument open_gltf(const fs::path& file) {
       bad(fmt::format("uri: the file has {} bytes of {}", document.buffers[b].size(), length));
   }
   return document;
-}
-
-void check_gltf(const json& document, const std::string& file) {
-  Checker(document, file).run();
 }
 
 }  // namespace mirage

@@ -4,7 +4,6 @@
 
 #include <filesystem>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -33,9 +32,6 @@ class FolderFiles {
 
 /// ".glb" of a.GLB: a file's kind does not depend on how its ending is spelt.
 std::string lower_extension(const std::filesystem::path& file);
-
-/// "%20" → " " and so on (RFC 3986, section 2.1). None for a broken sequence or a zero byte.
-std::optional<std::string> percent_decoded(const std::string& uri);
 
 // A glTF 2.0 file before a reader interprets it: container opened, JSON parsed and checked, files that it
 // names read. Its reader (gltf_model: tinygltf) recurses along nodes and extras, and passes over what it
@@ -69,8 +65,5 @@ bool looks_like_json(std::string_view head);
 /// two parents or a circle of nodes; a buffer that is neither inside the file nor a regular file in its
 /// folder (FolderFiles). Pictures in files of their own are not opened: nothing uses them.
 GltfDocument open_gltf(const std::filesystem::path& file);
-
-/// The checks alone, on parsed JSON; `file` is for messages.
-void check_gltf(const nlohmann::json& document, const std::string& file);
 
 }  // namespace mirage

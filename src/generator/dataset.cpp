@@ -184,8 +184,7 @@ nlohmann::json drawing_rig(nlohmann::json rig) {
   return rig;
 }
 
-}  // namespace
-
+/// Writes the record from the frame's files, after the last of them. Truth recorded before stays recorded.
 void record_frame(const fs::path& data, const std::string& id, Truth truth) {
   nlohmann::json record = known(data, id);
   std::vector<std::string> files = files_of(id, truth);
@@ -194,6 +193,42 @@ void record_frame(const fs::path& data, const std::string& id, Truth truth) {
   for (const std::string& name : files) record[name] = hash_of(data / "training" / name);
   write_json(record_file(data, id), record);
 }
+
+/// Makes the folder with rig.toml and dataset.json (`about`), or takes it up again; InputError if it was made
+/// of another rig or with other fields.
+void begin_dataset(const Rig& rig, const nlohmann::json& about, const fs::path& out) {
+  make_output_folder(out);
+  const fs::path file = out / "dataset.json", kept = out / "rig.toml";
+  if (fs::exists(file)) {
+    const nlohmann::json before = read_json(file, kLargestRecord);
+    if (!before.is_object())
+      throw InputError(file.string(), "", "is no object of a data set's fields",
+                       "choose another --out folder");
+    if (before.contains(kDrives) != about.contains(kDrives))
+      throw InputError(file.string(), kDrives,
+                       before.contains(kDrives) ? "is there: the folder holds drives"
+                                                : "is missing: the folder holds single frames",
+                       "choose another --out folder");
+    for (const auto& [key, value] : about.items())
+      if (before.value(key, nlohmann::json()) != value)
+        throw InputError(
+            file.string(), key,
+            fmt::format("is {}, asked for is {}", before.value(key, nlohmann::json()).dump(), value.dump()),
+            "choose another --out folder");
+    if (!fs::exists(kept))
+      throw InputError(kept.string(), "", "is missing, and with it which rig drew the frames there",
+                       "restore the file or choose another --out folder");
+  }
+  // Other commands need the very LiDAR, not its name; and frames of an edited rig are not this set's.
+  if (fs::exists(kept) && drawing_rig(read_toml(kept)) != drawing_rig(parse_toml(rig.text, rig.name)))
+    throw InputError(kept.string(), "", "is not the rig " + rig.name + " as it is now",
+                     "choose another --out folder, or restore the rig file");
+  // The rig first: a set that was stopped between the two goes on, and one without its rig has lost it.
+  write_file(kept, rig.text);
+  write_json(file, about);
+}
+
+}  // namespace
 
 bool is_as_recorded(const fs::path& data, const std::string& id, Truth truth) {
   const nlohmann::json record = known(data, id);
@@ -210,39 +245,6 @@ bool is_as_recorded(const fs::path& data, const std::string& id, Truth truth) {
     return false;
   }
   return true;
-}
-
-void begin_dataset(const Rig& rig, const nlohmann::json& about, const std::filesystem::path& out) {
-  make_output_folder(out);
-  const std::filesystem::path file = out / "dataset.json", kept = out / "rig.toml";
-  if (std::filesystem::exists(file)) {
-    const nlohmann::json before = read_json(file, kLargestRecord);
-    if (!before.is_object())
-      throw InputError(file.string(), "", "is no object of a data set's fields",
-                       "choose another --out folder");
-    if (before.contains(kDrives) != about.contains(kDrives))
-      throw InputError(file.string(), kDrives,
-                       before.contains(kDrives) ? "is there: the folder holds drives"
-                                                : "is missing: the folder holds single frames",
-                       "choose another --out folder");
-    for (const auto& [key, value] : about.items())
-      if (before.value(key, nlohmann::json()) != value)
-        throw InputError(
-            file.string(), key,
-            fmt::format("is {}, asked for is {}", before.value(key, nlohmann::json()).dump(), value.dump()),
-            "choose another --out folder");
-    if (!std::filesystem::exists(kept))
-      throw InputError(kept.string(), "", "is missing, and with it which rig drew the frames there",
-                       "restore the file or choose another --out folder");
-  }
-  // Other commands need the very LiDAR, not its name; and frames of an edited rig are not this set's.
-  if (std::filesystem::exists(kept) &&
-      drawing_rig(read_toml(kept)) != drawing_rig(parse_toml(rig.text, rig.name)))
-    throw InputError(kept.string(), "", "is not the rig " + rig.name + " as it is now",
-                     "choose another --out folder, or restore the rig file");
-  // The rig first: a set that was stopped between the two goes on, and one without its rig has lost it.
-  write_file(kept, rig.text);
-  write_json(file, about);
 }
 
 DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,

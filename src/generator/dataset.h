@@ -13,9 +13,6 @@
 
 namespace mirage {
 
-/// Writes the record from the frame's files, after the last of them. Truth recorded before stays recorded.
-void record_frame(const std::filesystem::path& data, const std::string& id, Truth truth);
-
 /// True if the record has all files of the frame and of this much truth, and each is as recorded. A file that
 /// differs (cut short, edited) is warned of.
 bool is_as_recorded(const std::filesystem::path& data, const std::string& id, Truth truth);
@@ -30,10 +27,6 @@ struct DatasetSummary {
   int written = 0, kept = 0, cars = 0, others = 0;
   std::size_t points = 0;
 };
-
-/// Makes the folder with rig.toml and dataset.json (`about`), or takes it up again; InputError if it was made
-/// of another rig or with other fields.
-void begin_dataset(const Rig& rig, const nlohmann::json& about, const std::filesystem::path& out);
 
 /// Writes frames [first, first + count) of (rig, seed) to `out` and dataset.json. Frames whose files are as
 /// recorded (dataset.h) are kept (a set made with less truth can be given more later: the other files

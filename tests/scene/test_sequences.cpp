@@ -261,13 +261,13 @@ TEST(Between, SweepsOfNuScenesAreFramesWithBoxesOnTheWay) {
     EXPECT_NEAR(std::remainder(headings[i] - headings[0] - share * turn, 2 * std::numbers::pi), 0, 1e-3);
   }
   // The nearest picture in time, at its own pose: sweep 2 has no picture of its time, and sample 3's comes.
-  const auto picture = [&](std::size_t i) { return picture_file(folder.path(), ids[i]).filename().string(); };
+  const auto set = open_data_set(folder.path());
+  const auto picture = [&](std::size_t i) { return set->parts(ids[i]).at(1).file.filename().string(); };
   EXPECT_EQ(picture(1), "1.png");
   EXPECT_EQ(picture(2), "3.png");
   const auto place = [&](std::size_t i) { return read_frame(folder.path(), ids[i]).calibration; };
   EXPECT_GT((place(2).camera_from_velo.translation() - place(1).camera_from_velo.translation()).norm(), 1);
   // Neighbours are the next sweeps, and a velocity is the way between them.
-  const auto set = open_data_set(folder.path());
   EXPECT_EQ(set->beside("lidar-1", 1), "lidar-2");
   EXPECT_EQ(set->beside("lidar-1", -1), "sample0");
   EXPECT_EQ(set->beside("sample0", 1), "sample3");

@@ -139,22 +139,6 @@ std::vector<DataSet::Part> DataSet::existing_parts(const std::string& id) const 
   return all;
 }
 
-std::optional<Lighting> DataSet::lighting(const std::string&) const {
-  return std::nullopt;
-}
-
-std::optional<Moment> DataSet::moment(const std::string&) const {
-  return std::nullopt;
-}
-
-std::optional<std::string> DataSet::beside(const std::string&, int) const {
-  return std::nullopt;
-}
-
-std::vector<SideCamera> DataSet::others(const std::string&) const {
-  return {};
-}
-
 std::optional<std::vector<int>> DataSet::tracks(const std::string& id) const {
   const auto [width, height] = picture_size(id);
   std::vector<int> all;

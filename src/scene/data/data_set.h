@@ -71,22 +71,22 @@ class DataSet {
   /// The frame's sweep in `velo`.
   virtual Sweep sweep(const std::string& id) const = 0;
   /// The frame's own light; none: it follows from the road (recorded_light.h).
-  virtual std::optional<Lighting> lighting(const std::string& id) const;
+  virtual std::optional<Lighting> lighting(const std::string& /*id*/) const { return {}; }
   /// Changes with anything that annotations() says of the frame.
   virtual std::string annotations_hash(const std::string& id) const;
   /// Identities of the frame's labels, in their order; none where the set does not know them.
   virtual std::optional<std::vector<int>> tracks(const std::string& id) const;
   /// When the frame was taken and where the car stood; none where the set does not say. InputError naming
   /// file and row for a pose or a time that is none.
-  virtual std::optional<Moment> moment(const std::string& id) const;
+  virtual std::optional<Moment> moment(const std::string& /*id*/) const { return {}; }
   /// The frame of the same sequence that is `step` after this one (negative: before); none where there is
   /// none.
-  virtual std::optional<std::string> beside(const std::string& id, int step) const;
+  virtual std::optional<std::string> beside(const std::string& /*id*/, int /*step*/) const { return {}; }
   /// The same set with all cameras of its frames (Cameras::all): labels that the first camera sees keep their
   /// numbers, and those that only others see come after them. Null: its frames have one camera.
   virtual std::shared_ptr<const DataSet> with_all_cameras() const { return nullptr; }
   /// The cameras beside the first.
-  virtual std::vector<SideCamera> others(const std::string& id) const;
+  virtual std::vector<SideCamera> others(const std::string& /*id*/) const { return {}; }
   /// The first camera's name.
   virtual std::string camera() const { return "camera"; }
   /// What frames() leaves out because the folder holds it in part, as a line; empty: nothing.

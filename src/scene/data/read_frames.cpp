@@ -121,10 +121,6 @@ std::optional<std::vector<int>> read_tracks(const fs::path& data, const std::str
   return open_data_set(data, Cameras::all)->tracks(id);
 }
 
-fs::path picture_file(const fs::path& data, const std::string& id) {
-  return open_data_set(data)->parts(id).at(1).file;
-}
-
 Annotations read_annotations(const fs::path& data, const std::string& id) {
   const auto set = open_data_set(data);
   const auto [width, height] = set->picture_size(id);

@@ -28,8 +28,6 @@ std::string frame_hash(const std::filesystem::path& data, const std::string& id,
                        Cameras cameras = Cameras::first);
 /// As DataSet::tracks(), of the labels that any camera sees.
 std::optional<std::vector<int>> read_tracks(const std::filesystem::path& data, const std::string& id);
-/// The frame's picture: the second of DataSet::parts().
-std::filesystem::path picture_file(const std::filesystem::path& data, const std::string& id);
 /// As DataSet::annotations().
 Annotations read_annotations(const std::filesystem::path& data, const std::string& id);
 
