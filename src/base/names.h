@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace mirage {
 
@@ -33,6 +34,9 @@ std::string unescape_name(std::string_view text);
 inline constexpr std::size_t kLongestFrameId = 160;
 /// Why it can't be one; empty if it can.
 std::string frame_id_problem(std::string_view id);
+
+/// The parts between any of `separators`; none is empty.
+std::vector<std::string_view> split(std::string_view text, std::string_view separators);
 
 /// The value as text; strings that are no UTF-8 are printable() in it.
 std::string json_text(const nlohmann::json& value, int indent = -1);

@@ -9,12 +9,15 @@
 #include <cstdint>
 #include <map>
 #include <set>
+#include <span>
 #include <string_view>
 
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image.h"
 #include "base/logging.h"
+#include "base/names.h"
+#include "base/sizes.h"
 #include "exchange/gltf.h"
 #include "exchange/gltf_document.h"
 #include "exchange/gltf_model.h"
@@ -23,14 +26,7 @@
 namespace mirage {
 namespace {
 
-/// The first word of `line`, which is left without it; empty at the line's end.
-std::string_view take_word(std::string_view& line) {
-  constexpr std::string_view kBlank = " \t\r";
-  line.remove_prefix(std::min(line.find_first_not_of(kBlank), line.size()));
-  const std::string_view word = line.substr(0, std::min(line.find_first_of(kBlank), line.size()));
-  line.remove_prefix(word.size());
-  return word;
-}
+constexpr const char* kBlank = " \t\r";
 
 template <class T>
 std::optional<T> number(std::string_view word) {
@@ -51,13 +47,14 @@ class ObjReader {
     while (!from_.at_end()) {
       const std::size_t first = line_;
       read_line();
-      std::string_view line = text_;
-      const std::string_view kind = take_word(line);
+      const auto words = split(text_, kBlank);
+      const std::string_view kind = words.empty() ? "" : words.front();
       number_ = first;
       if (kind == "usemtl") into_.leave_out("materials (usemtl)");
       if (kind != "v" && kind != "f") continue;
       if (text_.size() == kLongestLine) fail("is too long");
-      kind == "v" ? read_vertex(line) : read_face(line);
+      const auto values = std::span(words).subspan(1);
+      kind == "v" ? read_vertex(values) : read_face(values);
     }
   }
 
@@ -86,30 +83,29 @@ class ObjReader {
       }
     }
   }
-  void read_vertex(std::string_view line) {
+  void read_vertex(std::span<const std::string_view> words) {
     Vec3d place;
-    for (int k = 0; k < 3; ++k) {
-      const auto value = number<double>(take_word(line));
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto value = k < words.size() ? number<double>(words[k]) : std::nullopt;
       if (!value || !std::isfinite(*value)) fail("is a vertex without three finite numbers");
-      place[k] = *value;
+      place[static_cast<Eigen::Index>(k)] = *value;
     }
     into_.add_vertex(place);
-    take_word(line);  // a weight w, or red
-    if (number<double>(take_word(line)) && number<double>(take_word(line))) into_.leave_out("vertex colours");
+    // Behind the place a weight w, or red.
+    if (words.size() > 5 && number<double>(words[4]) && number<double>(words[5]))
+      into_.leave_out("vertex colours");
   }
-  void read_face(std::string_view line) {
+  void read_face(std::span<const std::string_view> words) {
+    const auto comment = std::ranges::find(words, '#', [](std::string_view word) { return word.front(); });
+    words = words.first(as_size(comment - words.begin()));
+    into_.check_corners(static_cast<double>(words.size()));
     face_.clear();
-    for (std::string_view word = take_word(line); !word.empty() && word[0] != '#'; word = take_word(line)) {
+    for (const std::string_view word : words) {
       const auto named = number<int>(word.substr(0, word.find('/')));
       if (!named || *named == 0) fail("is a face with a corner that is no vertex's number");
       const double before = static_cast<double>(into_.vertex_count());
       face_.push_back(into_.corner(*named > 0 ? *named - 1.0 : *named + before));
-      if (face_.size() > kMostFaceCorners) break;  // is refused in a moment
     }
-    // How many there are altogether, of those that are too many.
-    std::size_t corners = face_.size();
-    while (corners > kMostFaceCorners && !take_word(line).empty()) ++corners;
-    into_.check_corners(static_cast<double>(corners));
     into_.add_face(face_);
   }
 
@@ -127,15 +123,10 @@ enum class MeshFormat { gltf, ply, obj };
 /// Whether a text of which this is the beginning has a row of an OBJ. It has no magic bytes.
 bool looks_like_obj(std::string_view head) {
   if (head.find('\0') != std::string_view::npos) return false;
-  for (std::size_t at = 0; at < head.size();) {
-    const std::size_t end = std::min(head.find('\n', at), head.size());
-    const std::string_view line = head.substr(at, end - at);
-    const std::size_t first = std::min(line.find_first_not_of(" \t\r"), line.size());
-    const std::string_view word = line.substr(first, line.find_first_of(" \t\r", first) - first);
-    for (const char* row : {"v", "vn", "vt", "vp", "f", "l", "p", "o", "g", "s", "mtllib", "usemtl"})
-      if (word == row) return true;
-    at = end + 1;
-  }
+  for (const std::string_view line : split(head, "\n"))
+    if (const auto words = split(line, kBlank); !words.empty())
+      for (const char* row : {"v", "vn", "vt", "vp", "f", "l", "p", "o", "g", "s", "mtllib", "usemtl"})
+        if (words.front() == row) return true;
   return false;
 }
 

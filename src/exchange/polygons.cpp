@@ -15,6 +15,7 @@
 #include <tuple>
 
 #include "base/error.h"
+#include "base/names.h"
 #include "base/sizes.h"
 #include "exchange/gltf_document.h"
 
@@ -287,17 +288,6 @@ class Cursor {
   std::size_t line_ = 1;  ///< of a text, that the cursor stands in
 };
 
-std::vector<std::string_view> words_of(std::string_view line) {
-  std::vector<std::string_view> words;
-  for (std::size_t at = 0; at < line.size();) {
-    const std::size_t first = line.find_first_not_of(" \t\r", at);
-    if (first == std::string_view::npos) break;
-    at = std::min(line.find_first_of(" \t\r", first), line.size());
-    words.push_back(line.substr(first, at - first));
-  }
-  return words;
-}
-
 /// Puts a line of the header into `elements`.
 void take(const std::vector<std::string_view>& words, std::vector<Element>& elements, const Cursor& cursor) {
   if (words.front() == "element") {
@@ -327,10 +317,8 @@ void take(const std::vector<std::string_view>& words, std::vector<Element>& elem
 std::vector<Element> elements_of(std::string_view header, Cursor& cursor) {
   std::vector<Element> elements;
   std::optional<Form> form;
-  for (std::size_t at = 0; at < header.size();) {
-    const std::size_t next = std::min(header.find('\n', at), header.size());
-    const auto words = words_of(header.substr(at, next - at));
-    at = next + 1;
+  for (const std::string_view line : split(header, "\n")) {
+    const auto words = split(line, " \t\r");
     if (words.empty()) continue;
     if (words.front() == "format" && words.size() >= 2) {
       if (words[1] == "ascii") form = Form::text;

@@ -12,6 +12,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/names.h"
 #include "base/sizes.h"
 #include "scene/data/data_set.h"
 #include "scene/data/kitti.h"

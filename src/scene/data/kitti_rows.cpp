@@ -10,6 +10,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/names.h"
 #include "base/sizes.h"
 #include "base/types.h"
 
@@ -62,18 +63,6 @@ PictureBox extent(const Box3& box, const Calibration& calibration) {
 }
 
 }  // namespace
-
-std::vector<std::string_view> split(std::string_view text, std::string_view separators) {
-  std::vector<std::string_view> parts;
-  while (true) {
-    const auto begin = text.find_first_not_of(separators);
-    if (begin == std::string_view::npos) return parts;
-    text.remove_prefix(begin);
-    const auto end = std::min(text.find_first_of(separators), text.size());
-    parts.push_back(text.substr(0, end));
-    text.remove_prefix(end);
-  }
-}
 
 std::string_view shown(std::string_view word) {
   return word.substr(0, 40);

@@ -23,8 +23,6 @@ namespace mirage {
 /// light), labels (a sequence's or a drive's too) and a sweep. Those on record have a tenth of that at most.
 inline constexpr std::uintmax_t kLargestText = 1 << 20, kLargestLabels = 1 << 24, kLargestSweep = 1 << 28;
 
-/// The parts between any of `separators`; none is empty.
-std::vector<std::string_view> split(std::string_view text, std::string_view separators);
 /// A word of the file in a message: a damaged file may have no blanks.
 std::string_view shown(std::string_view word);
 /// InputError naming file and field for what is no finite number.
