@@ -12,6 +12,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/json_fields.h"
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/sizes.h"
@@ -127,6 +128,8 @@ constexpr double kFull = 32767;
 constexpr double kMaxNodes = 1e7;
 constexpr double kLargestNumber = 1000;  ///< m and shares: of whatever the header lists
 
+constexpr const char* kMakeAgain = "make the file again with: mirage fit --build-model FILE";
+
 static_assert(std::endian::native == std::endian::little);
 
 nlohmann::json numbers(const auto& v) {
@@ -134,43 +137,6 @@ nlohmann::json numbers(const auto& v) {
   for (Eigen::Index i = 0; i < v.size(); ++i) out.push_back(v.data()[i]);
   return out;
 }
-
-class Header {
- public:
-  Header(std::string file, const nlohmann::json& json) : file_(std::move(file)), json_(json) {}
-
-  [[noreturn]] void fail(const std::string& field, const std::string& problem) const {
-    throw InputError(file_, field, problem, "make the file again with: mirage fit --build-model FILE");
-  }
-  std::vector<double> list(const std::string& key, std::size_t count) const {
-    if (!json_.contains(key) || !json_.at(key).is_array() || json_.at(key).size() != count)
-      fail(key, "missing or not a list of " + std::to_string(count) + " numbers");
-    std::vector<double> out;
-    for (const auto& value : json_.at(key)) {
-      // Asked this way round: what is no number is not within bounds.
-      if (!value.is_number() || !(std::abs(value.get<double>()) <= kLargestNumber))
-        fail(key, "holds a number out of range");
-      out.push_back(value.get<double>());
-    }
-    return out;
-  }
-  double number(const std::string& key, double low, double high) const {
-    if (!json_.contains(key) || !json_.at(key).is_number()) fail(key, "missing or not a number");
-    const double value = json_.at(key).get<double>();
-    if (!(value >= low && value <= high)) fail(key, "out of range");
-    return value;
-  }
-  Vec3d positive(const std::string& key) const {
-    const auto v = list(key, 3);
-    for (double x : v)
-      if (x < 1e-3) fail(key, "not positive");
-    return {v[0], v[1], v[2]};
-  }
-
- private:
-  std::string file_;
-  const nlohmann::json& json_;
-};
 
 }  // namespace
 
@@ -302,29 +268,33 @@ ShapeModel read_shape_model(const std::filesystem::path& file) {
   check_json_depth(second, name);
   check_json_values(second, name, kMostValues);
   const nlohmann::json json = nlohmann::json::parse(second, nullptr, false);
-  const Header header(name, json);
-  if (!json.is_object()) header.fail("second line", "not a JSON object");
+  if (!json.is_object()) throw InputError(name, "second line", "not a JSON object", kMakeAgain);
+  const JsonFields header(file, json, kMakeAgain);
+  const auto list = [&](const char* key, std::size_t length) {
+    return header.numbers(key, length, -kLargestNumber, kLargestNumber);
+  };
+  const auto positive = [&](const char* key) {
+    return Vec3d(header.numbers(key, 3, 1e-3, kLargestNumber).data());
+  };
   ShapeModel model;
-  model.reference = header.positive("reference");
-  const auto origin = header.list("origin", 3), count = header.list("count", 3);
-  model.layout.origin = {origin[0], origin[1], origin[2]};
-  model.layout.spacing = header.positive("spacing");
+  model.reference = positive("reference");
+  model.layout.origin = Vec3d(list("origin", 3).data());
+  model.layout.spacing = positive("spacing");
+  const auto count = header.numbers("count", 3, 2, 1000);
   double nodes = 1;
   for (std::size_t a = 0; a < 3; ++a) {
-    if (count[a] < 2 || count[a] > 1000 || count[a] != std::floor(count[a]))
-      header.fail("count", "out of range");
+    if (count[a] != std::floor(count[a])) header.fail("count", "not whole numbers");
     model.layout.count[a] = static_cast<int>(count[a]);
     nodes *= count[a];
   }
   if (nodes > kMaxNodes) header.fail("count", "out of range");
   model.cut = header.number("cut", 1e-3, 10);
-  model.dimension = static_cast<int>(header.number("dimension", 1, 200));
-  model.vehicles = static_cast<int>(header.number("vehicles", 1, 1e7));
+  model.dimension = static_cast<int>(header.integer("dimension", 1, 200));
+  model.vehicles = static_cast<int>(header.integer("vehicles", 1, 10'000'000));
   const auto k = as_size(model.dimension);
-  model.explained = header.list("explained", k);
-  const auto scales = header.list("scales", k + 1);
-  const auto mean = header.list("prior_mean", 3 + k),
-             covariance = header.list("prior_covariance", (3 + k) * (3 + k));
+  model.explained = list("explained", k);
+  const auto scales = list("scales", k + 1);
+  const auto mean = list("prior_mean", 3 + k), covariance = list("prior_covariance", (3 + k) * (3 + k));
   const auto size = static_cast<Eigen::Index>(3 + k);
   model.prior_mean = Eigen::Map<const Eigen::VectorXd>(mean.data(), size);
   model.prior_covariance = Eigen::Map<const Eigen::MatrixXd>(covariance.data(), size, size);
