@@ -20,21 +20,10 @@ double horizontal_distance(const Vec3d& p) {
   return std::max(p.head<2>().norm(), 1e-6);
 }
 
-/// The laser that passes nearest to a point at horizontal distance rho and height z.
-int nearest_beam(const LidarModel& lidar, const std::vector<double>& slopes, double rho, double z) {
-  const auto height_at = [&](std::size_t b) { return lidar.beams[b].height + rho * slopes[b]; };
-  std::size_t low = 0, high = lidar.beams.size() - 1;  // heights fall with the index
-  while (high - low > 1) {
-    const std::size_t middle = (low + high) / 2;
-    (height_at(middle) >= z ? low : high) = middle;
-  }
-  return static_cast<int>(std::abs(height_at(low) - z) <= std::abs(height_at(high) - z) ? low : high);
-}
-
-std::vector<double> slopes_of(const LidarModel& lidar) {
-  std::vector<double> slopes;
-  for (const LidarBeam& beam : lidar.beams) slopes.push_back(std::tan(beam.elevation));
-  return slopes;
+std::vector<BeamLine> lines_of(const LidarModel& lidar) {
+  std::vector<BeamLine> lines;
+  for (const LidarBeam& beam : lidar.beams) lines.push_back({beam.height, std::tan(beam.elevation)});
+  return lines;
 }
 
 /// The firing's azimuth at which a laser passes a point (rad; in the unit's frame, not wrapped).
@@ -61,11 +50,10 @@ int nearest_firing(const std::vector<double>& firings, double azimuth, double re
   return static_cast<int>(to_after <= to_before ? after : before);
 }
 
-double angle_off_beam(const LidarModel& lidar, const std::vector<double>& slopes, const Vec3d& p,
-                      std::size_t& beam) {
+double angle_off_beam(const std::vector<BeamLine>& lines, const Vec3d& p, std::size_t& beam) {
   const double rho = horizontal_distance(p);
-  beam = as_size(nearest_beam(lidar, slopes, rho, p.z()));
-  return (p.z() - lidar.beams[beam].height - rho * slopes[beam]) / std::hypot(1.0, slopes[beam]) /
+  beam = nearest_line(lines, rho, p.z());
+  return (p.z() - lines[beam].height - rho * lines[beam].slope) / std::hypot(1.0, lines[beam].slope) /
          std::max(p.norm(), 1e-3);
 }
 
@@ -77,7 +65,7 @@ SweepMotion motion_of(const std::vector<Vec3d>& points, std::vector<double>& pha
   constexpr double kNearest = 2, kScale = 0.03 * kPi / 180;
   constexpr std::size_t kMost = 6000;
   constexpr int kRounds = 20;
-  const std::vector<double> slopes = slopes_of(lidar);
+  const std::vector<BeamLine> lines = lines_of(lidar);
   std::vector<std::size_t> looked;
   const std::size_t every = points.size() / kMost + 1;
   for (std::size_t i = 0; i < points.size(); i += every)
@@ -87,7 +75,7 @@ SweepMotion motion_of(const std::vector<Vec3d>& points, std::vector<double>& pha
     for (const std::size_t i : looked) {
       std::size_t beam = 0;
       double phase = phases[i];
-      const double angle = angle_off_beam(lidar, slopes, by.seen(points[i], phase), beam) / scale;
+      const double angle = angle_off_beam(lines, by.seen(points[i], phase), beam) / scale;
       sum += angle * angle / (1 + angle * angle);
     }
     return sum;
@@ -111,11 +99,10 @@ SweepMotion motion_of(const std::vector<Vec3d>& points, std::vector<double>& pha
       double phase = phases[i];
       const Vec3d p = best.seen(points[i], phase);
       std::size_t beam = 0;
-      const double angle = angle_off_beam(lidar, slopes, p, beam),
-                   weight = 1 / (1 + std::pow(angle / scale, 2));
+      const double angle = angle_off_beam(lines, p, beam), weight = 1 / (1 + std::pow(angle / scale, 2));
       const Vec3d outward(p.x() / horizontal_distance(p), p.y() / horizontal_distance(p), 0);
-      const Vec3d gradient = (Vec3d::UnitZ() - slopes[beam] * outward) / std::hypot(1.0, slopes[beam]) /
-                             std::max(p.norm(), 1e-3);
+      const Vec3d gradient = (Vec3d::UnitZ() - lines[beam].slope * outward) /
+                             std::hypot(1.0, lines[beam].slope) / std::max(p.norm(), 1e-3);
       Six row;
       row << gradient, phase * gradient;
       normal += weight * row * row.transpose();
@@ -143,15 +130,24 @@ SweepMotion motion_of(const std::vector<Vec3d>& points, std::vector<double>& pha
 
 }  // namespace
 
+std::size_t nearest_line(std::span<const BeamLine> lines, double rho, double z) {
+  std::size_t low = 0, high = lines.size() - 1;  // heights fall with the index
+  while (high - low > 1) {
+    const std::size_t middle = (low + high) / 2;
+    (lines[middle].at(rho) >= z ? low : high) = middle;
+  }
+  return std::abs(lines[low].at(rho) - z) <= std::abs(lines[high].at(rho) - z) ? low : high;
+}
+
 std::vector<int> beams_of(std::span<const LidarPoint> points, const LidarModel& lidar) {
-  const std::vector<double> slopes = slopes_of(lidar);
+  const std::vector<BeamLine> lines = lines_of(lidar);
   const Transform lidar_from_velo = lidar.velo_from_lidar.inverse();
   std::vector<int> beams;
   beams.reserve(points.size());
   for (const LidarPoint& point : points) {
     const Vec3d p = lidar_from_velo * point.position().cast<double>();
     beams.push_back(p.allFinite() && !lidar.beams.empty()
-                        ? nearest_beam(lidar, slopes, horizontal_distance(p), p.z())
+                        ? static_cast<int>(nearest_line(lines, horizontal_distance(p), p.z()))
                         : -1);
   }
   return beams;
@@ -238,7 +234,7 @@ Vec3d SweepIndex::seen_by_unit(const Vec3d& p_velo) const {
 void SweepIndex::build(const Sweep& sweep, std::span<const double> phases, const SweepMotion& motion,
                        bool own_firings) {
   motion_ = motion;
-  slopes_ = slopes_of(lidar_);
+  lines_ = lines_of(lidar_);
   returns_.reserve(sweep.size());
   std::size_t seen = 0;  // of `phases`, which returns that are skipped do not have
   for (const LidarPoint& point : sweep) {
@@ -251,7 +247,7 @@ void SweepIndex::build(const Sweep& sweep, std::span<const double> phases, const
     }
     double phase = seen < phases.size() ? phases[seen++] : 0;
     if (!motion_.none()) p = motion_.seen(p, phase);
-    const int beam = nearest_beam(lidar_, slopes_, horizontal_distance(p), p.z());
+    const auto beam = static_cast<int>(nearest_line(lines_, horizontal_distance(p), p.z()));
     returns_.push_back({p_velo, beam, wrap_angle(firing_through(lidar_.beams[as_size(beam)], p)), phase});
   }
   own_firings ? find_own_firings() : find_firings();
@@ -407,8 +403,8 @@ std::optional<RasterCell> SweepIndex::cell_at(const Vec3d& p_velo) const {
   if (lasers < 2 || firings_.empty() || !p_velo.allFinite()) return std::nullopt;
   const Vec3d p = seen_by_unit(p_velo);
   const double rho = horizontal_distance(p);
-  const auto b = as_size(nearest_beam(lidar_, slopes_, rho, p.z()));
-  const auto height = [&](std::size_t k) { return lidar_.beams[k].height + rho * slopes_[k]; };
+  const std::size_t b = nearest_line(lines_, rho, p.z());
+  const auto height = [&](std::size_t k) { return lines_[k].at(rho); };
   const double above = b > 0 ? height(b - 1) - height(b) : height(0) - height(1),
                below = b + 1 < lasers ? height(b) - height(b + 1) : above;
   const double pitch = (above + below) / 2, off = p.z() - height(b);

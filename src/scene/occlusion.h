@@ -15,6 +15,15 @@
 
 namespace mirage {
 
+/// A laser in the plane of horizontal distance ρ and height z (m): z = height + slope · ρ.
+struct BeamLine {
+  double height = 0, slope = 0;
+  /// Its height at a distance.
+  double at(double rho) const { return height + slope * rho; }
+};
+/// The line that passes nearest to a point there, of one line or more, from the top down.
+std::size_t nearest_line(std::span<const BeamLine> lines, double rho, double z);
+
 /// The laser (index) that passes nearest to each return; −1 where the return is not finite, or the unit has
 /// no lasers.
 std::vector<int> beams_of(std::span<const LidarPoint> points, const LidarModel& lidar);
@@ -111,7 +120,7 @@ class SweepIndex {
   std::vector<Return> returns_;                     ///< beam −1: not finite, skipped
   std::vector<double> firings_;                     ///< rad, rising, in [−π, π)
   std::vector<Turn> elevations_, offsets_, turns_;  ///< of the beams, their azimuth offsets, the firings
-  std::vector<double> slopes_;                      ///< tangents of the beams' elevations
+  std::vector<BeamLine> lines_;                     ///< of the beams
   std::vector<int> cells_;                          ///< beams × firings: point, −1 where none
   std::vector<int> extra_;                          ///< returns without a cell of their own
   double assigned_share_ = 0;

@@ -35,12 +35,6 @@ double median_of(std::vector<double> values) {
   return lower_quantile(std::move(values), 0.5);
 }
 
-/// A beam in the plane of horizontal distance ρ and height z: z = height + slope · ρ.
-struct BeamLine {
-  double height = 0, slope = 0;
-  double at(double rho) const { return height + slope * rho; }
-};
-
 /// A return, in `velo` and as the unit sees it.
 struct UnitHit {
   Vec3d p_velo, p = Vec3d::Zero();
@@ -224,18 +218,8 @@ void sort_lines(std::vector<BeamLine>& lines) {
   std::sort(lines.begin(), lines.end(), [](const auto& a, const auto& b) { return a.slope > b.slope; });
 }
 
-std::size_t nearest_line(const std::vector<BeamLine>& lines, const UnitHit& hit) {
-  std::size_t low = 0, high = lines.size() - 1;
-  while (high - low > 1) {
-    const std::size_t middle = (low + high) / 2;
-    (lines[middle].at(hit.rho) >= hit.p.z() ? low : high) = middle;
-  }
-  const auto off = [&](std::size_t k) { return std::abs(lines[k].at(hit.rho) - hit.p.z()); };
-  return off(low) <= off(high) ? low : high;
-}
-
 void assign_beams(std::vector<UnitHit>& hits, const std::vector<BeamLine>& lines) {
-  for (UnitHit& hit : hits) hit.beam = static_cast<int>(nearest_line(lines, hit));
+  for (UnitHit& hit : hits) hit.beam = static_cast<int>(nearest_line(lines, hit.rho, hit.p.z()));
 }
 
 /// Share of the hits that lie on their beam.
@@ -360,7 +344,7 @@ std::vector<BeamLine> lines_in_order(const std::vector<UnitHit>& hits, const std
   std::vector<BeamLine> lines;
   on = 0;
   for (const auto* run : order) {
-    const auto nearest = [&](const UnitHit& hit) { return lines[nearest_line(lines, hit)]; };
+    const auto nearest = [&](const UnitHit& hit) { return lines[nearest_line(lines, hit.rho, hit.p.z())]; };
     if (!lines.empty() && off_median(*run, nearest) < kAnother) {
       on += run->size();
       continue;
