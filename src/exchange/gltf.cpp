@@ -34,7 +34,7 @@ class SceneReader {
     gltf_.warn_of_what_is_left_out();
     const tinygltf::Value* extras = gltf_.scene_extras();
     if (extras && extras->Has("camera"))
-      read_first(extras->Get("camera"), scene);
+      read_camera(extras->Get("camera"), "scenes[].extras.mirage.camera", scene);
     else if (!find_camera(scene, width, height))
       gltf_.fail("cameras", "the scene has no camera",
                  "add a camera, or export the scene with mirage export");
@@ -72,19 +72,10 @@ class SceneReader {
       if (!from.IsObject()) gltf_.fail(at, "is not an object");
       SceneCamera& camera = scene.others.emplace_back();
       read_camera(from, at, camera);
-      read_name(from, at, camera);
       if (!names.insert(camera.name).second)
         gltf_.fail(at + ".name", "is another camera's", "give each camera a name of its own");
       if (from.Has("photograph")) read_photograph(from.Get("photograph"), at + ".photograph", camera);
     }
-  }
-
-  /// Pictures are named after cameras.
-  void read_name(const tinygltf::Value& from, const std::string& field, SceneCamera& camera) const {
-    if (!from.Has("name")) return;
-    camera.name = from.Get("name").IsString() ? from.Get("name").Get<std::string>() : "";
-    if (!frame_id_problem(camera.name).empty())
-      gltf_.fail(field + ".name", "can be no picture's name", "name the camera, e.g. \"CAM_BACK\"");
   }
 
   void read_photograph(const tinygltf::Value& value, const std::string& field, SceneCamera& scene) const {
@@ -142,12 +133,6 @@ class SceneReader {
     camera.height = static_cast<int>(height);
   }
 
-  void read_first(const tinygltf::Value& from, RenderScene& scene) const {
-    const std::string field = "scenes[].extras.mirage.camera";
-    read_camera(from, field, scene);
-    read_name(from, field, scene);
-  }
-
   void read_camera(const tinygltf::Value& from, const std::string& field, SceneCamera& scene) const {
     read_intrinsics(from, field, scene.camera);
     const auto rows = gltf_.numbers(from, "velo_from_camera", 12, field);
@@ -156,6 +141,10 @@ class SceneReader {
       for (int c = 0; c < 4; ++c) velo_from_camera.matrix()(r, c) = rows[as_size(4 * r + c)];
     check_pose(velo_from_camera, field + ".velo_from_camera");
     scene.camera_from_velo = velo_from_camera.inverse();
+    if (!from.Has("name")) return;
+    scene.name = from.Get("name").IsString() ? from.Get("name").Get<std::string>() : "";
+    if (!frame_id_problem(scene.name).empty())  // pictures are named after cameras
+      gltf_.fail(field + ".name", "can be no picture's name", "name the camera, e.g. \"CAM_BACK\"");
   }
 
   void check_pose(const Transform& velo_from_camera, const std::string& field) const {

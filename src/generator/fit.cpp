@@ -20,7 +20,7 @@ namespace mirage::generator {
 std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, double height, Look look) {
   const Street street = make_street(seed, index, height, look);
   std::vector<TrueVehicle> vehicles;
-  for (const Placed& placed : street.placed) vehicles.push_back({placed.type, placed.box, {}, placed.kind});
+  for (const Placed& placed : street.placed) vehicles.push_back({placed, {}});
   for (const Surface& surface : street.surfaces)
     if (const auto k = as_size(surface.object); surface.object >= 0 && !on_roof(surface, street.placed[k]))
       append(vehicles[k].mesh, surface.mesh, Transform::Identity());
@@ -81,7 +81,7 @@ double mean_distance(const Mesh& mesh, const MeshDistance& surface,
   return counted == 0 ? 0 : sum / static_cast<double>(counted);
 }
 
-FitError measure(const ShapeFit& fit, const Carrier& by_box, const generator::TrueVehicle& truth) {
+FitError measure(const ShapeFit& fit, const Transform& by_box, const generator::TrueVehicle& truth) {
   const Transform truth_from_velo = velo_from_box(truth.box).inverse();
   const auto moved = [&](Mesh mesh) {
     for (Vec3d& v : mesh.vertices) v = truth_from_velo * v;
@@ -91,7 +91,7 @@ FitError measure(const ShapeFit& fit, const Carrier& by_box, const generator::Tr
   const Vec3d roof = roof_point(true_mesh);
   FitError error;
   error.roof = truth_from_velo * Vec3d(fit.velo_from_roof.translation()) - roof;
-  error.box = truth_from_velo * Vec3d(by_box.velo_from_roof.translation()) - roof;
+  error.box = truth_from_velo * Vec3d(by_box.translation()) - roof;
   const Vec3d heading = truth_from_velo.linear() * fit.velo_from_vehicle.linear().col(0);
   error.yaw = std::atan2(heading.y(), heading.x());
   error.to_truth = mean_distance(fitted, MeshDistance(true_mesh), [](const Vec3d&) { return true; });
@@ -250,8 +250,7 @@ std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame&
     vehicle.frame = frame.id;
     vehicle.label = static_cast<int>(i);
     vehicle.range = std::hypot(label.box.bev.x, label.box.bev.y);
-    vehicle.occluded = label.occluded;
-    vehicle.carrier = by_box.find(frame, label);
+    vehicle.velo_from_roof = by_box.find(frame, label).velo_from_roof;
     const auto start = std::chrono::steady_clock::now();
     vehicle.fit = finder.fit(index, label);
     vehicle.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -268,8 +267,8 @@ std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame&
       vehicle.roof_over_returns = roof.z() - lower_quantile(std::move(heights), 0.99);
       if (truth)
         if (const auto* true_vehicle = generator::find_vehicle(*truth, label.type, given))
-          vehicle.error = measure(vehicle.fit, vehicle.carrier, *true_vehicle);
-      vehicle.carrier = {label, vehicle.fit.velo_from_roof, false};
+          vehicle.error = measure(vehicle.fit, vehicle.velo_from_roof, *true_vehicle);
+      vehicle.velo_from_roof = vehicle.fit.velo_from_roof;
     }
     vehicles.push_back(std::move(vehicle));
   }
@@ -277,12 +276,12 @@ std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame&
 }
 
 nlohmann::json to_json(const FittedVehicle& v) {
-  const Transform& roof = v.carrier.velo_from_roof;
+  const Transform& roof = v.velo_from_roof;
   nlohmann::json out = {{"frame", v.frame},
                         {"label", v.label},
                         {"range_m", v.range},
                         {"returns", v.fit.points},
-                        {"from_box", v.carrier.from_box},
+                        {"from_box", !v.fit.fitted},
                         {"roof_velo", list(roof.translation())},
                         {"heading_rad", std::atan2(roof(1, 0), roof(0, 0))},
                         {"seconds", v.seconds}};
@@ -317,11 +316,10 @@ FittedVehicle read_fitted_vehicle(const JsonFields& json) {
   v.range = number(json, "range_m");
   v.seconds = number(json, "seconds");
   v.fit.points = json.count("returns");
-  v.carrier.from_box = json.truth("from_box");
-  v.carrier.velo_from_roof.translation() = read_list(json, "roof_velo");
-  v.carrier.velo_from_roof.linear() =
+  v.velo_from_roof.translation() = read_list(json, "roof_velo");
+  v.velo_from_roof.linear() =
       Eigen::AngleAxisd(number(json, "heading_rad"), Vec3d::UnitZ()).toRotationMatrix();
-  v.fit.fitted = !json.has("reason");
+  v.fit.fitted = !json.truth("from_box");
   if (!v.fit.fitted) {
     v.fit.reason = json.text("reason");
     return v;

@@ -19,11 +19,8 @@
 namespace mirage::generator {
 
 /// A generated vehicle as it is, with nothing hidden.
-struct TrueVehicle {
-  std::string type;
-  Box3 box;   ///< `velo`
+struct TrueVehicle : Placed {
   Mesh mesh;  ///< `velo`; every surface of it, seats and lamps included, but for what is on its roof
-  std::string kind = {};  ///< a car's body style ("hatchback", …); else empty
 };
 
 /// The labelled things of frame `index` of a seed, laid out again (nothing is rendered). `height`: of the
@@ -67,8 +64,8 @@ struct FittedVehicle {
   std::string frame;
   int label = 0;     ///< index among the frame's labels
   double range = 0;  ///< m, horizontal, from the LiDAR to the box
-  int occluded = 0;
-  Carrier carrier;  ///< from_box where there is no fit
+  /// The fitted roof's pose, or where there is no fit BoxRoofFinder's.
+  Transform velo_from_roof = Transform::Identity();
   ShapeFit fit;
   double residual = 0;           ///< median distance of the returns to the fitted mesh (m)
   double roof_over_box = 0;      ///< fitted roof point's height over the labelled box's top (m)
