@@ -138,19 +138,31 @@ constexpr std::size_t kLongestHeader = 1 << 16, kMostElements = 32, kMostPropert
 
 enum class Scalar { i8, u8, i16, u16, i32, u32, f32, f64 };
 
-std::size_t bytes_of(Scalar type) {
+/// f(value) with a value of that type.
+template <class F>
+auto with_scalar(Scalar type, const F& f) {
   switch (type) {
     case Scalar::i8:
+      return f(std::int8_t{});
     case Scalar::u8:
-      return 1;
+      return f(std::uint8_t{});
     case Scalar::i16:
+      return f(std::int16_t{});
     case Scalar::u16:
-      return 2;
-    case Scalar::f64:
-      return 8;
+      return f(std::uint16_t{});
+    case Scalar::i32:
+      return f(std::int32_t{});
+    case Scalar::u32:
+      return f(std::uint32_t{});
+    case Scalar::f32:
+      return f(float{});
     default:
-      return 4;
+      return f(double{});
   }
+}
+
+std::size_t bytes_of(Scalar type) {
+  return with_scalar(type, [](auto value) { return sizeof value; });
 }
 
 std::optional<Scalar> scalar_named(std::string_view word) {
@@ -248,38 +260,18 @@ class Cursor {
       fail(line(), "holds a word that is no number");
     return value;
   }
-  template <class T>
-  double as() {
-    std::array<char, sizeof(T)> raw;
-    for (char& c : raw) {
-      if (from_.at_end()) fail("body", "ends too early");
-      c = from_.current();
-      from_.next();
-    }
-    if ((form_ == Form::big) != (std::endian::native == std::endian::big))
-      std::reverse(raw.begin(), raw.end());
-    return static_cast<double>(std::bit_cast<T>(raw));
-  }
   double binary_number(Scalar type) {
-    switch (type) {
-      case Scalar::i8:
-        return as<std::int8_t>();
-      case Scalar::u8:
-        return as<std::uint8_t>();
-      case Scalar::i16:
-        return as<std::int16_t>();
-      case Scalar::u16:
-        return as<std::uint16_t>();
-      case Scalar::i32:
-        return as<std::int32_t>();
-      case Scalar::u32:
-        return as<std::uint32_t>();
-      case Scalar::f32:
-        return as<float>();
-      case Scalar::f64:
-        return as<double>();
-    }
-    return 0;
+    return with_scalar(type, [&]<class T>(T) {
+      std::array<char, sizeof(T)> raw;
+      for (char& c : raw) {
+        if (from_.at_end()) fail("body", "ends too early");
+        c = from_.current();
+        from_.next();
+      }
+      if ((form_ == Form::big) != (std::endian::native == std::endian::big))
+        std::reverse(raw.begin(), raw.end());
+      return static_cast<double>(std::bit_cast<T>(raw));
+    });
   }
 
   FileCharacters& from_;

@@ -79,20 +79,15 @@ void add_wheel(Actor& car, const Hull& hull, double x, double radius, bool alloy
     Mesh rim;
     const double hub = radius * 0.66;
     if (alloy) {
+      const auto on = [&](double angle, double rr) {
+        return Vec3d(x + rr * std::cos(angle), side * (y + 0.009), radius + rr * std::sin(angle));
+      };
       for (int s = 0; s < 5; ++s) {
         const double a = 2 * std::numbers::pi * s / 5 + 0.3, w = 0.26;
-        const double yo = side * (y + 0.009);
-        const auto on = [&](double angle, double rr) {
-          return Vec3d(x + rr * std::cos(angle), yo, radius + rr * std::sin(angle));
-        };
         add_quad(rim, on(a - 0.6, 0.2 * hub), on(a - w, hub), on(a + w, hub), on(a + 0.6, 0.2 * hub));
       }
       for (int s = 0; s < 20; ++s) {
-        const double a = 2 * std::numbers::pi * s / 20, b = 2 * std::numbers::pi * (s + 1) / 20,
-                     yo = side * (y + 0.009);
-        const auto on = [&](double angle, double rr) {
-          return Vec3d(x + rr * std::cos(angle), yo, radius + rr * std::sin(angle));
-        };
+        const double a = 2 * std::numbers::pi * s / 20, b = 2 * std::numbers::pi * (s + 1) / 20;
         add_quad(rim, on(a, 0.9 * hub), on(a, 1.05 * hub), on(b, 1.05 * hub), on(b, 0.9 * hub));
       }
       append(rim, cylinder(0.22 * hub, 0.01, 10), place(0.0, radius));

@@ -244,22 +244,20 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder, bool between) 
     const std::string token = row.text("sample_token");
     if (!frame_id_problem(token).empty()) row.fail("sample_token", "can be no frame's name");
     const std::string& channel = channel_of[sensor->first];
-    if (between && (!key || channel != kLidar)) {
-      Shot& shot = tables->pictures.emplace_back();
+    const auto fill = [&](Shot& shot) {
       shot.file = file_of(row), shot.sensor = &sensor->second;
       waiting[row.text("ego_pose_token")].push_back(&shot);
+    };
+    if (between && (!key || channel != kLidar)) {
+      Shot& shot = tables->pictures.emplace_back();
+      fill(shot);
       loose.push_back(
           {row.text("token"), token, channel, row.integer("timestamp", 0, std::int64_t{1} << 60), &shot});
       if (!frame_id_problem(loose.back().token).empty()) row.fail("token", "can be no frame's name");
     }
     if (!key) return;
     Sample& sample = tables->samples[token];
-    Shot& shot = channel == kLidar    ? sample.lidar
-                 : channel == kCamera ? sample.camera
-                                      : sample.others[channel];
-    shot.file = file_of(row);
-    shot.sensor = &sensor->second;
-    waiting[row.text("ego_pose_token")].push_back(&shot);
+    fill(channel == kLidar ? sample.lidar : channel == kCamera ? sample.camera : sample.others[channel]);
   });
   for_each_row_of(folder / "ego_pose.json", [&](const JsonFields& row) {
     const auto shots = waiting.find(row.text("token"));
