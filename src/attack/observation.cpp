@@ -239,7 +239,7 @@ void Observation::watch(SensorView& view) {
 }
 
 AdversaryGradient Observation::vjp(const SensorGradient& gradient, AttackTarget target) const {
-  Upstream<float> upstream;
+  Upstream upstream;
   if (target != AttackTarget::lidar && !gradient.image.empty())
     upstream = {gradient.image.data.data(), gradient.image.width, gradient.image.height};
   std::vector<const float*> others = others_of(gradient, world_.prepared().frame, simulated_);
@@ -247,7 +247,7 @@ AdversaryGradient Observation::vjp(const SensorGradient& gradient, AttackTarget 
     const bool camera = k < simulated_.others.size();
     if (target != AttackTarget::both && !(camera && target == AttackTarget::image)) others[k] = nullptr;
   }
-  upstream.others = others;
+  upstream.others.assign(others.begin(), others.end());
   if (target != AttackTarget::image) upstream.points = gradient.points;
   upstream.silhouette = &silhouette_;
   upstream.presence = gradient.presence;

@@ -442,18 +442,17 @@ LidarTape draw_in_lidar(const PreparedFrame& prepared, const TexturedMesh& place
   return Insertion(prepared, placed, settings, result).run();
 }
 
-template <class S>
 void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed, const SimulationSettings& settings,
-                       std::span<const std::array<S, 4>> d_points, std::vector<Vec3d>& d_vertices,
+                       const GradientView& d_points, std::vector<Vec3d>& d_vertices,
                        std::vector<Vec3d>& d_texels) {
   for (std::size_t i = 0; i < tape.returns.size(); ++i) {
     const auto& added = tape.returns[i];
-    const auto& d = d_points[tape.first + i];
-    const double d_range = Vec3d(d[0], d[1], d[2]).dot(added.ray.direction);
+    const std::size_t at = 4 * (tape.first + i);
+    const double d_range = Vec3d(d_points[at], d_points[at + 1], d_points[at + 2]).dot(added.ray.direction);
     for (int p = 0; p < added.count; ++p) {
       const auto& part = tape.parts[as_size(added.first + p)];
       const auto face = face_of(placed.mesh, part.face);
-      const double d_reflectance = part.weight * d[3];
+      const double d_reflectance = part.weight * d_points[at + 3];
       const Vec3d d_point = p == added.strongest ? Vec3d(d_range * part.direction) : Vec3d::Zero();
       const auto d_face = intersect_face_vjp<double>(part.direction, face, part.hit, part.reflectivity,
                                                      settings.grazing_cosine, d_point, d_reflectance);
@@ -466,22 +465,15 @@ void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed, const 
     }
   }
 }
-template void draw_in_lidar_vjp(const LidarTape&, const TexturedMesh&, const SimulationSettings&,
-                                std::span<const std::array<float, 4>>, std::vector<Vec3d>&,
-                                std::vector<Vec3d>&);
-template void draw_in_lidar_vjp(const LidarTape&, const TexturedMesh&, const SimulationSettings&,
-                                std::span<const std::array<double, 4>>, std::vector<Vec3d>&,
-                                std::vector<Vec3d>&);
 
 LidarSilhouette lidar_silhouette(const PreparedFrame& prepared, const TexturedMesh& placed) {
   if (placed.mesh.faces.empty()) return {};
   return Tracer(prepared, placed).run();
 }
 
-template <class S>
-void lidar_silhouette_vjp(const LidarSilhouette& silhouette, std::span<const S> presence,
+void lidar_silhouette_vjp(const LidarSilhouette& silhouette, const GradientView& presence,
                           std::vector<Vec3d>& d_vertices) {
-  const auto at = [&](int place) { return static_cast<double>(presence[as_size(place)]); };
+  const auto at = [&](int place) { return presence[as_size(place)]; };
   for (const LidarSilhouette::Sample& sample : silhouette.samples) {
     const double gained = at(sample.near) - (sample.behind >= 0 ? at(sample.behind) : 0);
     const Vec3d d_point = gained * sample.gain;
@@ -489,7 +481,5 @@ void lidar_silhouette_vjp(const LidarSilhouette& silhouette, std::span<const S> 
     d_vertices[as_size(sample.vertices[1])] += sample.share * d_point;
   }
 }
-template void lidar_silhouette_vjp(const LidarSilhouette&, std::span<const float>, std::vector<Vec3d>&);
-template void lidar_silhouette_vjp(const LidarSilhouette&, std::span<const double>, std::vector<Vec3d>&);
 
 }  // namespace mirage

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <array>
-#include <span>
 #include <vector>
 
 #include "geometry/mesh.h"
@@ -43,17 +42,10 @@ LidarTape draw_in_lidar(const PreparedFrame& prepared, const TexturedMesh& place
 /// Adds d loss / d placed vertices (`velo`), and d loss / d texels where reflectance comes from the albedo.
 /// The derivative holds the choices fixed: which face a ray meets, what is hidden or lost, which echo is
 /// strongest.
-template <class S>
+/// `d_points`: one a point of the simulated sweep, of which the new returns' are read.
 void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed, const SimulationSettings& settings,
-                       std::span<const std::array<S, 4>> d_points, std::vector<Vec3d>& d_vertices,
+                       const GradientView& d_points, std::vector<Vec3d>& d_vertices,
                        std::vector<Vec3d>& d_texels);
-/// The same for points as Simulated has them.
-inline void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed,
-                              const SimulationSettings& settings,
-                              const std::vector<std::array<float, 4>>& d_points,
-                              std::vector<Vec3d>& d_vertices, std::vector<Vec3d>& d_texels) {
-  draw_in_lidar_vjp<float>(tape, placed, settings, d_points, d_vertices, d_texels);
-}
 
 // The part of the LiDAR's derivative that lies in what it sees at all. A ray's return moves with the face
 // that it meets; that it comes from the object, and no longer from what is behind it, is decided where the
@@ -87,8 +79,7 @@ struct LidarSilhouette {
 LidarSilhouette lidar_silhouette(const PreparedFrame& prepared, const TexturedMesh& placed);
 
 /// Adds d loss / d placed vertices (`velo`). `presence`: d loss / d number of returns at each place.
-template <class S>
-void lidar_silhouette_vjp(const LidarSilhouette& silhouette, std::span<const S> presence,
+void lidar_silhouette_vjp(const LidarSilhouette& silhouette, const GradientView& presence,
                           std::vector<Vec3d>& d_vertices);
 
 }  // namespace mirage

@@ -237,20 +237,19 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placem
   return tape;
 }
 
-template <class S>
 void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, const Calibration& calibration,
-                        const CameraSight& result, const S* d_image, std::vector<Vec3d>& d_vertices,
-                        std::vector<Vec3d>& d_texels) {
+                        const CameraSight& result, const GradientView& d_image,
+                        std::vector<Vec3d>& d_vertices, std::vector<Vec3d>& d_texels) {
   if (tape.target.background.empty()) return;
   const PixelRect& rect = result.rect;
   Image<double> d_rgba(rect.width(), rect.height(), 4);
   for (int v = 0; v < rect.height(); ++v) {
-    const S* row = d_image + 3 * (as_size(rect.v0 + v) * as_size(result.image.width) + as_size(rect.u0));
+    std::size_t at = 3 * (as_size(rect.v0 + v) * as_size(result.image.width) + as_size(rect.u0));
     for (int u = 0; u < rect.width(); ++u)
-      for (int c = 0; c < 3; ++c) {
+      for (int c = 0; c < 3; ++c, ++at) {
         const double value = result.rgba.at(u, v, c);
         const bool saturated = value > 1 || value < 0;
-        d_rgba.at(u, v, c) = saturated ? 0 : static_cast<double>(row[3 * u + c]);
+        d_rgba.at(u, v, c) = saturated ? 0 : d_image[at];
       }
   }
   expose_object_vjp(tape.effects, tape.target.background, rect.u0, rect.v0, tape.softened, d_rgba);
@@ -276,10 +275,6 @@ void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, cons
     d_vertices[as_size(face[2])] += d_e2;
   }
 }
-template void draw_in_camera_vjp(const CameraTape&, const TexturedMesh&, const Calibration&,
-                                 const CameraSight&, const float*, std::vector<Vec3d>&, std::vector<Vec3d>&);
-template void draw_in_camera_vjp(const CameraTape&, const TexturedMesh&, const Calibration&,
-                                 const CameraSight&, const double*, std::vector<Vec3d>&, std::vector<Vec3d>&);
 
 Image<double> expose_object(const CameraEffects& effects, const ImageF& photograph, int u0, int v0,
                             Image<double>& rgba) {

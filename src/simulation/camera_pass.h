@@ -69,18 +69,10 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placem
 /// Whether any of `placed` (in `velo`) may touch the camera's picture: cheap, and in doubt it may.
 bool may_see(const Calibration& calibration, const Mesh& placed, const SimulationSettings& settings);
 /// Adds d loss / d placed vertices (`velo`) and d loss / d texels.
-/// `d_image`: height × width × 3 of the photograph's size, S float or double; the rect's pixels are read.
-template <class S>
+/// `d_image`: height × width × 3 of the photograph's size; the rect's pixels are read.
 void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, const Calibration& calibration,
-                        const CameraSight& result, const S* d_image, std::vector<Vec3d>& d_vertices,
-                        std::vector<Vec3d>& d_texels);
-/// The same for a picture of the library's own.
-inline void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed,
-                               const Calibration& calibration, const CameraSight& result,
-                               const ImageF& d_image, std::vector<Vec3d>& d_vertices,
-                               std::vector<Vec3d>& d_texels) {
-  draw_in_camera_vjp(tape, placed, calibration, result, d_image.data.data(), d_vertices, d_texels);
-}
+                        const CameraSight& result, const GradientView& d_image,
+                        std::vector<Vec3d>& d_vertices, std::vector<Vec3d>& d_texels);
 
 // Lens and sensor on the pixels of an inserted object. A recorded photograph has been through both; what is
 // drawn into it has not.

@@ -195,20 +195,16 @@ void check_settings(const SimulationSettings& settings) {
   }
 }
 
-template <class S>
-void check_upstream(const Simulated& simulated, const Upstream<S>& upstream) {
+void check_upstream(const Simulated& simulated, const Upstream& upstream) {
   const std::string where = "upstream gradient", fix = "check the detector and the loss that it comes from";
-  const auto check_pixels = [&](const std::string& name, const CameraSight& sight, const S* d_image) {
+  const auto check_pixels = [&](const std::string& name, const CameraSight& sight,
+                                const GradientView& d_image) {
     const PixelRect& rect = sight.rect;
-    for (int v = rect.v0; v < rect.v1; ++v) {
-      const S* from = d_image + 3 * (as_size(v) * as_size(sight.image.width) + as_size(rect.u0));
-      const S* to = from + 3 * as_size(rect.width());
-      const S* bad = std::find_if_not(from, to, [](S value) { return std::isfinite(value); });
-      if (bad != to)
-        throw Failure(where,
-                      fmt::format("{} pixel ({}, {}) is {}", name, rect.u0 + (bad - from) / 3, v, kNotFinite),
-                      fix);
-    }
+    for (int v = rect.v0; v < rect.v1; ++v)
+      for (int u = rect.u0; u < rect.u1; ++u)
+        for (std::size_t c = 0; c < 3; ++c)
+          if (!std::isfinite(d_image[3 * (as_size(v) * as_size(sight.image.width) + as_size(u)) + c]))
+            throw Failure(where, fmt::format("{} pixel ({}, {}) is {}", name, u, v, kNotFinite), fix);
   };
   if (upstream.image) {
     if (upstream.width != simulated.image.width || upstream.height != simulated.image.height)
@@ -221,36 +217,33 @@ void check_upstream(const Simulated& simulated, const Upstream<S>& upstream) {
                      "does not have one entry for each of the other cameras and measurements",
                      "give null for those without a gradient");
   for (std::size_t k = 0; k < upstream.others.size(); ++k) {
-    const S* given = upstream.others[k];
+    const GradientView& given = upstream.others[k];
     if (!given) continue;
     if (k < cameras) {
       check_pixels(fmt::format("d_image of other camera {}", k), simulated.others[k], given);
       continue;
     }
     const Measurement& measured = simulated.measurements[k - cameras];
-    const S* end = given + measured.data.size();
-    if (const S* bad = std::find_if_not(given, end, [](S value) { return std::isfinite(value); }); bad != end)
-      throw Failure(where, fmt::format("{} value {} is {}", measured.name, bad - given, kNotFinite), fix);
+    for (std::size_t i = 0; i < measured.data.size(); ++i)
+      if (!std::isfinite(given[i]))
+        throw Failure(where, fmt::format("{} value {} is {}", measured.name, i, kNotFinite), fix);
   }
-  const auto& presence = upstream.presence;
-  if (!presence.empty() && (!upstream.silhouette || upstream.silhouette->places.size() != presence.size()))
+  const GradientView& presence = upstream.presence;
+  if (presence.size() > 0 && (!upstream.silhouette || upstream.silhouette->places.size() != presence.size()))
     throw InputError(where, "presence", "does not have one entry a place of the silhouette",
                      "give a number for every place");
   for (std::size_t i = 0; i < presence.size(); ++i)
     if (!std::isfinite(presence[i]))
       throw Failure(where, fmt::format("presence of place {} is {}", i, kNotFinite), fix);
-  const auto& d_points = upstream.points;
-  if (d_points.empty()) return;
+  const GradientView& d_points = upstream.points;
+  if (d_points.size() == 0) return;
   if (d_points.size() != simulated.sweep.size())
     throw InputError(where, "d_points", "does not have one entry a point of the simulated sweep",
                      "give a gradient for every point");
   const std::size_t first = d_points.size() - as_size(simulated.adversary_points);
-  for (std::size_t i = first; i < d_points.size(); ++i)
-    for (S value : d_points[i])
-      if (!std::isfinite(value))
-        throw Failure(where, fmt::format("d_points point {} is {}", i, kNotFinite), fix);
+  for (std::size_t i = 4 * first; i < 4 * d_points.size(); ++i)
+    if (!std::isfinite(d_points[i]))
+      throw Failure(where, fmt::format("d_points point {} is {}", i / 4, kNotFinite), fix);
 }
-template void check_upstream(const Simulated&, const Upstream<float>&);
-template void check_upstream(const Simulated&, const Upstream<double>&);
 
 }  // namespace mirage

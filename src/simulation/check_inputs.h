@@ -29,7 +29,6 @@ void check_window(const PreparedFrame& prepared, std::size_t camera, const Pixel
 void check_settings(const SimulationSettings& settings);
 /// Sizes of the upstream gradients, and the part of them that simulate_vjp reads: the window's pixels and the
 /// new returns. Failure for a number that is not finite: it comes from a detector, not from the user's files.
-template <class S>
-void check_upstream(const Simulated& simulated, const Upstream<S>& upstream);
+void check_upstream(const Simulated& simulated, const Upstream& upstream);
 
 }  // namespace mirage

@@ -15,73 +15,57 @@ struct Simulated::Tape {
   TexturedMesh placed;
   Eigen::Matrix3d velo_from_adversary;
   std::vector<std::size_t> lowest;  ///< vertices that it stands on: more than one at a tie
-  std::vector<std::unique_ptr<SensorTape>> sensors;
+  std::shared_ptr<const LidarTape> lidar;
+  std::vector<SensorVjp> sensors;
 };
 
 namespace {
-
-struct CameraSensorTape : SensorTapeOf<CameraSensorTape> {
-  std::size_t camera = 0;
-  Calibration calibration;
-  CameraTape tape;
-
-  template <class S>
-  void add(const Simulated& simulated, const TexturedMesh& object, const Upstream<S>& upstream,
-           AdversaryGradient& placed) const {
-    const S* d_image = camera == 0               ? upstream.image
-                       : upstream.others.empty() ? nullptr
-                                                 : upstream.others[camera - 1];
-    if (d_image)
-      draw_in_camera_vjp(tape, object, calibration, simulated.sight(camera), d_image, placed.vertices,
-                         placed.texels);
-  }
-};
 
 /// One of the frame's cameras, by its number.
 class CameraSensor : public SensorPass {
  public:
   explicit CameraSensor(std::size_t camera) : camera_(camera) {}
-  std::unique_ptr<SensorTape> draw(const PreparedFrame& prepared, const Placement& placement,
-                                   const TexturedMesh& placed, const SimulationSettings& settings,
-                                   Simulated& result) const override {
+  SensorVjp draw(const PreparedFrame& prepared, const Placement& placement, const TexturedMesh& placed,
+                 const SimulationSettings& settings, Simulated& result) const override {
     const Calibration& calibration = prepared.frame.calibration_of(camera_);
     if (camera_ > 0 && !may_see(calibration, placed.mesh, settings)) return nullptr;
-    auto tape = std::make_unique<CameraSensorTape>();
-    tape->camera = camera_, tape->calibration = calibration;
     CameraSight& sight = camera_ == 0 ? result : result.others[camera_ - 1];
-    tape->tape = draw_in_camera(prepared, placement, placed, settings, sight, camera_);
-    return tape;
+    return [camera = camera_, calibration,
+            tape = draw_in_camera(prepared, placement, placed, settings, sight, camera_)](
+               const Simulated& simulated, const TexturedMesh& object, const Upstream& upstream,
+               AdversaryGradient& placed_gradient) {
+      const GradientView d_image = camera == 0               ? upstream.image
+                                   : upstream.others.empty() ? GradientView()
+                                                             : upstream.others[camera - 1];
+      if (d_image)
+        draw_in_camera_vjp(tape, object, calibration, simulated.sight(camera), d_image,
+                           placed_gradient.vertices, placed_gradient.texels);
+    };
   }
 
  private:
   std::size_t camera_;
 };
 
-struct LidarSensorTape : SensorTapeOf<LidarSensorTape> {
-  SimulationSettings settings;
-  LidarTape tape;
-
-  template <class S>
-  void add(const Simulated&, const TexturedMesh& object, const Upstream<S>& upstream,
-           AdversaryGradient& placed) const {
-    if (!upstream.points.empty())
-      draw_in_lidar_vjp(tape, object, settings, upstream.points, placed.vertices, placed.texels);
-    if (!upstream.presence.empty())
-      lidar_silhouette_vjp(*upstream.silhouette, upstream.presence, placed.vertices);
-  }
-};
-
-/// The frame's sweep.
+/// The frame's sweep; the returns go to `tape` as well.
 class LidarSensor : public SensorPass {
  public:
-  std::unique_ptr<SensorTape> draw(const PreparedFrame& prepared, const Placement&,
-                                   const TexturedMesh& placed, const SimulationSettings& settings,
-                                   Simulated& result) const override {
-    auto tape = std::make_unique<LidarSensorTape>();
-    tape->settings = settings;
-    tape->tape = draw_in_lidar(prepared, placed, settings, result);
-    return tape;
+  explicit LidarSensor(std::shared_ptr<const LidarTape>& tape) : tape_(tape) {}
+  SensorVjp draw(const PreparedFrame& prepared, const Placement&, const TexturedMesh& placed,
+                 const SimulationSettings& settings, Simulated& result) const override {
+    tape_ = std::make_shared<const LidarTape>(draw_in_lidar(prepared, placed, settings, result));
+    return [settings, tape = tape_](const Simulated&, const TexturedMesh& object, const Upstream& upstream,
+                                    AdversaryGradient& placed_gradient) {
+      if (upstream.points.size() > 0)
+        draw_in_lidar_vjp(*tape, object, settings, upstream.points, placed_gradient.vertices,
+                          placed_gradient.texels);
+      if (upstream.presence.size() > 0)
+        lidar_silhouette_vjp(*upstream.silhouette, upstream.presence, placed_gradient.vertices);
+    };
   }
+
+ private:
+  std::shared_ptr<const LidarTape>& tape_;
 };
 
 }  // namespace
@@ -123,11 +107,11 @@ Simulated simulate(const PreparedFrame& prepared, const Placement& placement, co
   result.others.resize(prepared.frame.others.size());
   result.measurements.resize(prepared.measured_by.size());
   const auto draw = [&](const SensorPass& sensor) {
-    if (auto drawn = sensor.draw(prepared, placement, tape->placed, settings, result))
+    if (SensorVjp drawn = sensor.draw(prepared, placement, tape->placed, settings, result))
       tape->sensors.push_back(std::move(drawn));
   };
   for (std::size_t k = 0; k < prepared.frame.cameras(); ++k) draw(CameraSensor(k));
-  draw(LidarSensor());
+  draw(LidarSensor(tape->lidar));
   for (const auto& sensor : prepared.measured_by) draw(*sensor);
   result.tape = std::move(tape);
   return result;
@@ -138,18 +122,17 @@ AdversaryGradient simulate_vjp(const Simulated& simulated, const ImageF& d_image
   if (!d_image.empty() && d_image.channels != 3)
     throw InputError("upstream gradient", "d_image", "is not of the image's size",
                      "give height × width × 3 values");
-  return simulate_vjp(simulated, Upstream<float>{d_image.empty() ? nullptr : d_image.data.data(),
-                                                 d_image.width, d_image.height, d_points});
+  return simulate_vjp(simulated, Upstream{d_image.empty() ? nullptr : d_image.data.data(), d_image.width,
+                                          d_image.height, d_points});
 }
 
-template <class S>
-AdversaryGradient simulate_vjp(const Simulated& simulated, const Upstream<S>& upstream) {
+AdversaryGradient simulate_vjp(const Simulated& simulated, const Upstream& upstream) {
   check_upstream(simulated, upstream);
   const Simulated::Tape& tape = *simulated.tape;
   AdversaryGradient placed, gradient;
   placed.vertices.assign(tape.placed.mesh.vertices.size(), Vec3d::Zero());
   placed.texels.assign(tape.placed.atlas.texels.size(), Vec3d::Zero());
-  for (const auto& sensor : tape.sensors) sensor->vjp(simulated, tape.placed, upstream, placed);
+  for (const SensorVjp& vjp : tape.sensors) vjp(simulated, tape.placed, upstream, placed);
   gradient.texels = std::move(placed.texels);
   // placed = R (v − (0, 0, lowest z)) + t
   double lifted = 0;
@@ -162,8 +145,6 @@ AdversaryGradient simulate_vjp(const Simulated& simulated, const Upstream<S>& up
     gradient.vertices[i].z() -= lifted / static_cast<double>(tape.lowest.size());
   return gradient;
 }
-template AdversaryGradient simulate_vjp(const Simulated&, const Upstream<float>&);
-template AdversaryGradient simulate_vjp(const Simulated&, const Upstream<double>&);
 
 double Simulated::best_share() const {
   double best = visible_share;
@@ -173,12 +154,10 @@ double Simulated::best_share() const {
 
 std::vector<std::array<double, 4>> object_returns(const Simulated& simulated) {
   std::vector<std::array<double, 4>> points;
-  for (const auto& sensor : simulated.tape->sensors)
-    if (const auto* sweep = dynamic_cast<const LidarSensorTape*>(sensor.get()))
-      for (const auto& added : sweep->tape.returns) {
-        const Vec3d p = added.ray.origin + added.range * added.ray.direction;
-        points.push_back({p.x(), p.y(), p.z(), added.hit.reflectance});
-      }
+  for (const auto& added : simulated.tape->lidar->returns) {
+    const Vec3d p = added.ray.origin + added.range * added.ray.direction;
+    points.push_back({p.x(), p.y(), p.z(), added.hit.reflectance});
+  }
   return points;
 }
 

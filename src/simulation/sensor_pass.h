@@ -3,8 +3,7 @@
 #pragma once
 
 #include <array>
-#include <memory>
-#include <span>
+#include <functional>
 #include <vector>
 
 #include "simulation/adversary_lidar.h"
@@ -19,22 +18,20 @@ namespace mirage {
 
 /// d loss / d image and d loss / d points, read where they lie. Nothing is copied; of the image only the
 /// pixels of Simulated::rect are read, of the points only the returns on the object.
-template <class S>
 struct Upstream {
-  const S* image = nullptr;  ///< height × width × 3, row-major; null: none
+  GradientView image = {};  ///< height × width × 3, row-major
   int width = 0, height = 0;
-  std::span<const std::array<S, 4>> points = {};  ///< one a point of Simulated::sweep; empty: none
-  const LidarSilhouette* silhouette = nullptr;    ///< of the placed adversary; null: held fixed
-  std::span<const S> presence = {};               ///< one a place of it; empty: none
+  GradientView points = {};                     ///< one a point of Simulated::sweep; empty: none
+  const LidarSilhouette* silhouette = nullptr;  ///< of the placed adversary; null: held fixed
+  GradientView presence = {};                   ///< one a place of it; empty: none
   /// As `image`, of each of Simulated::others, then of each of Simulated::measurements, in the measurement's
-  /// shape: null where there is none, empty if there is none of any.
-  std::span<const S* const> others = {};
+  /// shape: none where there is none, empty if there is none of any.
+  std::vector<GradientView> others = {};
 };
 
-/// As simulate_vjp of simulation/insertion.h, S float or double. In double, what was drawn with
-/// SimulationSettings::reference keeps the upstream's precision.
-template <class S>
-AdversaryGradient simulate_vjp(const Simulated& simulated, const Upstream<S>& upstream);
+/// As simulate_vjp of simulation/insertion.h. In double, what was drawn with SimulationSettings::reference
+/// keeps the upstream's precision.
+AdversaryGradient simulate_vjp(const Simulated& simulated, const Upstream& upstream);
 
 /// The returns on the object (x, y, z in `velo`, m; reflectance) in double, in their order at the end of
 /// Simulated::sweep.
@@ -43,33 +40,10 @@ std::vector<std::array<double, 4>> object_returns(const Simulated& simulated);
 /// The adversary as it stands in `velo`.
 const TexturedMesh& placed_adversary(const Simulated& simulated);
 
-/// What one drawing left for its VJP.
-class SensorTape {
- public:
-  virtual ~SensorTape() = default;
-  /// Adds d loss / d vertices (of the placed object, `velo`) and d loss / d texels to `placed`, by this
-  /// sensor's part of the upstream. `simulated`: what the drawing was into.
-  virtual void vjp(const Simulated& simulated, const TexturedMesh& object, const Upstream<float>& upstream,
-                   AdversaryGradient& placed) const = 0;
-  /// The same of an upstream in double precision.
-  virtual void vjp(const Simulated& simulated, const TexturedMesh& object, const Upstream<double>& upstream,
-                   AdversaryGradient& placed) const = 0;
-};
-
-/// A SensorTape whose `add` is written once for both precisions.
-template <class Self>
-class SensorTapeOf : public SensorTape {
- public:
-  void vjp(const Simulated& simulated, const TexturedMesh& object, const Upstream<float>& upstream,
-           AdversaryGradient& placed) const override {
-    static_cast<const Self&>(*this).add(simulated, object, upstream, placed);
-  }
-  /// The same in double precision.
-  void vjp(const Simulated& simulated, const TexturedMesh& object, const Upstream<double>& upstream,
-           AdversaryGradient& placed) const override {
-    static_cast<const Self&>(*this).add(simulated, object, upstream, placed);
-  }
-};
+/// The way back of one drawing: adds d loss / d vertices (of the placed object, `velo`) and d loss / d texels
+/// to `placed`, by this sensor's part of the upstream. `simulated`: what the drawing was into.
+using SensorVjp = std::function<void(const Simulated& simulated, const TexturedMesh& object,
+                                     const Upstream& upstream, AdversaryGradient& placed)>;
 
 /// One sensor. Several threads may draw at once.
 class SensorPass {
@@ -77,9 +51,9 @@ class SensorPass {
   virtual ~SensorPass() = default;
   /// Writes this sensor's measurement with the object in it into `result`. `placed`: in `velo`. Null where
   /// the object changes nothing and there is no way back.
-  virtual std::unique_ptr<SensorTape> draw(const PreparedFrame& prepared, const Placement& placement,
-                                           const TexturedMesh& placed, const SimulationSettings& settings,
-                                           Simulated& result) const = 0;
+  virtual SensorVjp draw(const PreparedFrame& prepared, const Placement& placement,
+                         const TexturedMesh& placed, const SimulationSettings& settings,
+                         Simulated& result) const = 0;
 };
 
 }  // namespace mirage

@@ -129,37 +129,6 @@ struct Instance {
   std::size_t values = 0;
 };
 
-class PluginTape : public SensorTapeOf<PluginTape> {
- public:
-  PluginTape(std::shared_ptr<const Instance> of, std::size_t place) : of_(std::move(of)), place_(place) {}
-  PluginTape(const PluginTape&) = delete;
-  PluginTape& operator=(const PluginTape&) = delete;
-  ~PluginTape() override {
-    if (tape) of_->api->release(tape);
-  }
-
-  template <class S>
-  void add(const Simulated& simulated, const TexturedMesh&, const Upstream<S>& upstream,
-           AdversaryGradient& placed) const {
-    const S* d_data = upstream.others.empty() ? nullptr : upstream.others[simulated.others.size() + place_];
-    if (!d_data) return;
-    const std::vector<double> d_values(d_data, d_data + of_->values);
-    std::vector<double> d_vertices(3 * placed.vertices.size()), d_albedo(3 * placed.texels.size());
-    run_plugin(of_->file, "vjp", [&](char* error) {
-      return of_->api->vjp(of_->sensor, tape, d_values.data(), d_vertices.data(), d_albedo.data(), error,
-                           kPluginErrorSize);
-    });
-    accumulate(d_vertices, placed.vertices);
-    accumulate(d_albedo, placed.texels);
-  }
-
-  void* tape = nullptr;
-
- private:
-  std::shared_ptr<const Instance> of_;
-  std::size_t place_;  ///< among the frame's measurements
-};
-
 class Sensor : public PluginSensor {
  public:
   explicit Sensor(std::shared_ptr<const Instance> of) : of_(std::move(of)) {}
@@ -174,9 +143,8 @@ class Sensor : public PluginSensor {
     return measured;
   }
 
-  std::unique_ptr<SensorTape> draw(const PreparedFrame& prepared, const Placement& placement,
-                                   const TexturedMesh& placed, const SimulationSettings&,
-                                   Simulated& result) const override {
+  SensorVjp draw(const PreparedFrame& prepared, const Placement& placement, const TexturedMesh& placed,
+                 const SimulationSettings&, Simulated& result) const override {
     const auto& all = prepared.frame.measurements;
     const auto own = std::find_if(all.begin(), all.end(),
                                   [&](const Measurement& measured) { return measured.name == name(); });
@@ -199,11 +167,28 @@ class Sensor : public PluginSensor {
                                     {velocity.x(), velocity.y(), velocity.z()}};
     const RawScene raw(prepared.frame, "");
     const std::vector<double> recorded(own->data.begin(), own->data.end());
-    auto tape = std::make_unique<PluginTape>(of_, place);
-    const std::vector<double> values = of_->measure(raw.scene, &object, recorded.data(), &tape->tape);
+    const std::shared_ptr<void*> tape(new void*(nullptr), [of = of_](void** left) {
+      if (*left) of->api->release(*left);
+      delete left;
+    });
+    const std::vector<double> values = of_->measure(raw.scene, &object, recorded.data(), tape.get());
     Measurement& measured = result.measurements.at(place) = of_->word;
     measured.data.assign(values.begin(), values.end());
-    return tape;
+    return [of = of_, tape, place](const Simulated& simulated, const TexturedMesh&, const Upstream& upstream,
+                                   AdversaryGradient& gradient) {
+      if (upstream.others.empty()) return;
+      const GradientView& d_data = upstream.others[simulated.others.size() + place];
+      if (!d_data) return;
+      std::vector<double> d_values(of->values), d_vertices(3 * gradient.vertices.size()),
+          d_albedo(3 * gradient.texels.size());
+      for (std::size_t i = 0; i < d_values.size(); ++i) d_values[i] = d_data[i];
+      run_plugin(of->file, "vjp", [&](char* error) {
+        return of->api->vjp(of->sensor, *tape, d_values.data(), d_vertices.data(), d_albedo.data(), error,
+                            kPluginErrorSize);
+      });
+      accumulate(d_vertices, gradient.vertices);
+      accumulate(d_albedo, gradient.texels);
+    };
   }
 
  private:

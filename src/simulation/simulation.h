@@ -141,4 +141,39 @@ struct AdversaryGradient {
   std::vector<Vec3d> vertices, texels;
 };
 
+/// Gradients of the caller's own memory, in float or in double, read where they lie.
+class GradientView {
+ public:
+  /// None.
+  GradientView() = default;
+  /// From there on; null: none.
+  GradientView(const float* from, std::size_t size = 0) : floats_(from), size_(size) {}
+  /// The same in double.
+  GradientView(const double* from, std::size_t size = 0) : doubles_(from), size_(size) {}
+  /// Of a list of numbers, or of points (x, y, z, reflectance).
+  template <class List>
+  requires requires(const List& list) { list.data(), list.size(); }
+  GradientView(const List& list) : GradientView(first_of(list.data()), list.size()) {}
+
+  /// Numbers, or points, of the list that it is of.
+  std::size_t size() const { return size_; }
+  /// Whether there are any.
+  explicit operator bool() const { return floats_ || doubles_; }
+  /// The number at that place; not checked.
+  double operator[](std::size_t i) const { return floats_ ? static_cast<double>(floats_[i]) : doubles_[i]; }
+
+ private:
+  template <class S>
+  static const S* first_of(const S* numbers) {
+    return numbers;
+  }
+  template <class S>
+  static const S* first_of(const std::array<S, 4>* points) {
+    return points ? points->data() : nullptr;
+  }
+  const float* floats_ = nullptr;
+  const double* doubles_ = nullptr;
+  std::size_t size_ = 0;
+};
+
 }  // namespace mirage

@@ -84,12 +84,12 @@ Slopes mean_slopes(const std::vector<PreparedFrame>& frames, const TexturedMesh&
       const Vec3d slope = worth_slope(simulated.sweep[i].position().cast<double>());
       d_points[i] = {slope.x(), slope.y(), slope.z(), 0};
     }
-    draw_in_lidar_vjp<double>(tape, object, settings, d_points, slopes.inner, texels);
+    draw_in_lidar_vjp(tape, object, settings, d_points, slopes.inner, texels);
     const LidarSilhouette silhouette = lidar_silhouette(prepared, object);
     std::vector<double> presence;
     for (const LidarPoint& place : silhouette.places)
       presence.push_back(worth(place.position().cast<double>()));
-    lidar_silhouette_vjp<double>(silhouette, presence, outline);
+    lidar_silhouette_vjp(silhouette, presence, outline);
   }
   slopes.whole = slopes.inner;
   for (std::size_t i = 0; i < outline.size(); ++i) {
@@ -230,7 +230,7 @@ TEST(LidarSilhouette, OfDegenerateMeshesIsFinite) {
     const LidarSilhouette silhouette = lidar_silhouette(frame, mesh);
     const std::vector<double> presence(silhouette.places.size(), 1.0);
     std::vector<Vec3d> d_vertices(mesh.mesh.vertices.size(), Vec3d::Zero());
-    lidar_silhouette_vjp<double>(silhouette, presence, d_vertices);
+    lidar_silhouette_vjp(silhouette, presence, d_vertices);
     for (const Vec3d& d : d_vertices) EXPECT_TRUE(d.allFinite());
     for (const LidarPoint& place : silhouette.places) EXPECT_TRUE(place.position().allFinite());
   }

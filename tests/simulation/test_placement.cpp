@@ -292,11 +292,8 @@ std::vector<S> upstream_values(std::size_t count) {
 template <class S>
 AdversaryGradient pulled_back(const Simulated& s) {
   const auto image = upstream_values<S>(s.image.data.size()), points = upstream_values<S>(4 * s.sweep.size());
-  return simulate_vjp(
-      s, Upstream<S>{image.data(),
-                     s.image.width,
-                     s.image.height,
-                     {reinterpret_cast<const std::array<S, 4>*>(points.data()), s.sweep.size()}});
+  return simulate_vjp(s,
+                      Upstream{image.data(), s.image.width, s.image.height, {points.data(), s.sweep.size()}});
 }
 
 TEST(Upstream, TheCallersMemoryInFloatAndInDouble) {

@@ -155,8 +155,8 @@ TEST(Surround, TheGradientComesBackThroughAllCameras) {
     }
     return sum;
   };
-  const std::vector<const double*> others = {nullptr, d_images[2].data.data(), d_images[3].data.data()};
-  Upstream<double> upstream{d_images[0].data.data(), 207, 63};
+  const std::vector<GradientView> others = {{}, d_images[2].data.data(), d_images[3].data.data()};
+  Upstream upstream{d_images[0].data.data(), 207, 63};
   upstream.others = others;
   const AdversaryGradient gradient = simulate_vjp(at, upstream);
   const auto moved = [&](const std::vector<double>& x) {
@@ -180,8 +180,8 @@ TEST(Surround, TheGradientComesBackThroughAllCameras) {
               vertices.worst, texels.checked, texels.worst);
   // Each camera has its part in it: without one, it is another.
   for (std::size_t without = 1; without < 3; ++without) {
-    std::vector<const double*> fewer = others;
-    fewer[without] = nullptr;
+    std::vector<GradientView> fewer = others;
+    fewer[without] = {};
     upstream.others = fewer;
     EXPECT_GT((simulate_vjp(at, upstream).vertices[0] - gradient.vertices[0]).norm() +
                   (simulate_vjp(at, upstream).texels[0] - gradient.texels[0]).norm(),

@@ -89,7 +89,7 @@ void insertion_stages(benchmark::State& state) {
           d_texels(placed.atlas.texels.size(), Vec3d::Zero());
       const std::vector<std::array<float, 4>> d_points(drawn.sweep.size(), {1, 1, 1, 1});
       rounds.time("insertion_camera_vjp_ms", [&] {
-        draw_in_camera_vjp(camera_tape, placed, s.prepared.frame.calibration, drawn, d_image, d_vertices,
+        draw_in_camera_vjp(camera_tape, placed, s.prepared.frame.calibration, drawn, d_image.data, d_vertices,
                            d_texels);
       });
       rounds.time("insertion_lidar_vjp_total_ms",

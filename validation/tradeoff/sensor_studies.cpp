@@ -405,7 +405,7 @@ CameraStudy::Drawing CameraStudy::draw(const CameraVariant& variant, const Textu
               for (int c = 0; c < 3; ++c) d_small.at(x, y, c) += weight * upstream_.at(u, v, c);
             });
   }
-  draw_in_camera_vjp(tape, placed, prepared.frame.calibration, result, small ? d_small : upstream_,
+  draw_in_camera_vjp(tape, placed, prepared.frame.calibration, result, (small ? d_small : upstream_).data,
                      d_vertices, d_texels);
   drawing.gradient = {flat(d_vertices), flat(d_texels)};
   return drawing;

@@ -132,7 +132,7 @@ template <class S>
 py::tuple vjp_in(const Result& result, const py::object& d_image, const py::object& d_points) {
   const Simulated& s = result->simulated;
   std::optional<UpstreamArray<S>> of_image, of_points;
-  Upstream<S> upstream;
+  Upstream upstream;
   if (!d_image.is_none()) {
     of_image.emplace(d_image, "d_image", Shape{s.image.height, s.image.width, 3}, s.rect);
     upstream.image = of_image->data();
@@ -143,7 +143,7 @@ py::tuple vjp_in(const Result& result, const py::object& d_image, const py::obje
     const auto points = static_cast<int>(s.sweep.size());
     of_points.emplace(d_points, "d_points", Shape{points, 4},
                       PixelRect{0, points - s.adversary_points, 4, points});
-    upstream.points = {reinterpret_cast<const std::array<S, 4>*>(of_points->data()), s.sweep.size()};
+    upstream.points = {of_points->data(), s.sweep.size()};
   }
   const auto gradient = std::make_shared<AdversaryGradient>();
   {
