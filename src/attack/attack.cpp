@@ -229,9 +229,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
     state = read_checkpoint(checkpoint_file, id, settings);
     if (state.iteration < settings.iterations) spdlog::info("resuming at iteration {}", state.iteration);
   }
-  if (any_rank(state.iteration != first_rank_value(state.iteration)))
-    throw Failure(checkpoint_file.string(), "processes see different checkpoints",
-                  "give --out a folder that all machines share");
+  require_one_file(checkpoint_file, state.iteration, "checkpoints");
   if (rank() == 0) {
     write_json(settings.out / "run.json", id.json);
     write_adversary(settings.out / "random.glb", random);

@@ -279,9 +279,7 @@ class BlackBox {
         spdlog::warn("{}: {} meshes were looked at by another program or on another processor",
                      file_.string(), rows_.size());
     }
-    if (any_rank(std::ssize(rows_) != first_rank_value(std::ssize(rows_))))
-      throw Failure(file_.string(), "processes see different files",
-                    "give --out a folder that all machines share");
+    require_one_file(file_, std::ssize(rows_), "files");
     if (rank() == 0) write_json(settings_.out / "run.json", identity_.json);
   }
 

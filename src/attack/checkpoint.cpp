@@ -12,6 +12,7 @@
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/provenance.h"
+#include "base/ranks.h"
 #include "base/sizes.h"
 
 namespace mirage {
@@ -150,6 +151,12 @@ AttackState fresh_state(const AttackSettings& settings) {
   state.vertices.learning_rate = settings.vertex_rate;
   state.texels.learning_rate = settings.texel_rate;
   return state;
+}
+
+void require_one_file(const std::filesystem::path& file, long steps, const char* what) {
+  if (any_rank(steps != first_rank_value(steps)))
+    throw Failure(file.string(), fmt::format("processes see different {}", what),
+                  "give --out a folder that all machines share");
 }
 
 nlohmann::json losses_json(const std::vector<LossRow>& rows) {

@@ -47,6 +47,8 @@ struct AttackState {
 
 /// Before the first iteration: the initial adversary and optimisers with the settings' rates.
 AttackState fresh_state(const AttackSettings& settings);
+/// Failure unless all processes found as many steps in the file: `what` they see ("checkpoints", "files").
+void require_one_file(const std::filesystem::path& file, long steps, const char* what);
 /// Atomic. Doubles are written so that they read back bit for bit.
 void write_checkpoint(const std::filesystem::path& file, const AttackState& state,
                       const nlohmann::json& identity);

@@ -126,10 +126,7 @@ class Portfolio {
       shapes_ = read("shapes");
       starts_ = read("starts");
     }
-    const auto looks = static_cast<long>(shapes_.size() + starts_.size());
-    if (any_rank(looks != first_rank_value(looks)))
-      throw Failure(file.string(), "processes see different files",
-                    "give --out a folder that all machines share");
+    require_one_file(file, std::ssize(shapes_) + std::ssize(starts_), "files");
     if (rank() > 0) return;
     std::filesystem::create_directories(folder_);
     write_json(settings_.out / "run.json", identity_.json);
@@ -240,9 +237,7 @@ class Portfolio {
           candidates_.push_back(std::move(c));
         }
     for (Candidate& c : candidates_) {
-      if (any_rank(c.state.iteration != first_rank_value(c.state.iteration)))
-        throw Failure(c.file.string(), "processes see different checkpoints",
-                      "give --out a folder that all machines share");
+      require_one_file(c.file, c.state.iteration, "checkpoints");
       c.stepper = std::make_unique<AttackStepper>(c.settings, run_.detectors, run_.store, part_.learn,
                                                   c.state.adversary.mesh, sights_);
     }
