@@ -155,7 +155,6 @@ Command attack_command() {
   return command_of<AttackOptions>({
       .name = "attack",
       .help = "learns the universal adversary; resumes from its checkpoint",
-      .default_out = "out/attack",
       .example = "mirage attack --data path/to/kitti --detector fusion --iterations 200 --out out/attack",
       .many_ranks = true,
   });

@@ -128,7 +128,6 @@ Command audit_command() {
   return command_of<AuditOptions>({
       .name = "audit",
       .help = "measures what a detector loses when its picture, its sweep or its calibration is wrong",
-      .default_out = "out/audit",
       .example = "mirage audit --data path/to/kitti --detector fusion",
       .many_ranks = true,
   });

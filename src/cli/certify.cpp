@@ -146,7 +146,6 @@ Command certify_command() {
   return command_of<CertifyOptions>({
       .name = "certify",
       .help = "counts cars that no object within a box on their roof can hide",
-      .default_out = "out/certify",
       .example = "mirage certify --data generated --detector lidar",
       .many_ranks = true,
   });

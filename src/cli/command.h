@@ -36,10 +36,10 @@ struct Common {
   std::shared_ptr<Provenance> made_of = std::make_shared<Provenance>();
 };
 
-/// Every x_command() returns command_of<XOptions>({.name = …, .help = …, .default_out = …, .example = …}).
+/// Every x_command() returns command_of<XOptions>({.name = …, .help = …, .example = …}).
 /// What is done stands above it in the anonymous namespace.
 struct Command {
-  /// `example`: a command line of it, for its help.
+  /// `default_out`: "" is out/NAME. `example`: a command line of it, for its help.
   std::string name = {}, help = {}, default_out = {}, example = {};
   /// Adds the command's own options; the referenced variables live as long as the command.
   std::function<void(CLI::App&)> options = {};
@@ -60,6 +60,7 @@ struct Command {
 template <class Options>
 Command command_of(Command told) {
   const auto options = std::make_shared<Options>();  // lives as long as the command
+  if (told.default_out.empty()) told.default_out = "out/" + told.name;
   told.options = [options](CLI::App& app) { add_options(app, *options); };
   told.run = [options](const Common& common) -> nlohmann::json { return run(*options, common); };
   if constexpr (requires(const Common& common) { afterwards(*options, common); })

@@ -119,7 +119,6 @@ Command compare_command() {
   return command_of<CompareOptions>({
       .name = "compare",
       .help = "tells whether one detector is easier to fool than another, on the same vehicles and objects",
-      .default_out = "out/compare",
       .example = "mirage compare --detectors fusion refined --runs out/attack --data path/to/kitti",
       .many_ranks = true,
   });

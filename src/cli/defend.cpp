@@ -66,7 +66,6 @@ Command defend_command() {
       .name = "defend",
       .help = "fine-tunes a detector to resist: adversarial training, feature denoising, depth gate; and "
               "controls",
-      .default_out = "out/defend",
       .example = "mirage defend --data generated --method adversarial --steps 1000",
   });
 }

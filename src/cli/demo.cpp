@@ -98,7 +98,6 @@ Command demo_command() {
       .name = "demo",
       .help = "runs the whole chain on generated frames: generate → attack → evaluate → export → validate, "
               "which writes the report",
-      .default_out = "out/demo",
       .example = "mirage demo --quick --out out/demo",
   });
 }

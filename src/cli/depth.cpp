@@ -131,7 +131,6 @@ Command depth_command() {
   return command_of<DepthOptions>({
       .name = "depth",
       .help = "scores depth completion: against true depth, or on returns held back",
-      .default_out = "out/depth",
       .example = "mirage depth --data generated --backends ip-basic,guided",
   });
 }

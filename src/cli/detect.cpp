@@ -241,7 +241,6 @@ Command detect_command() {
       .name = "detect",
       .help = "runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for "
               "a detector of that alone)",
-      .default_out = "out/detect",
       .example = "mirage detect --data path/to/kitti --detector fusion",
       .many_ranks = true,
   });

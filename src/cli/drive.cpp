@@ -209,7 +209,6 @@ Command drive_command() {
   return command_of<DriveOptions>({
       .name = "drive",
       .help = "an object on every vehicle of a drive: blind gaps in seconds, distance at confirmation",
-      .default_out = "out/drive",
       .example = "mirage drive --run out/attack --data kitti-tracking --sequence 0003 --weights real",
       .afterwards = [](const Common& common) { write_page(common.out); },
       .many_ranks = true,

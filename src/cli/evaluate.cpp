@@ -183,7 +183,6 @@ Command evaluate_command() {
   return command_of<EvaluateOptions>({
       .name = "evaluate",
       .help = "judges a run or objects: attack success against a detector and a data set",
-      .default_out = "out/evaluate",
       .example = "mirage evaluate --run out/attack --baseline all",
       .many_ranks = true,
   });

@@ -192,7 +192,6 @@ Command export_command() {
   return command_of<ExportOptions>({
       .name = "export",
       .help = "writes the adversary and scenes of a run as .glb (and .fbx, .obj)",
-      .default_out = "out/export",
       .example = "mirage export --run out/attack --frames 0 --fbx",
   });
 }

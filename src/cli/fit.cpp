@@ -265,7 +265,6 @@ Command fit_command() {
   return command_of<FitOptions>({
       .name = "fit",
       .help = "fits the vehicle shape manifold: meshes, rooftops, fitting error",
-      .default_out = "out/fit",
       .example = "mirage fit --data generated --mesh-format glb",
       .many_ranks = true,
   });

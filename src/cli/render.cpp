@@ -188,7 +188,6 @@ Command render_command() {
   return command_of<RenderOptions>({
       .name = "render",
       .help = "draws the meshes of a scene (.glb): picture and depth",
-      .default_out = "out/render",
       .example = "mirage render --scene out/export/000008_0.glb --samples 4",
   });
 }

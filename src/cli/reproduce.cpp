@@ -71,7 +71,6 @@ Command reproduce_command() {
   return command_of<ReproduceOptions>({
       .name = "reproduce",
       .help = "repeats the experiments of Tu et al. (CoRL 2021): tables with intervals",
-      .default_out = "out/reproduce",
       .example = "mirage reproduce table1 --quick",
       .many_ranks = true,
   });

@@ -147,7 +147,6 @@ Command score_command() {
   return command_of<ScoreOptions>({
       .name = "score",
       .help = "grades a detector: which objects it holds against, at which distances",
-      .default_out = "out/score",
       .example = "mirage score --detector fusion --out out/score",
       .afterwards = [](const Common& common) { write_page(common.out); },
       .many_ranks = true,

@@ -172,7 +172,6 @@ Command simulate_command() {
   return command_of<SimulateOptions>({
       .name = "simulate",
       .help = "inserts a mesh on the roof of one vehicle: images, sweep, masks, depths",
-      .default_out = "out/simulate",
       .example =
           "mirage simulate --data generated --frame 000000 --vehicle 0 --mesh out/attack/adversary.glb",
   });

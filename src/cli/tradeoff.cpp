@@ -69,7 +69,6 @@ Command tradeoff_command() {
   return command_of<TradeoffOptions>({
       .name = "tradeoff",
       .help = "measures speed against accuracy: fronts and recommended settings",
-      .default_out = "out/tradeoff",
       .example = "mirage tradeoff --run out/attack",
   });
 }

@@ -80,7 +80,6 @@ Command train_command() {
       .name = "train",
       .help = "trains a detector or depth completion; goes on from its checkpoint when the output folder "
               "holds one",
-      .default_out = "out/train",
       .example = "mirage train --data generated --detector lidar --steps 2000",
   });
 }

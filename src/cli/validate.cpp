@@ -189,7 +189,6 @@ Command validate_command() {
   return command_of<ValidateOptions>({
       .name = "validate",
       .help = "re-renders in Blender, compares, writes the fidelity report",
-      .default_out = "out/validate",
       .example = "mirage validate --run out/attack --evaluation out/evaluate",
       .many_ranks = true,
   });

@@ -82,7 +82,6 @@ Command view_command() {
   return command_of<ViewOptions>({
       .name = "view",
       .help = "writes a folder of frames as one page that opens offline: pictures, points, boxes, attacks",
-      .default_out = "out/view",
       .example = "mirage view --run out/attack",
       .page = "view.html",
   });

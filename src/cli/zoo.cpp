@@ -251,7 +251,6 @@ Command zoo_command() {
       .name = "zoo",
       .help = "makes the objects that ship in scenes/objects: shapes, loads, and objects learned on "
               "generated frames",
-      .default_out = "out/zoo",
       .example = "mirage zoo --learn none --out out/zoo",
   });
 }
