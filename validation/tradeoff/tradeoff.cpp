@@ -295,17 +295,84 @@ std::vector<TradeoffPoint> pass_points(const TradeoffSettings& settings, const S
   return detector_points(options, hosts, subjects.adversary, settings.repeats);
 }
 
+/// Blender Cycles: samples a pixel and light effects, against all effects at many samples; and where the
+/// rasteriser's own picture lies on that scale. Group "cycles", axes "rung" and "samples". Times are
+/// wall-clock: Cycles uses all cores. Errors over the object's pixels, nothing in front of it: image_levels,
+/// image_mae, image_relative (image_mae over the mean radiance).
 std::vector<TradeoffPoint> cycles_points(const TradeoffSettings& settings, const Subjects& subjects,
                                          FrameStore& store, const StartReference& start) {
   const std::unique_ptr<ReferenceRenderer> renderer = start(settings.out);
-  std::vector<std::shared_ptr<const PreparedFrame>> held;
-  std::vector<CyclesHost> hosts;
-  for (const HostId& id : evenly(subjects.hosts, as_size(settings.cycles_hosts))) {
-    held.push_back(store.get(id.frame));
-    hosts.push_back({held.back().get(), store.placement(id), subjects.adversary, host_name(id)});
+  const std::vector<HostId> hosts = evenly(subjects.hosts, as_size(settings.cycles_hosts));
+  const std::vector<Way> list = ways(settings.cycles_samples);
+  std::vector<TradeoffPoint> points;
+  for (const Way& way : list) {
+    TradeoffPoint point{"cycles",
+                        way.axis,
+                        way.label,
+                        {{"samples", way.samples},
+                         {"renderer", way.raster ? "rasteriser" : "cycles"},
+                         {"shadows", way.effects.shadows},
+                         {"sky", way.effects.sky},
+                         {"bounces", way.effects.bounces},
+                         {"specular", way.effects.specular}}};
+    point.errors = {{"image_levels", 0}, {"image_mae", 0}, {"image_relative", 0}};
+    points.push_back(std::move(point));
   }
   const auto scratch = settings.out / kScratchFolder;
-  auto points = cycles_study(*renderer, hosts, {}, settings.cycles_samples, settings.seed, scratch);
+  std::filesystem::create_directories(scratch);
+  SimulationSettings unoccluded;
+  unoccluded.occlusion_margin = 1e9;  // the scene file holds nothing that could be in front
+  for (const HostId& id : hosts) {
+    throw_if_interrupted("a study writes nothing until it is done; run it again");
+    const auto held = store.get(id.frame);
+    const PreparedFrame& prepared = *held;
+    const Placement placement = store.placement(id);
+    const ImageF& photograph = prepared.frame.image;
+    RenderJob job;
+    job.scene = scratch / (host_name(id) + ".glb");
+    job.output = scratch / "render.exr";
+    job.seed = settings.seed;
+    write_scene(job.scene, host_scene(prepared.frame, placement, subjects.adversary, host_name(id)));
+    const auto draw = [&] {
+      Simulated drawn;
+      draw_in_camera(prepared, placement, place(subjects.adversary, placement), unoccluded, drawn);
+      return drawn;
+    };
+    const Simulated drawn = draw();
+    job.rect = grown(drawn.rect, 4, photograph);
+    job.samples = settings.cycles_samples;
+    job.effects = all_effects();
+    const Rendered reference = renderer->render(job);
+    const ImageF background = crop(photograph, job.rect), right = over(reference, background);
+    const ImageF mask = alpha_mask(reference.rgba);
+    const double mean = mean_absolute_error(right, ImageF(right.width, right.height, 3), mask);
+    const double share = 1.0 / static_cast<double>(hosts.size());
+    for (std::size_t i = 0; i < list.size(); ++i) {
+      ImageF picture;
+      double ms = 0;
+      if (list[i].raster) {
+        const auto began = Clock::now();
+        picture = crop(draw().image, job.rect);
+        ms = 1e3 * seconds_since(began);
+      } else {
+        job.samples = list[i].samples;
+        job.effects = list[i].effects;
+        const Rendered rendered = renderer->render(job);
+        picture = over(rendered, background);
+        ms = 1e3 * rendered.seconds;
+      }
+      const double mae = mean_absolute_error(picture, right, mask);
+      points[i].ms += share * ms;
+      points[i].errors["image_mae"] += share * mae;
+      points[i].errors["image_relative"] += mean > 0 ? share * mae / mean : 0;
+      points[i].errors["image_levels"] +=
+          share * 255 * mean_absolute_error(encoded(picture), encoded(right), mask);
+    }
+  }
+  for (TradeoffPoint& point : points) {
+    point.baseline_ms = points.front().ms;
+    point.ratio = point.ms / point.baseline_ms;
+  }
   std::error_code ignored;
   std::filesystem::remove_all(scratch, ignored);
   return points;
@@ -442,79 +509,6 @@ std::vector<TradeoffPoint> detector_points(const DetectorOptions& options, const
     point.errors["gradient"] = 1 - point.errors["gradient_cosine"];
     point.errors["gradient_cosine_least"] = least;
     points.push_back(std::move(point));
-  }
-  return points;
-}
-
-std::vector<TradeoffPoint> cycles_study(ReferenceRenderer& renderer, const std::vector<CyclesHost>& hosts,
-                                        const SimulationSettings& baseline, int reference_samples,
-                                        std::uint64_t seed, const std::filesystem::path& scratch) {
-  const std::vector<Way> list = ways(reference_samples);
-  std::vector<TradeoffPoint> points;
-  for (const Way& way : list) {
-    TradeoffPoint point{"cycles",
-                        way.axis,
-                        way.label,
-                        {{"samples", way.samples},
-                         {"renderer", way.raster ? "rasteriser" : "cycles"},
-                         {"shadows", way.effects.shadows},
-                         {"sky", way.effects.sky},
-                         {"bounces", way.effects.bounces},
-                         {"specular", way.effects.specular}}};
-    point.errors = {{"image_levels", 0}, {"image_mae", 0}, {"image_relative", 0}};
-    points.push_back(std::move(point));
-  }
-  std::filesystem::create_directories(scratch);
-  SimulationSettings unoccluded = baseline;
-  unoccluded.occlusion_margin = 1e9;  // the scene file holds nothing that could be in front
-  for (const CyclesHost& host : hosts) {
-    throw_if_interrupted("a study writes nothing until it is done; run it again");
-    const PreparedFrame& prepared = *host.prepared;
-    const ImageF& photograph = prepared.frame.image;
-    RenderJob job;
-    job.scene = scratch / (host.name + ".glb");
-    job.output = scratch / "render.exr";
-    job.seed = seed;
-    write_scene(job.scene, host_scene(prepared.frame, host.placement, host.adversary, host.name));
-    const auto draw = [&] {
-      Simulated drawn;
-      draw_in_camera(prepared, host.placement, place(host.adversary, host.placement), unoccluded, drawn);
-      return drawn;
-    };
-    const Simulated drawn = draw();
-    job.rect = grown(drawn.rect, 4, photograph);
-    job.samples = reference_samples;
-    job.effects = all_effects();
-    const Rendered reference = renderer.render(job);
-    const ImageF background = crop(photograph, job.rect), right = over(reference, background);
-    const ImageF mask = alpha_mask(reference.rgba);
-    const double mean = mean_absolute_error(right, ImageF(right.width, right.height, 3), mask);
-    const double share = 1.0 / static_cast<double>(hosts.size());
-    for (std::size_t i = 0; i < list.size(); ++i) {
-      ImageF picture;
-      double ms = 0;
-      if (list[i].raster) {
-        const auto start = Clock::now();
-        picture = crop(draw().image, job.rect);
-        ms = 1e3 * seconds_since(start);
-      } else {
-        job.samples = list[i].samples;
-        job.effects = list[i].effects;
-        const Rendered rendered = renderer.render(job);
-        picture = over(rendered, background);
-        ms = 1e3 * rendered.seconds;
-      }
-      const double mae = mean_absolute_error(picture, right, mask);
-      points[i].ms += share * ms;
-      points[i].errors["image_mae"] += share * mae;
-      points[i].errors["image_relative"] += mean > 0 ? share * mae / mean : 0;
-      points[i].errors["image_levels"] +=
-          share * 255 * mean_absolute_error(encoded(picture), encoded(right), mask);
-    }
-  }
-  for (TradeoffPoint& point : points) {
-    point.baseline_ms = points.front().ms;
-    point.ratio = point.ms / point.baseline_ms;
   }
   return points;
 }

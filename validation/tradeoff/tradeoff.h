@@ -56,23 +56,6 @@ std::vector<TimedAttack> attack_study(const TradeoffSettings& settings);
 std::vector<TradeoffPoint> detector_points(const DetectorOptions& options, const std::vector<StepHost>& hosts,
                                            const TexturedMesh& adversary, int repeats);
 
-// Blender Cycles in the speed–accuracy study: samples a pixel and light effects, against all effects at many
-// samples; and where the rasteriser's own picture lies on that scale.
-
-struct CyclesHost {
-  const PreparedFrame* prepared = nullptr;
-  Placement placement;
-  TexturedMesh adversary;
-  std::string name;
-};
-
-/// Points of group "cycles", axes "rung" and "samples" (without fronts). Times are wall-clock: Cycles uses
-/// all cores. Errors over the object's pixels, nothing in front of it: image_levels, image_mae,
-/// image_relative (image_mae over the mean radiance).
-std::vector<TradeoffPoint> cycles_study(ReferenceRenderer& renderer, const std::vector<CyclesHost>& hosts,
-                                        const SimulationSettings& baseline, int reference_samples,
-                                        std::uint64_t seed, const std::filesystem::path& scratch);
-
 /// What the camera's references are worth; means over hosts.
 struct CameraReference {
   double self_cosine = 0;   ///< CameraStudy::self_cosine
