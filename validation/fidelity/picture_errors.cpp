@@ -57,6 +57,7 @@ const Eigen::Matrix3d kXyzFromLinear = (Eigen::Matrix3d() << 0.4124564, 0.357576
 const Vec3d kWhite = kXyzFromLinear * Vec3d::Ones();
 const Eigen::Matrix3d kLinearFromXyz = kXyzFromLinear.inverse();
 
+constexpr double kPixelsPerDegree = 67.0206;  // 0.7 m before a 0.7 m wide 4K display
 // Colour pipeline (section 4.1): exponent, and the knee of the error redistribution.
 constexpr double kColorExponent = 0.7, kKneePlace = 0.4, kKneeValue = 0.95;
 // Feature pipeline (section 4.2): width of the detectors (degrees) and exponent.
@@ -109,30 +110,29 @@ cv::Mat filtered(const cv::Mat& in, const cv::Mat& kernel) {
 }
 
 /// Contrast sensitivity of one opponent channel as a sum of two Gaussians (table 1 of the paper).
-cv::Mat contrast_kernel(double a1, double b1, double a2, double b2, double pixels_per_degree) {
+cv::Mat contrast_kernel(double a1, double b1, double a2, double b2) {
   constexpr double kPi = std::numbers::pi, kWidest = 0.04;
-  const int radius =
-      static_cast<int>(std::ceil(3 * std::sqrt(kWidest / (2 * kPi * kPi)) * pixels_per_degree));
+  const int radius = static_cast<int>(std::ceil(3 * std::sqrt(kWidest / (2 * kPi * kPi)) * kPixelsPerDegree));
   cv::Mat kernel(2 * radius + 1, 2 * radius + 1, CV_64F);
   for (int y = -radius; y <= radius; ++y)
     for (int x = -radius; x <= radius; ++x) {
-      const double z = (x * x + y * y) / (pixels_per_degree * pixels_per_degree);
+      const double z = (x * x + y * y) / (kPixelsPerDegree * kPixelsPerDegree);
       kernel.at<double>(y + radius, x + radius) = a1 * std::sqrt(kPi / b1) * std::exp(-kPi * kPi * z / b1) +
                                                   a2 * std::sqrt(kPi / b2) * std::exp(-kPi * kPi * z / b2);
     }
   return kernel / cv::sum(kernel)[0];
 }
 
-Planes as_seen(const Planes& in, double pixels_per_degree) {
-  return {filtered(in[0], contrast_kernel(1, 0.0047, 0, 1e-5, pixels_per_degree)),
-          filtered(in[1], contrast_kernel(1, 0.0053, 0, 1e-5, pixels_per_degree)),
-          filtered(in[2], contrast_kernel(34.1, 0.04, 13.5, 0.025, pixels_per_degree))};
+Planes as_seen(const Planes& in) {
+  return {filtered(in[0], contrast_kernel(1, 0.0047, 0, 1e-5)),
+          filtered(in[1], contrast_kernel(1, 0.0053, 0, 1e-5)),
+          filtered(in[2], contrast_kernel(34.1, 0.04, 13.5, 0.025))};
 }
 
 /// First (edges) or second (points) derivative of a Gaussian along x; positive and negative weights sum to
 /// ±1.
-cv::Mat feature_kernel(bool points, double pixels_per_degree) {
-  const double sd = 0.5 * kFeatureWidth * pixels_per_degree;
+cv::Mat feature_kernel(bool points) {
+  const double sd = 0.5 * kFeatureWidth * kPixelsPerDegree;
   const int radius = static_cast<int>(std::ceil(3 * sd));
   cv::Mat kernel(2 * radius + 1, 2 * radius + 1, CV_64F);
   double positive = 0, negative = 0;
@@ -150,11 +150,48 @@ cv::Mat feature_kernel(bool points, double pixels_per_degree) {
   return kernel;
 }
 
-cv::Mat feature_strength(const cv::Mat& lightness, bool points, double pixels_per_degree) {
-  const cv::Mat along_x = feature_kernel(points, pixels_per_degree);
+cv::Mat feature_strength(const cv::Mat& lightness, bool points) {
+  const cv::Mat along_x = feature_kernel(points);
   cv::Mat strength;
   cv::magnitude(filtered(lightness, along_x), filtered(lightness, along_x.t()), strength);
   return strength;
+}
+
+/// The error of each pixel.
+ImageF flip_map(const ImageF& reference, const ImageF& test) {
+  if (reference.width != test.width || reference.height != test.height || reference.channels != 3 ||
+      test.channels != 3)
+    throw Failure("flip", "images of different size or not RGB", "report this as a bug");
+  ImageF result(reference.width, reference.height, 1);
+  if (result.empty()) return result;
+  const Planes a = planes(reference), b = planes(test);
+  const Planes seen_a = as_seen(a), seen_b = as_seen(b);
+  const cv::Mat light_a = (a[0] + 16) / 116, light_b = (b[0] + 16) / 116;
+  std::array<cv::Mat, 2> feature_a, feature_b;
+  for (std::size_t points = 0; points < 2; ++points) {
+    feature_a[points] = feature_strength(light_a, points == 1);
+    feature_b[points] = feature_strength(light_b, points == 1);
+  }
+  const double largest = std::pow(hyab(hunt_lab(Vec3d(0, 1, 0)), hunt_lab(Vec3d(0, 0, 1))), kColorExponent);
+  const double knee = kKneePlace * largest;
+  const auto lab = [](const Planes& p, int v, int u) {
+    const Vec3d color(p[0].at<double>(v, u), p[1].at<double>(v, u), p[2].at<double>(v, u));
+    return hunt_lab(linear_from_ycxcz(color).cwiseMax(0.0).cwiseMin(1.0));
+  };
+  for (int v = 0; v < result.height; ++v)
+    for (int u = 0; u < result.width; ++u) {
+      const double distance = std::pow(hyab(lab(seen_a, v, u), lab(seen_b, v, u)), kColorExponent);
+      const double color = distance < knee
+                               ? kKneeValue / knee * distance
+                               : kKneeValue + (distance - knee) / (largest - knee) * (1 - kKneeValue);
+      double change = 0;
+      for (std::size_t points = 0; points < 2; ++points)
+        change = std::max(change,
+                          std::abs(feature_a[points].at<double>(v, u) - feature_b[points].at<double>(v, u)));
+      const double feature = std::pow(change / std::numbers::sqrt2, kFeatureExponent);
+      result.at(u, v) = static_cast<float>(std::pow(color, 1 - feature));
+    }
+  return result;
 }
 
 }  // namespace
@@ -234,42 +271,6 @@ ImageF encoded(const ImageF& linear) {
   ImageF out = linear;
   for (float& value : out.data) value = srgb_from_linear(value);
   return out;
-}
-
-ImageF flip_map(const ImageF& reference, const ImageF& test, double pixels_per_degree) {
-  if (reference.width != test.width || reference.height != test.height || reference.channels != 3 ||
-      test.channels != 3)
-    throw Failure("flip", "images of different size or not RGB", "report this as a bug");
-  ImageF result(reference.width, reference.height, 1);
-  if (result.empty()) return result;
-  const Planes a = planes(reference), b = planes(test);
-  const Planes seen_a = as_seen(a, pixels_per_degree), seen_b = as_seen(b, pixels_per_degree);
-  const cv::Mat light_a = (a[0] + 16) / 116, light_b = (b[0] + 16) / 116;
-  std::array<cv::Mat, 2> feature_a, feature_b;
-  for (std::size_t points = 0; points < 2; ++points) {
-    feature_a[points] = feature_strength(light_a, points == 1, pixels_per_degree);
-    feature_b[points] = feature_strength(light_b, points == 1, pixels_per_degree);
-  }
-  const double largest = std::pow(hyab(hunt_lab(Vec3d(0, 1, 0)), hunt_lab(Vec3d(0, 0, 1))), kColorExponent);
-  const double knee = kKneePlace * largest;
-  const auto lab = [](const Planes& p, int v, int u) {
-    const Vec3d color(p[0].at<double>(v, u), p[1].at<double>(v, u), p[2].at<double>(v, u));
-    return hunt_lab(linear_from_ycxcz(color).cwiseMax(0.0).cwiseMin(1.0));
-  };
-  for (int v = 0; v < result.height; ++v)
-    for (int u = 0; u < result.width; ++u) {
-      const double distance = std::pow(hyab(lab(seen_a, v, u), lab(seen_b, v, u)), kColorExponent);
-      const double color = distance < knee
-                               ? kKneeValue / knee * distance
-                               : kKneeValue + (distance - knee) / (largest - knee) * (1 - kKneeValue);
-      double change = 0;
-      for (std::size_t points = 0; points < 2; ++points)
-        change = std::max(change,
-                          std::abs(feature_a[points].at<double>(v, u) - feature_b[points].at<double>(v, u)));
-      const double feature = std::pow(change / std::numbers::sqrt2, kFeatureExponent);
-      result.at(u, v) = static_cast<float>(std::pow(color, 1 - feature));
-    }
-  return result;
 }
 
 double flip(const ImageF& reference, const ImageF& test, const ImageF& mask) {

@@ -24,10 +24,8 @@ double psnr(const ImageF& a, const ImageF& b, const ImageF& mask = {});
 double ssim(const ImageF& a, const ImageF& b, const ImageF& mask = {});
 
 /// FLIP for low dynamic range (Andersson et al., HPG 2020): sRGB-encoded images in [0, 1], 3 channels, as
-/// seen at `pixels_per_degree` (67: 0.7 m before a 0.7 m wide 4K display). Returns the error of each pixel in
-/// [0, 1].
-ImageF flip_map(const ImageF& reference, const ImageF& test, double pixels_per_degree = 67.0206);
-/// Mean of flip_map over the mask's pixels.
+/// seen at 67 pixels a degree (0.7 m before a 0.7 m wide 4K display). Mean over the mask's pixels of the
+/// error of each, in [0, 1].
 double flip(const ImageF& reference, const ImageF& test, const ImageF& mask = {});
 
 /// Luminance (Rec. 709 weights) of a 3-channel image.

@@ -87,11 +87,10 @@ void composite(const Rendered& render, const ImageF& visible, ImageF& picture) {
     }
 }
 
-ImageF alpha_mask(const ImageF& rgba, const ImageF& visible) {
+ImageF alpha_mask(const ImageF& rgba) {
   ImageF mask(rgba.width, rgba.height, 1);
   for (int v = 0; v < rgba.height; ++v)
-    for (int u = 0; u < rgba.width; ++u)
-      mask.at(u, v) = rgba.at(u, v, 3) * (visible.empty() ? 1 : visible.at(u, v)) > 0.5f ? 1.0f : 0.0f;
+    for (int u = 0; u < rgba.width; ++u) mask.at(u, v) = rgba.at(u, v, 3) > 0.5f ? 1.0f : 0.0f;
   return mask;
 }
 

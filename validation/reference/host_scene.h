@@ -74,7 +74,7 @@ RenderEffects full_effects();
 /// shadow either. Empty: all visible.
 void composite(const Rendered& render, const ImageF& visible, ImageF& picture);
 /// Pixels of which the object covers more than half.
-ImageF alpha_mask(const ImageF& rgba, const ImageF& visible = {});
+ImageF alpha_mask(const ImageF& rgba);
 
 /// The image with the window laid over it.
 ImageF with_window(const ImageF& image, const ImageF& window, const PixelRect& rect);
