@@ -109,6 +109,17 @@ std::vector<Recipe> recipes(int samples) {
   return list;
 }
 
+/// The mean of the halves over the photograph's window as it saturates, with the shadow that the object
+/// casts.
+ImageF picture_of(const RenderedHalves& rendered, const ImageF& visible, const ImageF& photograph) {
+  Halves seen{photograph, photograph};
+  composite(rendered.first, visible, seen.first);
+  composite(rendered.second, visible, seen.second);
+  ImageF picture = seen.mean();
+  saturate(picture);
+  return picture;
+}
+
 constexpr double kMoved = 1e-3;       // m
 constexpr double kRangeSigma = 0.02;  // m, HDL-64E's data sheet
 constexpr double kDropOut = 0.1;      // share
@@ -158,6 +169,37 @@ Simulated simulate_uniform(const HostScene& scene, const SimulationSettings& set
   HostScene uniform = scene;
   uniform.prepared = &prepared;
   return simulate_host(uniform, settings);
+}
+
+/// In order (ladders.h).
+const char* const kRasterRungs[] = {"hard",
+                                    "soft",
+                                    "sRGB shading",
+                                    "uniform ambient",
+                                    "visible light",
+                                    "visible light, exact areas",
+                                    "fine light, exact areas",
+                                    "lens",
+                                    "sensor"};
+
+Simulated draw_raster_rung(const std::string& rung, const HostScene& scene) {
+  if (rung == "soft") return simulate_host(scene, scene.simulation);
+  SimulationSettings settings = hard_limit(scene.simulation, true);
+  settings.supersampling = scene.simulation.supersampling;
+  if (rung == "sRGB shading") return simulate_in_srgb(scene, settings);
+  if (rung == "uniform ambient") return simulate_uniform(scene, settings);
+  if (rung.ends_with(", exact areas")) settings.exact_coverage = true;
+  if (rung.starts_with("visible light"))
+    settings.light = LightModel::visible;
+  else if (rung == "fine light, exact areas")
+    settings.light = LightModel::fine;
+  else if (rung == "lens")
+    settings.camera_effects = parse_camera_effects("blur");
+  else if (rung == "sensor")
+    settings.camera_effects = parse_camera_effects("noise");
+  else if (rung != "hard")
+    throw std::logic_error("no rung of the rasteriser: " + rung);
+  return simulate_host(scene, settings);
 }
 
 /// From the rung "hard" to two others, as a camera sees them.
@@ -284,11 +326,7 @@ FullLight full_light(ReferenceRenderer& renderer, const HostScene& scene, const 
   result.visible = visible_share(scene, result.rect);
   const ImageF window = crop(photograph, result.rect);
   result.radiance = over(rendered, result.visible, window);
-  Halves seen{window, window};
-  composite(rendered.first, result.visible, seen.first);
-  composite(rendered.second, result.visible, seen.second);
-  result.cycles = seen.mean();
-  saturate(result.cycles);
+  result.cycles = picture_of(rendered, result.visible, window);
   result.raster = crop(simulated.image, result.rect);
   result.coverage = coverage_of(rendered, result.visible);
   result.mask = result.coverage;
@@ -321,16 +359,6 @@ SquaredError raster_error(const HostScene& scene, const Simulated& simulated, co
 
 LightLadder light_ladder(ReferenceRenderer& renderer, const HostScene& scene, const FullLight& full) {
   const ImageF photograph = crop(scene.prepared->frame.image, full.rect);
-  const auto as_seen = [](ImageF picture) {
-    saturate(picture);
-    return picture;
-  };
-  const auto picture_of = [&](const RenderedHalves& rendered) {  // with the shadow that the object casts
-    Halves seen{photograph, photograph};
-    composite(rendered.first, full.visible, seen.first);
-    composite(rendered.second, full.visible, seen.second);
-    return as_seen(seen.mean());
-  };
   LightLadder result;
   std::vector<LadderRung>& ladder = result.rungs;
   RenderJob job = job_for(scene, full.rect);
@@ -342,7 +370,7 @@ LightLadder light_ladder(ReferenceRenderer& renderer, const HostScene& scene, co
     const RenderedHalves rendered = render_halves(renderer, job, scene.seed, RenderStream::reference);
     result.reference.seconds = rendered.seconds;
     reference = over(rendered, full.visible, photograph);
-    pictures["reference"] = picture_of(rendered);
+    pictures["reference"] = picture_of(rendered, full.visible, photograph);
     // Without noise of its own and with no error, what is left is the reference's.
     const Halves itself{reference.mean(), {}};
     result.reference.noise = std::sqrt(error_to(reference, itself, full.coverage, full).floor);
@@ -357,12 +385,13 @@ LightLadder light_ladder(ReferenceRenderer& renderer, const HostScene& scene, co
                       std::move(picture)});
   };
 
-  for (const std::string& effect : raster_rungs()) {
+  for (const std::string effect : kRasterRungs) {
     const auto start = Clock::now();
     const Simulated simulated = draw_raster_rung(effect, scene);
     const double seconds = seconds_since(start);
     const ImageF radiance = radiance_of(simulated, scene.prepared->frame.image, full.rect);
-    ImageF picture = as_seen(radiance);
+    ImageF picture = radiance;
+    saturate(picture);
     if (effect == "hard") pictures["hard"] = picture;
     add(effect, "raster", "hard", seconds, std::move(picture), {radiance, {}},
         coverage_of(simulated, full.rect));
@@ -375,7 +404,8 @@ LightLadder light_ladder(ReferenceRenderer& renderer, const HostScene& scene, co
   centres.seed = scene.seed + static_cast<std::uint64_t>(RenderStream::rungs);
   ImageF matched = photograph;
   composite(renderer.render(centres), full.visible, matched);
-  pictures["centres"] = as_seen(std::move(matched));
+  saturate(matched);
+  pictures["centres"] = std::move(matched);
   for (const Recipe& recipe : recipes(scene.samples)) {
     job.effects = recipe.effects;
     job.samples = recipe.samples > 0 ? recipe.samples : scene.samples;
@@ -384,8 +414,9 @@ LightLadder light_ladder(ReferenceRenderer& renderer, const HostScene& scene, co
     if (recipe.blurred)
       for (Rendered* half : {&rendered.first, &rendered.second})  // its shadow is smooth already
         soften(half->rgba, kLensBlur);
-    add(recipe.effect, recipe.group, recipe.base, rendered.seconds, picture_of(rendered),
-        over(rendered, full.visible, photograph), coverage_of(rendered, full.visible));
+    add(recipe.effect, recipe.group, recipe.base, rendered.seconds,
+        picture_of(rendered, full.visible, photograph), over(rendered, full.visible, photograph),
+        coverage_of(rendered, full.visible));
   }
   add("full", "samples", "reference", full.seconds, full.cycles, full.radiance, full.coverage);
   return result;
@@ -443,49 +474,9 @@ std::vector<LidarRung> lidar_ladder(const HostScene& scene) {
   return ladder;
 }
 
-const std::vector<std::string>& raster_rungs() {
-  static const std::vector<std::string> rungs = {"hard",
-                                                 "soft",
-                                                 "sRGB shading",
-                                                 "uniform ambient",
-                                                 "visible light",
-                                                 "visible light, exact areas",
-                                                 "fine light, exact areas",
-                                                 "lens",
-                                                 "sensor"};
-  return rungs;
-}
-
 const std::set<std::string>& feature_rungs() {
   static const std::set<std::string> rungs = {"hard", "soft", "visible light"};
   return rungs;
-}
-
-Simulated draw_raster_rung(const std::string& rung, const HostScene& scene) {
-  if (rung == "soft") return simulate_host(scene, scene.simulation);
-  SimulationSettings settings = hard_limit(scene.simulation, true);
-  settings.supersampling = scene.simulation.supersampling;
-  if (rung == "sRGB shading") return simulate_in_srgb(scene, settings);
-  if (rung == "uniform ambient") return simulate_uniform(scene, settings);
-  if (rung.ends_with(", exact areas")) settings.exact_coverage = true;
-  if (rung.starts_with("visible light"))
-    settings.light = LightModel::visible;
-  else if (rung == "fine light, exact areas")
-    settings.light = LightModel::fine;
-  else if (rung == "lens")
-    settings.camera_effects = parse_camera_effects("blur");
-  else if (rung == "sensor")
-    settings.camera_effects = parse_camera_effects("noise");
-  else if (rung != "hard")
-    throw std::logic_error("no rung of the rasteriser: " + rung);
-  return simulate_host(scene, settings);
-}
-
-const std::vector<std::string>& scene_feature_names() {
-  static const std::vector<std::string> names = {
-      "camera_elevation",  "light_change",      "log_pixels",    "range",     "roof_height",  "soft_change",
-      "sun_along_heading", "sun_behind_camera", "sun_elevation", "sun_share", "visible_share"};
-  return names;
 }
 
 std::map<std::string, double> scene_features(const HostScene& scene, const Simulated& simulated) {

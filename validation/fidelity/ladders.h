@@ -78,22 +78,18 @@ struct LightLadder {
   ReferenceResult reference;  ///< what `to_full` is against
 };
 
-/// Raster rungs: raster_rungs(). Cycles rungs: matched light over the pixels' area, then that with each
-/// effect alone and with several. Samples: the full render (`full`) and that with fewer samples. Every rung
-/// of Cycles is drawn as two independent halves. Rungs share their seeds, so that Monte Carlo noise cancels
-/// in `change`; the reference has others, and two halves of twice the samples, so that it does not in
-/// `to_full`.
+/// Raster rungs, which Mirage draws itself. "hard": hard edges, the plain light. "soft": the picture as
+/// attacked, with the scene's own settings. Then the hard one with the lighting done on sRGB numbers ("sRGB
+/// shading"), with the hemisphere's light spread evenly ("uniform ambient"), with the light model with
+/// visibility ("visible light"), and with what lens ("lens") and sensor ("sensor") add. Cycles rungs: matched
+/// light over the pixels' area, then that with each effect alone and with several. Samples: the full render
+/// (`full`) and that with fewer samples. Every rung of Cycles is drawn as two independent halves. Rungs share
+/// their seeds, so that Monte Carlo noise cancels in `change`; the reference has others, and two halves of
+/// twice the samples, so that it does not in `to_full`.
 LightLadder light_ladder(ReferenceRenderer& renderer, const HostScene& scene, const FullLight& full);
 
-/// The rungs that Mirage draws itself. "hard": hard edges, the plain light. "soft": the picture as attacked,
-/// with the scene's own settings. Then the hard one with the lighting done on sRGB numbers ("sRGB shading"),
-/// with the hemisphere's light spread evenly ("uniform ambient"), with the light model with visibility
-/// ("visible light"), and with what lens ("lens") and sensor ("sensor") add.
-const std::vector<std::string>& raster_rungs();
-/// Those that scene_features draws.
+/// The raster rungs that scene_features draws.
 const std::set<std::string>& feature_rungs();
-/// One of them.
-Simulated draw_raster_rung(const std::string& rung, const HostScene& scene);
 
 // What of a scene tells, for milliseconds, which effects of light it needs (budget.h).
 
@@ -105,8 +101,6 @@ Simulated draw_raster_rung(const std::string& rung, const HostScene& scene);
 /// visibility. `simulated`: the scene's object, with the scene's settings; an object of no pixel changes
 /// nothing.
 std::map<std::string, double> scene_features(const HostScene& scene, const Simulated& simulated);
-/// Their names, in order.
-const std::vector<std::string>& scene_feature_names();
 
 // What each effect of the LiDAR changes in the returns on one attacked vehicle.
 
