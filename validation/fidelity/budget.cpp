@@ -47,18 +47,14 @@ constexpr int kFolds = 20;
 /// Rungs that are no approximation of the full render.
 const std::set<std::string> kNotOffered = {"sRGB shading", "+clear sky", "+car paint", "lens", "sensor"};
 
-/// What the vehicles' results say about each rung.
-struct Table {
-  bool by_vehicle = false;  ///< an identity is known
-  std::vector<std::string> features, rungs;
+/// What the vehicles' results say about each rung. Says in the report which features and rungs those are, and
+/// whether an identity is known.
+std::vector<BudgetScene> read_scenes(const std::vector<VehicleResult>& vehicles, BudgetReport& report) {
+  const BudgetOf of = report.settings.of;
   std::vector<BudgetScene> scenes;
-};
-
-Table read_scenes(const std::vector<VehicleResult>& vehicles, BudgetOf of) {
-  Table table;
   std::map<std::string, std::set<int>> tracks;
   for (const VehicleResult& vehicle : vehicles) {
-    table.by_vehicle |= vehicle.track >= 0;
+    report.by_vehicle |= vehicle.track >= 0;
     tracks[vehicle.host.frame].insert(vehicle.track);  // one without a ladder links frames as well
     if (!vehicle.seen || !vehicle.seen->ladder) continue;
     const SeenResult& seen = *vehicle.seen;
@@ -85,12 +81,12 @@ Table read_scenes(const std::vector<VehicleResult>& vehicles, BudgetOf of) {
     }
     scene.seconds_full = ladder.reference.seconds;
     scene.error_full = of == BudgetOf::radiance ? ladder.reference.noise : 0;
-    if (table.scenes.empty()) table.features = features, table.rungs = rungs;
-    if (features == table.features && rungs == table.rungs) table.scenes.push_back(std::move(scene));
+    if (scenes.empty()) report.features = features, report.rungs = rungs;
+    if (features == report.features && rungs == report.rungs) scenes.push_back(std::move(scene));
   }
   const auto groups = linked_frames(tracks);
-  for (BudgetScene& scene : table.scenes) scene.group = groups.at(scene.frame);
-  return table;
+  for (BudgetScene& scene : scenes) scene.group = groups.at(scene.frame);
+  return scenes;
 }
 
 /// The fold of each group: its own, or of many groups one of kFolds, drawn by seed.
@@ -150,14 +146,14 @@ struct Tally {
 
 /// Counts that the way takes this rung (−1: the reference) for the scene. `costs`: of the rungs; `own_cost`:
 /// beside the reference's.
-BudgetChoice take(Tally& tally, const Table& table, const BudgetScene& scene, int rung,
-                  const std::vector<double>& costs, double own_cost, double budget) {
+BudgetChoice take(Tally& tally, const BudgetReport& report, const BudgetScene& scene, int rung,
+                  const std::vector<double>& costs, double own_cost) {
   const auto r = as_size(std::max(0, rung));
   BudgetChoice choice;
   choice.name = scene.name, choice.frame = scene.frame, choice.group = scene.group;
-  choice.chosen = rung < 0 ? "reference" : table.rungs[r];
+  choice.chosen = rung < 0 ? "reference" : report.rungs[r];
   choice.error = rung < 0 ? scene.error_full : scene.errors[r];
-  choice.within = choice.error <= budget;
+  choice.within = choice.error <= report.settings.budget;
   choice.seconds = rung < 0 ? own_cost + scene.seconds_full : costs[r];
   ++tally.vehicles;
   tally.within.add(scene.group, choice.within);
@@ -166,27 +162,28 @@ BudgetChoice take(Tally& tally, const Table& table, const BudgetScene& scene, in
   return choice;
 }
 
-BudgetTest test_rule(const Table& table, const std::map<std::string, int>& folds, int count,
-                     const BudgetSettings& settings) {
-  BudgetTest test{BudgetRule(table.scenes, settings.budget, settings.confidence)};
+BudgetTest test_rule(const BudgetReport& report, const std::vector<BudgetScene>& scenes,
+                     const std::map<std::string, int>& folds) {
+  const BudgetSettings& settings = report.settings;
+  BudgetTest test{BudgetRule(scenes, settings.budget, settings.confidence)};
   Tally ruled, fixed, best;
   std::set<std::string> frames;
-  for (int fold = 0; fold < count; ++fold) {
+  for (int fold = 0; fold < report.folds; ++fold) {
     std::vector<BudgetScene> others;
-    for (const BudgetScene& scene : table.scenes)
+    for (const BudgetScene& scene : scenes)
       if (folds.at(scene.group) != fold) others.push_back(scene);
     const BudgetRule rule(others, settings.budget, settings.confidence);
     const int always = fixed_rung(others, settings);
-    for (const BudgetScene& scene : table.scenes) {
+    for (const BudgetScene& scene : scenes) {
       if (folds.at(scene.group) != fold) continue;
       frames.insert(scene.frame);
       // One rung for all needs no features.
       const double features_cost = *std::min_element(scene.seconds.begin(), scene.seconds.end());
-      BudgetChoice choice = take(ruled, table, scene, rule.choose(scene.features),
-                                 rule.always() ? scene.alone : scene.seconds, features_cost, settings.budget);
+      BudgetChoice choice = take(ruled, report, scene, rule.choose(scene.features),
+                                 rule.always() ? scene.alone : scene.seconds, features_cost);
       choice.fold = fold;
-      choice.seconds_fixed = take(fixed, table, scene, always, scene.alone, 0, settings.budget).seconds;
-      take(best, table, scene, oracle(scene, settings.budget), scene.alone, 0, settings.budget);
+      choice.seconds_fixed = take(fixed, report, scene, always, scene.alone, 0).seconds;
+      take(best, report, scene, oracle(scene, settings.budget), scene.alone, 0);
       test.scenes.push_back(std::move(choice));
     }
   }
@@ -388,15 +385,13 @@ std::map<std::string, std::string> linked_frames(const std::map<std::string, std
 }
 
 BudgetReport choose_rungs(const std::vector<VehicleResult>& vehicles, const BudgetSettings& settings) {
-  const Table table = read_scenes(vehicles, settings.of);
-  const std::map<std::string, int> folds = folds_of(table.scenes, settings.seed);
   BudgetReport report;
   report.settings = settings;
-  report.features = table.features, report.rungs = table.rungs;
-  report.by_vehicle = table.by_vehicle;
+  const std::vector<BudgetScene> scenes = read_scenes(vehicles, report);
+  const std::map<std::string, int> folds = folds_of(scenes, settings.seed);
   report.groups = static_cast<int>(folds.size());
   report.folds = std::min(report.groups, kFolds);
-  if (report.folds >= 2) report.test = test_rule(table, folds, report.folds, settings);
+  if (report.folds >= 2) report.test = test_rule(report, scenes, folds);
   return report;
 }
 
