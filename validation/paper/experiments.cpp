@@ -3,9 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <functional>
 #include <iterator>
-#include <set>
 #include <sstream>
 #include <stdexcept>
 
@@ -43,6 +41,11 @@ const Case& Experiments::at(const std::string& name) const {
   const auto match = std::find_if(cases.begin(), cases.end(), [&](const Case& c) { return c.name == name; });
   if (match == cases.end()) throw InputError("experiments", name, "no such case", "name one of the list");
   return *match;
+}
+
+void Experiments::add_closure(const std::string& name, std::set<std::string>& names) const {
+  if (name.empty() || !names.insert(name).second) return;
+  for (const auto& [folder, need] : at(name).needs) add_closure(need, names);
 }
 
 namespace {
@@ -338,16 +341,12 @@ const std::string kEvaluations = "evaluations/";
 void leave_out_others(Experiments& experiments, const Strings& only) {
   std::set<std::string> wanted, met, needed;
   for (const std::string& name : only) wanted.insert(kEvaluations + name);
-  const std::function<void(const std::string&)> need = [&](const std::string& name) {
-    if (name.empty() || !needed.insert(name).second) return;
-    for (const auto& [folder, before] : experiments.at(name).needs) need(before);
-  };
   for (Table& table : experiments.tables) {
     std::erase_if(table.rows, [&](const Row& row) { return !wanted.contains(row.evaluation); });
     for (const Row& row : table.rows) {
       met.insert(row.evaluation);
-      need(row.evaluation);
-      need(row.detection);
+      experiments.add_closure(row.evaluation, needed);
+      experiments.add_closure(row.detection, needed);
     }
   }
   for (const std::string& name : wanted)

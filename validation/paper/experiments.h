@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -91,6 +92,8 @@ struct Experiments {
   std::vector<Case> cases;
   int seeds = 1;
   const Case& at(const std::string& name) const;
+  /// Adds the case and all it needs; nothing for an empty name.
+  void add_closure(const std::string& name, std::set<std::string>& names) const;
 };
 
 /// The name of an attack's or evaluation's repetition from another seed; number 0 is the case itself.

@@ -32,12 +32,6 @@ namespace {
 
 using nlohmann::json;
 
-/// The case and all it needs.
-void closure(const Experiments& experiments, const std::string& name, std::set<std::string>& names) {
-  if (name.empty() || !names.insert(name).second) return;
-  for (const auto& [folder, need] : experiments.at(name).needs) closure(experiments, need, names);
-}
-
 /// Why the row has no numbers: what failed by itself rather than what was left out for it.
 std::string why_missing(const std::set<std::string>& names, const Evidence& evidence) {
   std::string why;
@@ -104,7 +98,7 @@ json row_json(const Table& table, const Row& row, const Experiments& experiments
   std::set<std::string> names;
   if (!row.evaluation.empty())
     for (int number = 0; number < experiments.seeds; ++number)
-      closure(experiments, repetition(row.evaluation, number), names);
+      experiments.add_closure(repetition(row.evaluation, number), names);
   json entry = {{"label", row.label}, {"rig", row.rig}, {"case", row.evaluation}};
   json& values = entry["values"] = json::object();
   json& paper = entry["paper"] = json::object();
@@ -122,7 +116,7 @@ json row_json(const Table& table, const Row& row, const Experiments& experiments
       why = row.evaluation + (row.mesh == "cuboid" ? ": judged no cuboid" : ": judged no random mesh");
   }
   if (!row.detection.empty()) {
-    closure(experiments, row.detection, names);
+    experiments.add_closure(row.detection, names);
     if (const auto clean = evidence.detections.find(row.detection); clean != evidence.detections.end())
       values.update(clean->second);
     else if (why.empty())
