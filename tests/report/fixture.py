@@ -81,7 +81,7 @@ def ladder():
 def verdict(names, vacuous=False):
     variants = [{"name": name, "vehicles": 20, "fn_asr": share(0.3), "fp_asr": share(0.1), "asr": share(0.35),
                  "mean_score": 0.61} for name in ("soft", "hard", "bounces 4", "cycles")]
-    group = {"frames": 10, "vehicles": 20, "variants": variants, "told": "cannot be told", "score_correlation": 0.93, "agree": 0.95,
+    group = {"frames": 10, "vehicles": 20, "clusters": {"by": "frame", "count": 10}, "variants": variants, "told": "cannot be told", "score_correlation": 0.93, "agree": 0.95,
              "difference": {key: share(0.02) for key in ("fn_asr", "fp_asr", "asr")}, "score_mean_difference": -0.01}
     pairs = [{"name": name, "frame": name[:6], "split": "test", "detected": True, "clean": 0.95, "soft": 0.4 + 0.3 * k,
               "hard": 0.5, "cycles": 0.5 + 0.2 * k} for k, name in enumerate(names)]
@@ -152,7 +152,7 @@ def make(folder, uses_picture=True, vacuous=False):
         "full": {"relative": 0.1, "ssim": 0.9, "flip": 0.1, "error_plain": 0.13, "floor": 0.05, "error_unbiased": 0.12,
                  "interval": share(0.12, 0.03)},
         "matched": {"mask_iou": 1.0, "mask_iou_worst": 1.0, "mae": 1e-5, "pixels": 2000, "pixels_off": 0, "rays": 500,
-                    "hit_disagreements": 0, "range_error_m": 1e-5},
+                    "hit_disagreements": 0, "range_error_m": 1e-5, "depth_error_m": 1e-5},
         "reliance": reliance(uses_picture), "ladder": ladder(), "verdict": verdict(names, vacuous), "budget": budget(),
         "lidar_ladder": [{"effect": "noise", "returns": 100, "changed": 0.9, "returns_change": 0, "detected": 2, "hidden": 1,
                           "mean_score": 0.6, "score_change": 0.01, "seconds": 0.02, "vehicles": 2}]})

@@ -3,7 +3,6 @@
 import charts
 
 SHOWN = {"soft": "soft rasteriser", "hard": "hard rasteriser", "cycles": "full Cycles"}
-KINDS = {"soft": "raster", "hard": "raster", "cycles": "cycles"}
 
 
 def percent(value):
@@ -14,25 +13,12 @@ def interval_text(share):
     return f"{percent(share['value'])} ({percent(share['low'])}–{percent(share['high'])})"
 
 
-def success(group):
-    """Attack success of every variant of a verdict's group, with its interval."""
-    if not group or not group.get("variants"):
-        return None
-    rows = []
-    for variant in group["variants"]:
-        share, name = variant["asr"], variant["name"]
-        rows.append((SHOWN.get(name, name), KINDS.get(name, "rung"), share["value"], share["low"], share["high"],
-                     f"{SHOWN.get(name, name)}: ASR {interval_text(share)}, {variant['vehicles']} vehicles"))
-    high = min(1.0, max(0.1, max(row[4] for row in rows) * 1.1))
-    return charts.intervals("Attack success by renderer", rows, "attack success rate (95 % interval)", high)
-
-
 LIGHT = {"learned": "as learned", "raster": "rasteriser", "visible": "visible light", "cycles": "Cycles"}
 
 
 def arms(verdict, raster_alone):
     """Attack success by who drew the object and which returns met it; with a detector that uses no picture the first alone."""
-    chosen = [arm for arm in (verdict or {}).get("arms", []) if not raster_alone or arm["light"] in ("learned", "raster")]
+    chosen = [arm for arm in verdict["arms"] if not raster_alone or arm["light"] in ("learned", "raster")]
     if not chosen:
         return None
     kinds = {"learned": "raster", "raster": "raster", "cycles": "cycles"}
@@ -46,13 +32,10 @@ def arms(verdict, raster_alone):
 
 def scores(verdict):
     """Detector score under the rasteriser against the score under Cycles."""
-    pairs = (verdict or {}).get("pairs")
-    if not pairs:
-        return None
-    flipped = {flip["name"] for flip in verdict.get("flips", [])}
+    flipped = {flip["name"] for flip in verdict["flips"]}
     points = [("bad" if pair["name"] in flipped else "held" if pair["split"] == "test" else "rung", pair["soft"],
                pair["cycles"], f"{pair['name']}: rasteriser {pair['soft']:.3f}, Cycles {pair['cycles']:.3f}")
-              for pair in pairs if pair.get("detected", True)]
+              for pair in verdict["pairs"] if pair["detected"]]
     points.sort(key=lambda point: ("rung", "held", "bad").index(point[0]))
     if not points:
         return None
@@ -61,10 +44,10 @@ def scores(verdict):
 
 
 def ladder(result):
-    rungs = [rung for rung in result.get("ladder", []) if "relative" in rung and rung["effect"] != rung.get("base")]
+    rungs = [rung for rung in result["ladder"] if rung["effect"] != rung["base"]]
     if not rungs:
         return None
-    rows = [(rung["effect"], rung.get("group", "cycles"), rung["relative"],
+    rows = [(rung["effect"], rung["group"], rung["relative"],
              f"{rung['effect']}: {percent(rung['relative'])} of radiance, SSIM {rung['ssim']:.3f}, "
              f"FLIP {rung['flip']:.3f}, {rung['seconds']:.2f} s, {rung['vehicles']} vehicles") for rung in rungs]
     return charts.bars("What each effect changes", rows, "mean change, share of the object's radiance", charts.percent)
@@ -72,13 +55,13 @@ def ladder(result):
 
 def remaining(result):
     """What each rung leaves to full Cycles without noise, and the band that noise alone would fill."""
-    rungs = [rung for rung in result.get("ladder", []) if "error_unbiased" in rung]
+    rungs = result["ladder"]
     if not rungs:
         return None
     rows, bands = [], []
     for rung in rungs:
         share = rung["interval"]
-        rows.append((rung["effect"], rung.get("group", "cycles"), share["value"], share["low"], share["high"],
+        rows.append((rung["effect"], rung["group"], share["value"], share["low"], share["high"],
                      f"{rung['effect']}: {interval_text(share)} without noise, {percent(rung['error_plain'])} with it"))
         bands.append((rung["floor"], f"{rung['effect']}: noise alone makes {percent(rung['floor'])}"))
     low = min(0, min(row[3] for row in rows))
@@ -89,11 +72,11 @@ def remaining(result):
 
 def ladder_cost(result):
     """Remaining error of the picture as drawn, its own noise included, against cost."""
-    rungs = [rung for rung in result.get("ladder", []) if rung.get("error_drawn", 0) > 0 and rung["seconds"] > 0]
+    rungs = [rung for rung in result["ladder"] if rung["error_drawn"] > 0 and rung["seconds"] > 0]
     if len(rungs) < 3:
         return None
     costs, errors = [r["seconds"] for r in rungs], [r["error_drawn"] for r in rungs]
-    points = [(r.get("group", "cycles"), r["seconds"], r["error_drawn"],
+    points = [(r["group"], r["seconds"], r["error_drawn"],
                f"{r['effect']}: {percent(r['error_drawn'])} from full Cycles at {r['seconds']:.3g} s")
               for r in rungs]
     return charts.scatter("Error against full Cycles over cost", points, "time a vehicle, s",

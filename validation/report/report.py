@@ -51,18 +51,14 @@ def model_uri(path):
 
 def arms(result):
     """{(light, returns): place in verdict.arms}, of arms that hold a vehicle."""
-    return {(arm["light"], arm["returns"]): index for index, arm in enumerate(result.get("verdict", {}).get("arms", []))}
+    return {(arm["light"], arm["returns"]): index for index, arm in enumerate(result["verdict"]["arms"])}
 
 
 def flips_of(result, folder):
-    """Vehicles whose outcome flips, those that have pictures."""
-    shown = []
-    for index, flip in enumerate(result.get("verdict", {}).get("flips", [])):
-        files = flip.get("pictures", {})
-        if len(shown) < PICTURED_FLIPS and all(name in files for name in ("raster_crop", "cycles_crop")):
-            shown.append({**flip, "index": index, "raster": pictures.pixels(os.path.join(folder, files["raster_crop"])),
-                          "cycles": pictures.pixels(os.path.join(folder, files["cycles_crop"]))})
-    return shown
+    """Vehicles whose outcome flips."""
+    crop = lambda flip, name: pictures.pixels(os.path.join(folder, flip["pictures"][name]))
+    return [{**flip, "index": index, "raster": crop(flip, "raster_crop"), "cycles": crop(flip, "cycles_crop")}
+            for index, flip in enumerate(result["verdict"]["flips"][:PICTURED_FLIPS])]
 
 
 def host_view(index, host):
@@ -109,21 +105,19 @@ def sign_off(environment, hosts):
 
 def page(environment, result, hosts, folder, model, viewer, origin):
     fig = figures.figure_function(result, origin)
-    beside, group = result["beside"], result.get("verdict", {}).get("of", "held_back")
-    note = result.get("reliance", {}).get("note", "")  # stands in place of statements about images
+    beside, verdict = result["beside"], result["verdict"]
+    note = result["reliance"]["note"]  # stands in place of statements about images
     # Those that vanish under Cycles first, then those that are misplaced, then those that the detector finds, the nearest first.
     seen = ["vanished", "misplaced", "found", "not found clean"]
     order = sorted(range(len(hosts)), key=lambda i: ([seen.index(figures.outcome(hosts[i], key)[0])
                                                       for key in ("cycles", "raster")], hosts[i]["range"]))
     environment.globals.update(
-        result=result, fig=fig, interval=figures.interval_function(result, fig), group=group, shown=plots.SHOWN,
+        result=result, fig=fig, interval=figures.interval_function(result, fig), group=verdict["of"], shown=plots.SHOWN,
         arms=arms(result), checks=figures.targets(result), made_of=figures.made_of(result), flips=flips_of(result, folder),
         note=note, light_names=plots.LIGHT, tradeoff=beside.get("tradeoff"), pareto=plots.pareto(beside.get("tradeoff")),
         viewer_missing=NO_VIEWER, model=model,
         plots={"loss": plots.loss(beside.get("loss")), "recall": plots.recall(beside.get("evaluation")),
-               "success": plots.arms(result.get("verdict"), bool(note)) or
-               plots.success(result.get("verdict", {}).get(group)),
-               "scores": plots.scores(result.get("verdict")), "ladder": plots.ladder(result),
+               "success": plots.arms(verdict, bool(note)), "scores": plots.scores(verdict), "ladder": plots.ladder(result),
                "remaining": plots.remaining(result), "ladder_cost": plots.ladder_cost(result)},
         pictured=[pictured_view(folder, i, hosts[i]) for i in order[:PICTURED_HOSTS]],
         hosts=[host_view(i, host) for i, host in enumerate(hosts)])
