@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "base/intervals.h"
 #include "base/schedule.h"
 #include "validation/thread_clock.h"
 
@@ -45,13 +46,7 @@ class Rounds {
   }
   std::size_t count(const std::string& name) const { return values_.at(name).size(); }
   double least(const std::string& name) const { return *std::ranges::min_element(values_.at(name)); }
-  double at(const std::string& name, double share) const {
-    std::vector<double> values = values_.at(name);
-    const auto place =
-        values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size()));
-    std::nth_element(values.begin(), place, values.end());
-    return *place;
-  }
+  double at(const std::string& name, double share) const { return lower_quantile(values_.at(name), share); }
   /// The median.
   double operator[](const std::string& name) const { return at(name, 0.5); }
   /// Median over the rounds of a − b.

@@ -252,9 +252,6 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   const Frame& frame = prepared.frame;
   const fs::path& out = context.settings.out;
   const std::string name = host_name(id);
-  HostScene scene;
-  scene.prepared = &prepared;
-  scene.host = &label_of(frame, id);
   const Placement known = context.store.placement(id);
   require_hosted(context.store.place(), known, id);
   // Built once: every renderer and every arm has this object, in this pose.
@@ -262,10 +259,8 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   const WorldDraw draw(evaluation.expectation, evaluation.expectation_seed, draw_of(id));
   const DrawnHost built(evaluation.expectation.any() ? &draw : nullptr, prepared, known,
                         context.run.adversary, context.learned);
-  scene.placement = built.placement();
-  scene.adversary = built.object();
-  scene.placed = place(scene.adversary, scene.placement);
-  scene.simulation = context.run.settings.simulation;
+  HostScene scene =
+      scene_of({prepared, id, built.placement(), context.run.settings.simulation}, built.object());
   scene.samples = context.settings.samples;
   scene.seed = context.settings.seed;
   scene.glb = out / "scenes" / (name + ".glb");

@@ -325,11 +325,8 @@ int study(const Options& options) {
       nlohmann::json record = std::filesystem::exists(file) ? read_json(file) : nlohmann::json::object();
       if (record.value("identity", "") != identity) {
         const auto frame = store.get(place_of.id.frame);
-        HostScene scene;
-        scene.host = &label_of(frame->frame, place_of.id);
-        scene.placement = store.placement(place_of.id);
-        scene.adversary = mesh == "random" ? random_adversary(seed) : read_object(mesh);
-        scene.placed = place(scene.adversary, scene.placement);
+        HostScene scene = scene_of({*frame, place_of.id, store.placement(place_of.id), {}},
+                                   mesh == "random" ? random_adversary(seed) : read_object(mesh));
         scene.samples = options.samples;
         scene.seed = seed;
         scene.scratch = options.out;
