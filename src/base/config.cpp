@@ -20,6 +20,11 @@ bool is_ascii(std::string_view text) {
   return std::all_of(text.begin(), text.end(), [](unsigned char c) { return c < 0x80; });
 }
 
+/// Throws the InputError of a syntax error.
+[[noreturn]] void refuse_toml(const std::string& name, std::size_t line, const std::string& problem) {
+  throw InputError(name, fmt::format("line {}", line), problem, "mend the TOML syntax");
+}
+
 /// Walks over the text by TOML's rules for strings and comments alone; what breaks any other rule stays, for
 /// the parser to refuse.
 class AsciiWriter {
@@ -223,10 +228,6 @@ nlohmann::json to_json(const toml::node& node) {
 
 std::string toml_in_ascii(std::string_view text, const std::string& name) {
   return is_ascii(text) ? std::string(text) : AsciiWriter(text, name).write();
-}
-
-void refuse_toml(const std::string& name, std::size_t line, const std::string& problem) {
-  throw InputError(name, fmt::format("line {}", line), problem, "mend the TOML syntax");
 }
 
 std::string toml_text(const json& object) {

@@ -18,9 +18,6 @@ namespace mirage {
 /// InputError, naming `name` and the line, for bytes that are no UTF-8 and for such letters elsewhere.
 std::string toml_in_ascii(std::string_view text, const std::string& name);
 
-/// Throws the InputError of a syntax error.
-[[noreturn]] void refuse_toml(const std::string& name, std::size_t line, const std::string& problem);
-
 // JSON as TOML. Not by toml++'s writer: in 3.3 (Debian 12) it sets no quotes around keys with a tab, a line
 // end or a quote, reads strings of several lines within an inline table as other text, and takes the
 // logarithm of small numbers in a list for a count of letters, which is undefined below 0.1.

@@ -1,5 +1,6 @@
 #include "base/image.h"
 
+#include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 
@@ -211,7 +212,10 @@ class Picture {
     const std::size_t read = proxy_->pread(head, sizeof head, 0);
     const char* format = format_of(std::string_view(head, read));
     if (!format) bad("is no PNG, JPEG or EXR picture", "give one of these");
-    if (const std::string problem = claim_beyond_file(*proxy_, format); !problem.empty()) bad(problem);
+    const std::string claim = format == std::string_view("openexr") ? exr_claim(*proxy_)
+                              : format == std::string_view("png")   ? png_claim(*proxy_)
+                                                                    : "";
+    if (!claim.empty()) bad(claim);
     input_ = OIIO::ImageInput::create(format);
     OIIO::ImageSpec ignored, config;
     config.attribute("oiio:UnassociatedAlpha", 1);  // else a PNG's colours come multiplied by its alpha
@@ -326,10 +330,6 @@ ImageF linear_image(std::span<const std::uint8_t> bytes, int width, int height) 
   ImageF image(width, height, 3);
   for (std::size_t i = 0; i < bytes.size(); ++i) image.data[i] = linear_level(bytes[i]);
   return image;
-}
-
-std::string claim_beyond_file(File& file, std::string_view format) {
-  return format == "openexr" ? exr_claim(file) : format == "png" ? png_claim(file) : "";
 }
 
 ImageF read_srgb(const fs::path& path, PictureSize expected) {

@@ -2,8 +2,6 @@
 // Inside the program colour images are scene-linear float RGB (src/README.md, Conventions).
 #pragma once
 
-#include <OpenImageIO/filesystem.h>
-
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -32,9 +30,13 @@ struct Image {
         data(as_size(width_) * as_size(height_) * as_size(channels_), fill) {}
 
   /// The channels of column u, row v; not checked.
-  T* pixel(int u, int v) { return data.data() + (as_size(v) * as_size(width) + as_size(u)) * as_size(channels); }
+  T* pixel(int u, int v) {
+    return data.data() + (as_size(v) * as_size(width) + as_size(u)) * as_size(channels);
+  }
   /// The channels of column u, row v; not checked.
-  const T* pixel(int u, int v) const { return data.data() + (as_size(v) * as_size(width) + as_size(u)) * as_size(channels); }
+  const T* pixel(int u, int v) const {
+    return data.data() + (as_size(v) * as_size(width) + as_size(u)) * as_size(channels);
+  }
   /// Channel c of column u, row v; not checked.
   T& at(int u, int v, int c = 0) { return pixel(u, v)[c]; }
   /// Channel c of column u, row v; not checked.
@@ -92,13 +94,6 @@ void through_srgb_slope(std::span<const std::uint8_t> levels, std::span<float> g
 float linear_level(std::uint8_t level);
 /// width × height × 3, scene-linear. `bytes` has as many values.
 ImageF linear_image(std::span<const std::uint8_t> bytes, int width, int height);
-
-// Parts of a picture's file that claim more bytes than the file has, or become a thousand times what they
-// are, found before a decoder sets memory aside for them.
-
-/// What is wrong; empty if nothing is, or nothing that the decoder does not find by itself. `format`: "png",
-/// "openexr", or another, of which nothing is looked at.
-std::string claim_beyond_file(OIIO::Filesystem::IOProxy& file, std::string_view format);
 
 // Image files through OpenImageIO. PNG and JPEG hold 8-bit sRGB (16-bit PNG: depth), EXR scene-linear float.
 

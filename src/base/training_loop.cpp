@@ -59,11 +59,6 @@ TrainingState read_training_state(const fs::path& out, const RunIdentity& wanted
   return state;
 }
 
-void follow_losses(TrainingState& state, const std::array<double, 3>& now, double share) {
-  share = std::max(share, 1.0 / static_cast<double>(state.step + 1));
-  for (std::size_t t = 0; t < now.size(); ++t) state.losses[t] += share * (now[t] - state.losses[t]);
-}
-
 void write_training_state(const fs::path& out, const nlohmann::json& wanted, TrainingState& state,
                           const std::function<void(const fs::path&)>& save) {
   const fs::path weights = out / weights_name(state.step);
@@ -130,7 +125,10 @@ double TrainingLoop::run(const TrainingWork& work) {
     Progress shown(work.name, as_size(schedule_.steps), schedule_.quiet);
     while (progress() < 1) {
       const double rate = one_cycle(schedule_.learning_rate, progress());
-      follow_losses(state_, work.learn(state_.step, rate), work.follow);
+      const std::array<double, 3> losses = work.learn(state_.step, rate);
+      const double share = std::max(work.follow, 1.0 / static_cast<double>(state_.step + 1));
+      for (std::size_t t = 0; t < losses.size(); ++t)
+        state_.losses[t] += share * (losses[t] - state_.losses[t]);
       ++state_.step;
       state_.seconds = seconds_before + seconds_since(start);
       shown.update(as_size(state_.step), work.note());

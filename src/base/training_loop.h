@@ -28,9 +28,6 @@ struct TrainingState {
 /// or unreadable.
 TrainingState read_training_state(const std::filesystem::path& out, const RunIdentity& wanted);
 
-/// Moves the running means towards `now`, by `share` or, at the start, by 1 / (steps so far + 1).
-void follow_losses(TrainingState& state, const std::array<double, 3>& now, double share);
-
 /// save(file) writes the weights, then the state that names them is written, then the old weights go: a kill
 /// at any point leaves a pair.
 void write_training_state(const std::filesystem::path& out, const nlohmann::json& wanted,
@@ -56,8 +53,9 @@ class TrainingLog {
 
 /// What one training does where all of them do something.
 struct TrainingWork {
-  const char* name = "train";    ///< of the progress line
-  double follow = 0.02;          ///< share by which a step moves the running losses (follow_losses)
+  const char* name = "train";  ///< of the progress line
+  /// Share by which a step moves the running losses, but at the start 1 / (steps so far + 1).
+  double follow = 0.02;
   std::int64_t tell_every = 50;  ///< steps
   /// The update number `step`, from 0, at this rate; returns its three loss terms.
   std::function<std::array<double, 3>(std::int64_t step, double rate)> learn;

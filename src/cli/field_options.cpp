@@ -86,6 +86,19 @@ bool is_setting(const std::string& option) {
   return option != "--help" && !option.empty();
 }
 
+/// The names that a command knows, sorted.
+std::vector<std::string> setting_names(const CLI::App& command) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : command.get_options())
+    for (std::string name : option->get_lnames())
+      if (is_setting("--" + name)) {
+        std::replace(name.begin(), name.end(), '-', '_');
+        names.push_back(name);
+      }
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
 }  // namespace
 
 void name_option(const Field& field) {
@@ -214,18 +227,6 @@ std::vector<std::string> apply_config(const std::vector<std::string>& arguments,
     result.push_back(option + "=" + text);
   }
   return result;
-}
-
-std::vector<std::string> setting_names(const CLI::App& command) {
-  std::vector<std::string> names;
-  for (const CLI::Option* option : command.get_options())
-    for (std::string name : option->get_lnames())
-      if (is_setting("--" + name)) {
-        std::replace(name.begin(), name.end(), '-', '_');
-        names.push_back(name);
-      }
-  std::sort(names.begin(), names.end());
-  return names;
 }
 
 std::vector<std::string> arguments_of(const NamedSettings& settings, const CLI::App& command,

@@ -155,9 +155,6 @@ std::vector<std::string> apply_config(const std::vector<std::string>& arguments,
 /// no word.
 inline constexpr char kListSeparator = '\x1f';
 
-/// The names that a command knows, sorted.
-std::vector<std::string> setting_names(const CLI::App& command);
-
 /// "--texel-rate=0.01" for each; one for each entry of a list where the option takes several. InputError,
 /// naming `where` and the names there are, for one that the command does not know.
 std::vector<std::string> arguments_of(const NamedSettings& settings, const CLI::App& command,
