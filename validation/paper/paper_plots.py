@@ -3,6 +3,7 @@
 from markupsafe import Markup
 
 import charts
+import plots
 
 KINDS = [("as recorded", "clean"), ("random", "rung"), ("image", "image"), ("both", "both"), ("LiDAR", "lidar")]
 RIGS = {"kitti64": "KITTI rig", "xenith": "Xenith rig", "real": "real KITTI frames"}
@@ -21,14 +22,8 @@ def short(label):
     return label
 
 
-def percent(value):
-    return f"{100 * value:.1f} %"
-
-
 def words(value):
-    if "low" not in value:
-        return percent(value["value"])
-    return f"{percent(value['value'])} ({percent(value['low'])}–{percent(value['high'])})"
+    return plots.interval_text(value) if "low" in value else plots.percent(value["value"])
 
 
 def success(rows, key="asr", label="attack success rate (95 % interval); ring: the paper's"):
@@ -112,12 +107,8 @@ def size(rows):
 
 def matrix(rows):
     """{sources, targets, cells: {(source, target): index of the row}} of the transfer table."""
-    sources, targets = [], []
-    for row in rows:
-        for name, known in ((row["source"], sources), (row["target"], targets)):
-            if name not in known:
-                known.append(name)
-    return {"sources": sources, "targets": targets,
+    each_once = lambda key: list(dict.fromkeys(row[key] for row in rows))
+    return {"sources": each_once("source"), "targets": each_once("target"),
             "cells": {(row["source"], row["target"]): index for index, row in enumerate(rows)}}
 
 
