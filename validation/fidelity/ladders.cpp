@@ -304,7 +304,7 @@ Noise measure_noise(ReferenceRenderer& renderer, const HostScene& scene, const S
 Noise noise_of(const Halves& halves, const ImageF& mask, int samples) {
   Noise noise;
   noise.samples = samples;
-  const double mean = mean_absolute_error(halves.mean(), ImageF(mask.width, mask.height, 3), mask);
+  const double mean = mean_of(halves.mean(), mask);
   // Two independent renders differ by √2 times what one is off.
   if (mean > 0)
     noise.relative = mean_absolute_error(halves.first, halves.second, mask) / std::sqrt(2.0) / mean;
@@ -346,10 +346,7 @@ SquaredError error_to(const Halves& reference, const Halves& drawn, const ImageF
     pixels += full.mask.data[i] > 0.5f;
     region.data[i] = full.coverage.data[i] > 0 || coverage.data[i] > kDrawn ? 1.0f : 0.0f;
   }
-  const ImageF picture = reference.mean();
-  const double mean =
-      mean_absolute_error(picture, ImageF(picture.width, picture.height, picture.channels), full.mask);
-  return squared_error(drawn, reference, region, pixels, mean);
+  return squared_error(drawn, reference, region, pixels, mean_of(reference.mean(), full.mask));
 }
 
 SquaredError raster_error(const HostScene& scene, const Simulated& simulated, const FullLight& full) {

@@ -200,8 +200,12 @@ double mean_absolute_error(const ImageF& a, const ImageF& b, const ImageF& mask)
   return mean_term(a, b, mask, [](double d) { return std::abs(d); });
 }
 
+double mean_of(const ImageF& image, const ImageF& mask) {
+  return mean_absolute_error(image, ImageF(image.width, image.height, image.channels), mask);
+}
+
 double relative_error(const ImageF& from, const ImageF& to, const ImageF& mask) {
-  const double mean = mean_absolute_error(from, ImageF(from.width, from.height, from.channels), mask);
+  const double mean = mean_of(from, mask);
   return mean > 0 ? mean_absolute_error(from, to, mask) / mean : 0;
 }
 
@@ -274,8 +278,7 @@ ImageF encoded(const ImageF& linear) {
 }
 
 double flip(const ImageF& reference, const ImageF& test, const ImageF& mask) {
-  const ImageF map = flip_map(reference, test);
-  return mean_absolute_error(map, ImageF(map.width, map.height, 1), mask);
+  return mean_of(flip_map(reference, test), mask);
 }
 
 Change change(const ImageF& from, const ImageF& to, const ImageF& mask) {

@@ -9,6 +9,8 @@ namespace mirage {
 
 /// Mean over pixels and channels of |a − b|. 0 for an empty mask.
 double mean_absolute_error(const ImageF& a, const ImageF& b, const ImageF& mask = {});
+/// Mean over pixels and channels of |value|: mean_absolute_error from black.
+double mean_of(const ImageF& image, const ImageF& mask = {});
 /// mean_absolute_error over the mean |value| of `from` there; 0 where that is black.
 double relative_error(const ImageF& from, const ImageF& to, const ImageF& mask = {});
 /// Largest |a − b| over pixels and channels.

@@ -144,7 +144,7 @@ struct Looked {
     const ImageF seen_raster = encoded(full.raster), seen_cycles = encoded(full.cycles);
     FullResult result;
     result.mae = mean_absolute_error(full.raster, full.cycles, full.mask);
-    result.mean = mean_absolute_error(full.cycles, ImageF(full.mask.width, full.mask.height, 3), full.mask);
+    result.mean = mean_of(full.cycles, full.mask);
     result.ssim = ssim(grey(seen_raster), grey(seen_cycles), full.mask);
     result.flip = flip(seen_cycles, seen_raster, full.mask);
     result.noise = noise_of(full.radiance, full.mask, full.samples / 2).at(full.samples);

@@ -171,11 +171,6 @@ struct Reference {
   double pixels = 0, radiance = 0;  ///< of the object: how many, and their mean
 };
 
-/// Mean over the mask of |Δ| from black.
-double mean_of(const ImageF& picture, const ImageF& mask) {
-  return mean_absolute_error(picture, ImageF(mask.width, mask.height, 3), mask);
-}
-
 Reference render_reference(ReferenceRenderer& renderer, const HostScene& scene, const PixelRect& rect,
                            const ImageF& photograph) {
   RenderJob job = job_for(scene, rect);
