@@ -110,7 +110,7 @@ void print_fidelity(const Validation& result) {
     add_budget(*result.budget, rows);
   if (!result.failed.empty())
     rows.push_back({"given up", fmt::format("{} vehicles (Blender was lost)", result.failed.size())});
-  rows.push_back({"report", result.report.string()});
+  rows.push_back({"report", (result.settings.out / "report.html").string()});
   print_table(rows);
 }
 
@@ -158,14 +158,13 @@ void add_options(CLI::App& app, ValidateOptions& options) {
 }
 
 nlohmann::json run(ValidateOptions& options, const Common& common) {
-  ValidationSettings settings = options.settings;
+  ValidationSettings& settings = options.settings;
   options.quality.ask(settings.asked);
   settings.out = common.out;
   settings.seed = common.seed;
   settings.quiet = common.quiet;
   settings.detector.seed = common.seed;
   settings.made_of = common.made_of;
-  options.settings = settings;
   const Validation result = validate(settings, [](const auto& out) {
     return start_blender(out, rank() == 0 ? "blender.log" : fmt::format("blender-{}.log", rank()));
   });

@@ -240,12 +240,9 @@ Validation validate(const ValidationSettings& given, const StartReference& start
     validation.hosts.push_back(vehicle.name);
     for (const ReferenceLoss& loss : vehicle.losses) validation.losses.emplace_back(vehicle.name, loss);
   }
-  validation.samples = settings.samples;
-  validation.run = settings.run;
+  validation.settings = given;
   validation.placement = run.settings.placement;
-  validation.expect = settings.expect;
   validation.reference = renderer->identity();
-  validation.report = settings.out / "report.html";
   settings.made_of->add(run.settings);
   settings.made_of->set("samples", settings.samples);
   settings.made_of->set("expect", settings.expect);
@@ -292,17 +289,17 @@ json to_json(const Validation& validation) {
               {"reliance", to_json(validation.reliance)},
               {"hosts", validation.hosts},
               {"failed", std::move(failed)},
-              {"samples", validation.samples},
+              {"samples", validation.settings.samples},
               {"reference",
                {{"name", validation.reference.name},
                 {"version", validation.reference.version},
                 {"losses", std::move(losses)}}},
-              {"run", validation.run.string()},
+              {"run", validation.settings.run.string()},
               {"placement", text_of(validation.placement)},
               {"placed", to_json(validation.placement)},
-              {"expect", validation.expect},
+              {"expect", validation.settings.expect},
               {"clusters", to_json(validation.verdict.judged().clusters)},
-              {"report", validation.report.string()}});
+              {"report", (validation.settings.out / "report.html").string()}});
   if (nearest) out["verdict"]["nearest"] = nearest - arms.data();
   return out;
 }

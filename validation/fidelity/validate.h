@@ -36,11 +36,8 @@ struct Validation {
   std::vector<std::pair<std::string, ReferenceLoss>> losses;
   std::vector<GivenUp> failed;
   ReferenceIdentity reference;
-  int samples = 0;               ///< of the reference a pixel, as asked for
-  std::filesystem::path run;     ///< of the attack
-  PlaceChoice placement;         ///< of the object
-  std::string expect;            ///< ValidationSettings::expect
-  std::filesystem::path report;  ///< report.html, which write_report() makes
+  ValidationSettings settings;  ///< as asked for
+  PlaceChoice placement;        ///< of the object
 };
 
 /// Runs it; writes OUT/{hosts,scenes,pictures}/. InputError for settings, run or data that cannot be used;
