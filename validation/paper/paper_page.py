@@ -38,7 +38,10 @@ TAGS = {"holds": "good", "does not hold": "bad", "holds in part": "raster"}
 SECTIONS = [("table1", "attack"), ("real", "attack"), ("table2", "attack"), ("fig3", "recall"), ("fig4", "size"),
             ("table3", "transfer"), ("table4", "defences"), ("parts", "attack"),
             ("fusions", "heat"), ("fusions-real", "heat"), ("fusions-xenith", "heat")]
-PICTURED = {"hidden": 3, "false_positives": 2, "features": 2}  # of an evaluation
+# Pictures of an evaluation: how many of a kind, and what they show.
+PICTURED = {"hidden": (3, "A vehicle that the mesh hides: as recorded and attacked, with the detections."),
+            "false_positives": (2, "Detections that the mesh makes, from above."),
+            "features": (2, "Magnitude of the image features in the image and projected to the bird's-eye view.")}
 WIDE = 1400  # pixels of a picture, at most
 
 
@@ -79,11 +82,6 @@ def picture(path):
     return pictures.data_uri(out.getvalue(), "image/jpeg")
 
 
-CAPTIONS = {"hidden": "A vehicle that the mesh hides: as recorded and attacked, with the detections.",
-            "false_positives": "Detections that the mesh makes, from above.",
-            "features": "Magnitude of the image features in the image and projected to the bird's-eye view."}
-
-
 def shown_pictures(folder, tables):
     """[(case, caption, uri)]: of every evaluation that wrote pictures, some of each kind."""
     shown, seen = [], set()
@@ -95,8 +93,8 @@ def shown_pictures(folder, tables):
                 continue
             seen.add(case)
             files = sorted(name for name in os.listdir(path) if name.endswith(".png"))
-            for kind, caption in CAPTIONS.items():
-                for name in [n for n in files if n.startswith(kind)][:PICTURED[kind]]:
+            for kind, (most, caption) in PICTURED.items():
+                for name in [n for n in files if n.startswith(kind)][:most]:
                     shown.append({"case": case.split("/")[-1], "kind": kind, "caption": caption, "name": name,
                                   "uri": picture(os.path.join(path, name))})
     return shown
@@ -107,10 +105,7 @@ def plots_of(table):
     if table["name"] in ("table1", "table2", "real"):
         return {"success": plots.success(rows), "distances": plots.distances(rows), "legend": plots.legend(rows)}
     if table["name"] == "fig3":
-        rigs = []
-        for row in rows:
-            if row["rig"] not in rigs:
-                rigs.append(row["rig"])
+        rigs = dict.fromkeys(row["rig"] for row in rows)
         return {"recall": [(plots.RIGS[rig], plots.recall([r for r in rows if r["rig"] == rig])) for rig in rigs],
                 "legend": plots.legend(rows)}
     if table.get("matrix"):
