@@ -1,5 +1,6 @@
 #include "weights_file.h"
 
+#include <fmt/ranges.h>
 #include <openssl/evp.h>
 
 #include <array>
@@ -42,13 +43,7 @@ std::string sha256(std::string_view bytes) {
   unsigned size = 0;
   if (EVP_Digest(bytes.data(), bytes.size(), digest.data(), &size, EVP_sha256(), nullptr) != 1)
     throw std::runtime_error("OpenSSL computes no SHA-256");
-  std::string text;
-  for (unsigned i = 0; i < size; ++i) {
-    constexpr const char* kDigits = "0123456789abcdef";
-    text += kDigits[digest[i] >> 4];
-    text += kDigits[digest[i] & 15];
-  }
-  return text;
+  return fmt::format("{:02x}", fmt::join(digest.data(), digest.data() + size, ""));
 }
 
 /// The bytes; of a file that is none of ours by its first bytes, those alone.

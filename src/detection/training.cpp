@@ -139,14 +139,10 @@ CompactFrame read_compact(const std::filesystem::path& data, const std::string& 
 }
 
 TrainingSample PreparedSample::view() const {
-  return {{&image, points, &calibration},
-          data_from_sample,
-          boxes,
-          ignore,
-          picture_boxes,
-          picture_ignore,
-          vehicle_mask,
-          picture_key};
+  TrainingSample sample = truth;
+  sample.input = {&image, points, &calibration};
+  sample.vehicle_mask = vehicle_mask;
+  return sample;
 }
 
 std::vector<TrainingSample> views_of(const std::vector<PreparedSample>& samples) {
@@ -181,7 +177,8 @@ PreparedSample prepared_sample(const CompactFrame& small, const Eigen::Affine3d&
   PreparedSample sample;
   sample.image = linear_image(small.srgb, small.width, small.height);
   sample.calibration = small.calibration;
-  sample.data_from_sample = sample_from_data.inverse();
+  TrainingSample& truth = sample.truth;
+  truth.data_from_sample = sample_from_data.inverse();
   const Eigen::Affine3f move = sample_from_data.cast<float>();
   for (const LidarPoint& point : small.points) {
     const Vec3f p = move * point.position();
@@ -191,15 +188,14 @@ PreparedSample prepared_sample(const CompactFrame& small, const Eigen::Affine3d&
     const BevBox there = moved(object.box.bev, sample_from_data);
     const bool inside =
         there.x >= region[0] && there.x < region[1] && there.y >= region[2] && there.y < region[3];
-    (inside ? sample.boxes : sample.ignore).push_back(there);
+    (inside ? truth.boxes : truth.ignore).push_back(there);
   }
   for (const ObjectBoxes& object : small.truth.space.ignore)
-    sample.ignore.push_back(moved(object.box.bev, sample_from_data));
-  for (const ObjectBoxes& object : small.truth.picture.boxes) sample.picture_boxes.push_back(object.picture);
-  for (const ObjectBoxes& object : small.truth.picture.ignore)
-    sample.picture_ignore.push_back(object.picture);
+    truth.ignore.push_back(moved(object.box.bev, sample_from_data));
+  for (const ObjectBoxes& object : small.truth.picture.boxes) truth.picture_boxes.push_back(object.picture);
+  for (const ObjectBoxes& object : small.truth.picture.ignore) truth.picture_ignore.push_back(object.picture);
   sample.vehicle_mask.assign(small.vehicle_mask.begin(), small.vehicle_mask.end());
-  sample.picture_key = small.picture_key;
+  truth.picture_key = small.picture_key;
   return sample;
 }
 

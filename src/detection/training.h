@@ -29,11 +29,8 @@ struct PreparedSample {
   ImageF image;
   std::vector<LidarPoint> points;
   Calibration calibration;
-  std::vector<BevBox> boxes, ignore;
-  std::vector<PictureBox> picture_boxes, picture_ignore;
   std::vector<std::uint8_t> vehicle_mask;
-  std::uint64_t picture_key = 0;
-  Eigen::Affine3d data_from_sample = Eigen::Affine3d::Identity();
+  TrainingSample truth;  ///< without its views of these
   /// Views of what this holds; valid as long as it is.
   TrainingSample view() const;
 };

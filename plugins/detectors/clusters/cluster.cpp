@@ -15,7 +15,7 @@
 namespace mirage::clusters {
 namespace {
 
-constexpr double kCircle = 2 * std::numbers::pi;
+constexpr double kTurn = 2 * std::numbers::pi;
 constexpr double kSteepest = 0.3;  // slope of a street
 
 /// A place in the vertical plane of one sector: distance from the unit and height (m).
@@ -142,8 +142,6 @@ class Sets {
   std::vector<std::size_t> parent_;
 };
 
-constexpr double kTurn = 2 * std::numbers::pi;
-
 /// Directions: azimuths (rad, within a turn of [−π, π]) and slopes (height by distance).
 struct Window {
   double first = 1e9, last = -1e9, low = 1e9, high = -1e9;
@@ -219,7 +217,7 @@ double density_around(const Window& outline, const Directions& directions) {
 }  // namespace
 
 std::size_t Ground::sector_of(double x, double y) {
-  const double turned = (std::atan2(y, x) + std::numbers::pi) / kCircle;
+  const double turned = (std::atan2(y, x) + std::numbers::pi) / kTurn;
   return std::min(static_cast<std::size_t>(turned * kSectors), kSectors - 1);
 }
 
@@ -238,7 +236,7 @@ Ground::Ground(std::span<const Return> returns) : heights_(kSectors * kBins, 0.0
   constexpr double kAround = 20;  // m
   std::vector<Eigen::Vector3d> lowest;
   const auto azimuth = [](std::size_t sector) {
-    return kCircle * (static_cast<double>(sector) + 0.5) / kSectors - std::numbers::pi;
+    return kTurn * (static_cast<double>(sector) + 0.5) / kSectors - std::numbers::pi;
   };
   for (std::size_t sector = 0; sector < kSectors; ++sector)
     for (std::size_t bin = 0; bin < static_cast<std::size_t>(kAround / kBin); ++bin) {
