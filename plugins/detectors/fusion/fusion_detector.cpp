@@ -195,6 +195,10 @@ void FusionDetector::backward(std::span<const float> d_logits, float* d_image, f
   set_torch_threads(1);
   Tensor seed = torch::zeros({local_ ? local_->logit_count() : kept_logits_.numel()});
   for (std::size_t i = 0; i < d_logits.size(); ++i) seed.data_ptr<float>()[proposal_cells_[i]] = d_logits[i];
+  // What has no gradient is zero.
+  const std::int64_t points = local_ ? local_->input_size().second : kept_input_.points.size(0);
+  if (d_image) std::fill_n(d_image, kept_image_values_, 0.f);
+  if (d_points) std::fill_n(d_points, 4 * points, 0.f);
   if (local_) return backward_changed(seed, d_image, d_points);
   std::vector<Tensor> inputs = {kept_input_.points};
   if (kept_input_.image.defined()) inputs.push_back(kept_input_.image);
@@ -202,21 +206,14 @@ void FusionDetector::backward(std::span<const float> d_logits, float* d_image, f
   if (kept_input_.masses.defined()) inputs.push_back(kept_input_.masses);
   const auto gradients =
       torch::autograd::grad({kept_logits_}, inputs, {seed.to(kept_logits_.scalar_type())}, true, false, true);
-  const auto copy = [](const Tensor& gradient, const Tensor& like, float* out) {
-    if (!out) return;
-    const auto bytes = sizeof(float) * as_size(like.numel());
-    if (bytes == 0) return;
-    if (gradient.defined())
-      std::memcpy(out, gradient.to(torch::kFloat).contiguous().data_ptr<float>(), bytes);
-    else
-      std::memset(out, 0, bytes);
+  const auto copy = [](const Tensor& gradient, float* out) {
+    if (!out || !gradient.defined()) return;
+    const Tensor values = gradient.to(torch::kFloat).contiguous();
+    std::copy_n(values.data_ptr<float>(), values.numel(), out);
   };
-  copy(gradients[0], kept_input_.points, d_points);
+  copy(gradients[0], d_points);
   if (of_masses < inputs.size()) keep_presence(gradients[of_masses], kept_input_.masses.size(0));
-  if (kept_input_.image.defined())
-    copy(gradients[1], kept_input_.image, d_image);
-  else if (d_image)
-    std::fill_n(d_image, kept_image_values_, 0.f);
+  if (kept_input_.image.defined()) copy(gradients[1], d_image);
 }
 
 void FusionDetector::watch(const float* places, std::int64_t count) {
@@ -383,9 +380,8 @@ const std::vector<MirageProposal>& FusionDetector::forward_changed(const MirageS
 
 void FusionDetector::backward_changed(const Tensor& d_logits, float* d_image, float* d_points) {
   const LocalNetwork::Gradient gradient = local_->backward(d_logits);
-  const auto [width, points] = local_->input_size();
+  const std::int64_t width = local_->input_size().first;
   if (gradient.masses.defined()) keep_presence(gradient.masses, gradient.masses.size(0));
-  if (d_image) std::fill_n(d_image, kept_image_values_, 0.f);
   if (d_image && gradient.image.defined()) {
     const Window& at = gradient.pixels;
     const Tensor image = gradient.image.to(torch::kFloat).contiguous();
@@ -394,7 +390,6 @@ void FusionDetector::backward_changed(const Tensor& d_logits, float* d_image, fl
       std::copy_n(row, 3 * at.columns(), d_image + 3 * (v * width + at.left));
   }
   if (!d_points) return;
-  std::fill_n(d_points, 4 * points, 0.f);
   const Tensor of_points = gradient.of_points.to(torch::kFloat);
   const float* row = of_points.data_ptr<float>();
   for (const std::int64_t point : gradient.points) {
