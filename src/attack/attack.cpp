@@ -26,6 +26,17 @@
 namespace mirage {
 namespace {
 
+/// FieldError if the detector does not read the one sensor that the target names: no gradient would reach the
+/// adversary.
+void check_target(AttackTarget target, const Detector& detector) {
+  const Capabilities can = detector.capabilities();
+  if (target == AttackTarget::lidar && !can.reads_points)
+    throw FieldError("target", "lidar", detector.name() + " does not read the LiDAR's returns",
+                     "use image or both");
+  if (target == AttackTarget::image && !can.reads_image)
+    throw FieldError("target", "image", detector.name() + " does not read the picture", "use lidar or both");
+}
+
 /// FieldError for a renewal that is none, or a detector that would not look at the pictures.
 void check_renderer(const AttackSettings& settings, const Detector& detector) {
   check_number({.name = "cycles_renew", .range = kNotNegative}, settings.renewal.metres);
@@ -118,15 +129,6 @@ void finish(const AttackSettings& settings, const AttackState& state, const std:
 void fit_limits(AttackSettings& settings) {
   if (!settings.limits.asked && settings.limits.half == kRoofBox)
     settings.limits.half = settings.placement.volume / 2;
-}
-
-void check_target(AttackTarget target, const Detector& detector) {
-  const Capabilities can = detector.capabilities();
-  if (target == AttackTarget::lidar && !can.reads_points)
-    throw FieldError("target", "lidar", detector.name() + " does not read the LiDAR's returns",
-                     "use image or both");
-  if (target == AttackTarget::image && !can.reads_image)
-    throw FieldError("target", "image", detector.name() + " does not read the picture", "use lidar or both");
 }
 
 AttackResult run_attack(const AttackSettings& settings) {

@@ -6,10 +6,6 @@
 
 namespace mirage {
 
-/// InputError if the detector does not read the one sensor that the target names: no gradient would reach the
-/// adversary.
-void check_target(AttackTarget target, const Detector& detector);
-
 /// Runs or resumes the attack in settings.out (see attack/run.h for the files). The result is bit-identical
 /// however often it was stopped. InputError when the folder holds a run with other settings.
 AttackResult run_attack(const AttackSettings& settings);

@@ -69,6 +69,31 @@ constexpr std::pair<const char*, double StageSeconds::*> kStages[] = {{"input", 
                                                                       {"optimiser", &StageSeconds::optimiser},
                                                                       {"files", &StageSeconds::files}};
 
+/// InputError where the view shows sensors beside the first camera and the LiDAR: what draws an environment
+/// (attack/expectation.h) or a picture does not know them.
+void require_no_others(const SensorView& view) {
+  if (view.others.empty()) return;
+  throw InputError("expect, renderer", view.others[0].name,
+                   "is not drawn by them: they know of a frame's first camera and LiDAR alone",
+                   "leave them off with a detector that reads further sensors");
+}
+
+/// For Upstream::others: the detector's gradient to each of Simulated::others and Simulated::measurements,
+/// null where it gave none or the object changed nothing. It points into `gradient`.
+std::vector<const float*> others_of(const SensorGradient& gradient, const Frame& frame,
+                                    const Simulated& simulated) {
+  std::vector<const float*> others;
+  const auto add = [&](const std::string& name, std::size_t values) {
+    const auto given = gradient.others.find(name);
+    const bool there = given != gradient.others.end() && values > 0 && given->second.size() == values;
+    others.push_back(there ? given->second.data() : nullptr);
+  };
+  for (std::size_t k = 0; k < simulated.others.size(); ++k)
+    add(frame.others[k].name, simulated.others[k].rect.empty() ? 0 : simulated.others[k].image.data.size());
+  for (const Measurement& measured : simulated.measurements) add(measured.name, measured.data.size());
+  return others;
+}
+
 }  // namespace
 
 bool has_moved(const TexturedMesh& from, const TexturedMesh& to, const Renewal& renewal) {
@@ -141,27 +166,6 @@ SensorView view_of(const PreparedFrame& prepared, const Simulated& simulated, co
       view.others.back().values = measured.data;
     }
   return view;
-}
-
-void require_no_others(const SensorView& view) {
-  if (view.others.empty()) return;
-  throw InputError("expect, renderer", view.others[0].name,
-                   "is not drawn by them: they know of a frame's first camera and LiDAR alone",
-                   "leave them off with a detector that reads further sensors");
-}
-
-std::vector<const float*> others_of(const SensorGradient& gradient, const Frame& frame,
-                                    const Simulated& simulated) {
-  std::vector<const float*> others;
-  const auto add = [&](const std::string& name, std::size_t values) {
-    const auto given = gradient.others.find(name);
-    const bool there = given != gradient.others.end() && values > 0 && given->second.size() == values;
-    others.push_back(there ? given->second.data() : nullptr);
-  };
-  for (std::size_t k = 0; k < simulated.others.size(); ++k)
-    add(frame.others[k].name, simulated.others[k].rect.empty() ? 0 : simulated.others[k].image.data.size());
-  for (const Measurement& measured : simulated.measurements) add(measured.name, measured.data.size());
-  return others;
 }
 
 CleanView clean_view(const PreparedFrame& prepared, const PixelRect& changed) {

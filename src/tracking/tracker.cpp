@@ -321,8 +321,9 @@ std::vector<TrackState> Tracker::step(double time, std::span<const TrackedDetect
   return states;
 }
 
-std::vector<SmoothPlace> smooth(std::span<const PlaceMeasurement> measurements,
-                                const SmootherSettings& settings) {
+std::vector<SmoothPlace> smooth(std::span<const PlaceMeasurement> measurements) {
+  // How fast the motion may change: q of x, y and z (m²/s³) and of the heading (rad²/s³).
+  constexpr std::array kDensity = {0.5, 0.5, 0.02, 0.02};
   if (measurements.empty()) return {};
   for (std::size_t k = 0; k < measurements.size(); ++k) {
     if (k > 0 && !(measurements[k].time > measurements[k - 1].time))
@@ -341,7 +342,7 @@ std::vector<SmoothPlace> smooth(std::span<const PlaceMeasurement> measurements,
       samples[k] =
           axis < 3 ? Sample{m.time, m.position[axis], m.sigma[axis]} : Sample{m.time, yaw, m.yaw_sigma};
     }
-    const auto states = robust_axis(samples, axis < 3 ? settings.acceleration[axis] : settings.turn);
+    const auto states = robust_axis(samples, kDensity[as_size(axis)]);
     for (std::size_t k = 0; k < states.size(); ++k) {
       if (axis < 3) {
         places[k].position[axis] = states[k][0];

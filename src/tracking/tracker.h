@@ -131,12 +131,6 @@ struct PlaceMeasurement {
   double yaw_sigma = 0.02;                ///< rad
 };
 
-/// How fast the motion may change.
-struct SmootherSettings {
-  Vec3d acceleration = Vec3d(0.5, 0.5, 0.02);  ///< q of x, y and z, m²/s³
-  double turn = 0.02;                          ///< q of the heading, rad²/s³
-};
-
 /// The smoothed place at a measurement's time.
 struct SmoothPlace {
   Vec3d position = Vec3d::Zero(), velocity = Vec3d::Zero();  ///< m, m/s
@@ -144,8 +138,7 @@ struct SmoothPlace {
 };
 
 /// One answer a measurement. InputError for times that do not rise and for a σ that is not positive.
-std::vector<SmoothPlace> smooth(std::span<const PlaceMeasurement> measurements,
-                                const SmootherSettings& settings = {});
+std::vector<SmoothPlace> smooth(std::span<const PlaceMeasurement> measurements);
 
 /// m: noise of places along a track that is independent from one to the next, from their second differences
 /// d: √(mean |d|² / 6), which is free of constant velocity. Of three places only those count whose two steps
