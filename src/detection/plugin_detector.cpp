@@ -82,7 +82,7 @@ class PluginDetectorBase : public Detector {
   }
   /// One more instance, on the same weights and with their count of training steps; null if it cannot.
   template <class Self>
-  std::unique_ptr<Detector> shared() {
+  std::unique_ptr<Detector> on_its_weights() {
     if (!plugin_.api->share) return nullptr;
     PluginInstance<Api> other = plugin_;
     const auto share = [&](char* error) {
@@ -322,7 +322,7 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     return trained(raw, learning_rate);
   }
 
-  std::unique_ptr<Detector> share() override { return shared<PluginDetector>(); }
+  std::unique_ptr<Detector> share() override { return on_its_weights<PluginDetector>(); }
 
   ImageFeatures image_features(const SensorView& view) override {
     if (!plugin_.api->image_features || !capabilities_.reads_image) return {};
@@ -533,7 +533,7 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
     return trained(raw, learning_rate);
   }
 
-  std::unique_ptr<Detector> share() override { return shared<Version3Detector>(); }
+  std::unique_ptr<Detector> share() override { return on_its_weights<Version3Detector>(); }
 
   ImageFeatures image_features(const SensorView& view) override {
     if (!plugin_.api->image_features || !capabilities_.reads_image) return {};
