@@ -9,7 +9,7 @@ namespace mirage {
 
 /// A count, an index or an enumerator as containers take it; `value` is not negative.
 template <class I>
-  requires std::integral<I> || std::is_enum_v<I>
+requires std::integral<I> || std::is_enum_v<I>
 constexpr std::size_t as_size(I value) {
   return static_cast<std::size_t>(value);
 }

@@ -182,14 +182,14 @@ class StreetSite {
     add_surfaces(actor, at(p.x(), p.y(), ground_z(s, d), yaw(s) + turn), -1);
   }
 
-  // Plants and fences (street.cpp).
+  // Plants and fences (street_site.cpp).
   void add_fence(double s0, double s1, double d);
   void add_woods(int side, double from);
   /// What the earth under kerbs and side roads looks like, so that no sky shows between them.
   void add_earth();
   void add_manhole_covers(int count);
 
-  // What drives (street.cpp).
+  // What drives (street_site.cpp).
   /// Along the street: s over time, and the lane; along the crossing one if it `crosses` (s and d swapped).
   struct Course {
     double s = 0, speed = 0;                          ///< at 0; speed below 0: towards us

@@ -22,7 +22,9 @@ struct GridLayout {
   /// Number of nodes.
   std::size_t size() const { return as_size(count[0]) * as_size(count[1]) * as_size(count[2]); }
   /// Place of a node among the values: i runs fastest.
-  std::size_t index(int i, int j, int k) const { return as_size(i) + as_size(count[0]) * (as_size(j) + as_size(count[1]) * as_size(k)); }
+  std::size_t index(int i, int j, int k) const {
+    return as_size(i) + as_size(count[0]) * (as_size(j) + as_size(count[1]) * as_size(k));
+  }
   /// Where a node lies (m).
   Vec3d node(int i, int j, int k) const { return origin + spacing.cwiseProduct(Vec3d(i, j, k)); }
 };

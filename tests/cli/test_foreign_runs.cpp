@@ -136,15 +136,15 @@ TEST_F(ForeignRuns, ConfigurationsRunNoCodeThatTheyName) {
 TEST_F(ForeignRuns, WithARoofFinderOfAnyLengthAreRefusedInALine) {
   make_run();
   for (const std::size_t length : {300u, 5000u, 100'000u}) {
-      change("rooftop", std::string(length, 'r'));
-      for (const char* command : {"export", "evaluate --trust-run", "validate --trust-run", "tradeoff"}) {
-        EXPECT_EQ(mirage(std::string(command) + " --quiet --run " + at("run") + " --out " + at("o")), 2)
-            << command;
-        expect_line(command);
-        EXPECT_THAT(said(), HasSubstr("run.json: rooftop: is too long")) << command;
-        EXPECT_LT(said().size(), 1000) << command;
-      }
+    change("rooftop", std::string(length, 'r'));
+    for (const char* command : {"export", "evaluate --trust-run", "validate --trust-run", "tradeoff"}) {
+      EXPECT_EQ(mirage(std::string(command) + " --quiet --run " + at("run") + " --out " + at("o")), 2)
+          << command;
+      expect_line(command);
+      EXPECT_THAT(said(), HasSubstr("run.json: rooftop: is too long")) << command;
+      EXPECT_LT(said().size(), 1000) << command;
     }
+  }
 }
 
 TEST_F(ForeignRuns, WriteNowhereElse) {

@@ -188,17 +188,17 @@ TEST(RasterExtremes, NeedlesOfAMillionToOne) {
 TEST(RasterExtremes, FoldedAndSelfIntersectingMeshes) {
   Measured worst;
   for (std::uint64_t seed : {1u, 2u, 3u}) {
-      Extreme extreme = ball({.3, -.4, 10}, .7);
-      RandomStream random(seed, "fold");
-      for (auto& face : extreme.mesh.faces)  // turned inside out, and through each other
-        for (Vec3d& v : face)
-          v = Vec3d{-.5 * v.x() + random.uniform(-.05, .05), v.y() + random.uniform(-.05, .05),
-                    20 - v.z() + random.uniform(-.5, .5)};
-      for (std::size_t f = 0; f + 1 < extreme.mesh.faces.size(); f += 7)
-        extreme.mesh.faces[f + 1] = extreme.mesh.faces[f];  // twice the same face
-      refit(extreme);
-      worst = worse(worst, expect_stable(extreme));
-    }
+    Extreme extreme = ball({.3, -.4, 10}, .7);
+    RandomStream random(seed, "fold");
+    for (auto& face : extreme.mesh.faces)  // turned inside out, and through each other
+      for (Vec3d& v : face)
+        v = Vec3d{-.5 * v.x() + random.uniform(-.05, .05), v.y() + random.uniform(-.05, .05),
+                  20 - v.z() + random.uniform(-.5, .5)};
+    for (std::size_t f = 0; f + 1 < extreme.mesh.faces.size(); f += 7)
+      extreme.mesh.faces[f + 1] = extreme.mesh.faces[f];  // twice the same face
+    refit(extreme);
+    worst = worse(worst, expect_stable(extreme));
+  }
   report("folded, self-intersecting", worst);
 }
 

@@ -26,13 +26,13 @@ TEST(SoftRasterizerGradient, RandomFacesInEveryBackgroundMode) {
   double worst = 0;
   for (Background background : {Background::paper_logit, Background::silhouette, Background::authors_logit})
     for (std::uint64_t seed : {1u, 2u, 3u}) {
-        // σ with a reach beyond the window: no pixel crosses the cut-off, so differences are smooth.
-        Problem problem = random_problem(seed, 6, .5, 1e-1);
-        problem.settings.background = background;
-        problem.mesh.resolution = 1;  // texel borders are jumps of the forward, not slopes
-        problem.mesh.texels.resize(problem.mesh.faces.size());
-        worst = std::max(worst, check_problem(problem, 1e-5).worst);
-      }
+      // σ with a reach beyond the window: no pixel crosses the cut-off, so differences are smooth.
+      Problem problem = random_problem(seed, 6, .5, 1e-1);
+      problem.settings.background = background;
+      problem.mesh.resolution = 1;  // texel borders are jumps of the forward, not slopes
+      problem.mesh.texels.resize(problem.mesh.faces.size());
+      worst = std::max(worst, check_problem(problem, 1e-5).worst);
+    }
   RecordProperty("worst_relative_error", std::to_string(worst));
   std::printf("worst relative gradient error (random faces): %.2e\n", worst);
 }

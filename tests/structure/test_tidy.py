@@ -57,7 +57,7 @@ def commands(build):
             words = words[1:]
         if "/torch/csrc/api/include" in entry["command"]:
             continue
-        words = [word for word in words[: words.index("-o")] if word != "-Wconversion"] + ["-c"]  # Clang's counts signs, too
+        words = [word for word in words[: words.index("-o")] if word not in ("-Wconversion", "-Wsign-conversion")] + ["-c"]  # Clang warns of more
         for source in sources:
             known[source] = {"directory": entry["directory"], "file": source, "arguments": [*words, source]}
     return known

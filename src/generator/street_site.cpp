@@ -1,4 +1,4 @@
-#include "generator/street.h"
+#include "generator/street_site.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -9,7 +9,6 @@
 
 #include "base/sizes.h"
 #include "generator/parts.h"
-#include "generator/street_site.h"
 #include "geometry/mesh.h"
 
 namespace mirage::generator {
