@@ -36,8 +36,11 @@ class PictureView {
     context.imageSmoothingEnabled = s < 3;
     context.imageSmoothingQuality = "high";
     context.drawImage(camera.photo, left, top, camera.size[0] * s, camera.size[1] * s);
-    for (const {rect: [u, v, w, h], patch} of scene.attack?.patches.filter(one => one.camera === scene.camera) ?? [])
-      context.drawImage(patch, left + u * s, top + v * s, w * s, h * s);
+    const objects = [];
+    for (const {rect: [u, v, w, h], patch} of scene.attack?.patches.filter(one => one.camera === scene.camera) ?? []) {
+      objects.push([left + u * s, top + v * s, w * s, h * s]);
+      context.drawImage(patch, ...objects.at(-1));
+    }
     const m = camera.pixel_from_velo;
     const depth = p => m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11];
     const project = p => {
@@ -66,24 +69,22 @@ class PictureView {
       this.drawn.push(seen);
       if (box.score !== undefined || box.host || box.tag) tags.push({box, seen});
     }
-    this.tags(context, tags, width, height);
+    this.tags(context, tags, objects, width, height);
   }
 
-  // Scores over the boxes, where there is room; a drive's vehicle and tracks, then the surest first.
-  tags(context, tags, width, height) {
+  // Scores over the boxes or below, where they hide no object; a drive's vehicle and tracks, then the surest first.
+  tags(context, tags, objects, width, height) {
     context.font = "600 11px system-ui, 'Liberation Sans', sans-serif";
-    const taken = [];
+    const taken = [...objects];
     const rank = ({box}) => box.kind === "mark" ? 3 : box.tag ? 2 : box.score ?? -1;
     tags.sort((a, b) => rank(b) - rank(a));
     for (const {box, seen} of tags) {
       const text = box.tag ?? (box.score !== undefined ? box.score.toFixed(2) : "host"), w = context.measureText(text).width + 8, h = 15;
-      const places = [seen.top - h - 2, seen.bottom + 2, seen.top - 2 * h - 4];
-      if (box.kind === "mark") [places[0], places[1]] = [places[1], places[0]]; // over it stands the object
-      for (const top of places) {
+      for (const top of [seen.top - h - 2, seen.bottom + 2, seen.top - 2 * h - 4]) {
         const left = Math.max(1, Math.min(width - w - 1, (seen.left + seen.right - w) / 2));
         if (top < 1 || top + h > height - 1 || left < 80 && top < 28) continue; // the panel's name stands there
-        if (taken.some(t => left < t[0] + t[2] + 2 && t[0] < left + w + 2 && top < t[1] + h + 2 && t[1] < top + h + 2)) continue;
-        taken.push([left, top, w]);
+        if (taken.some(t => left < t[0] + t[2] + 2 && t[0] < left + w + 2 && top < t[1] + t[3] + 2 && t[1] < top + h + 2)) continue;
+        taken.push([left, top, w, h]);
         context.fillStyle = boxColour(box, true);
         context.beginPath();
         context.roundRect(left, top, w, h, 3);
