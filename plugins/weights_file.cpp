@@ -4,12 +4,12 @@
 #include <openssl/evp.h>
 
 #include <array>
-#include <cstring>
 #include <sstream>
 #include <stdexcept>
 #include <type_traits>
 
 #include "base/files.h"
+#include "base/memory.h"
 
 namespace mirage {
 namespace {
@@ -103,7 +103,7 @@ Tensor WeightsFile::tensor(std::string_view name, torch::IntArrayRef sizes) cons
   if (!stored || sizes != torch::IntArrayRef(stored->shape))
     throw std::runtime_error("weights of another network; train anew with mirage train");
   const Tensor value = torch::empty(sizes, dtype_of(stored->element));
-  std::memcpy(value.data_ptr(), stored->data.data(), stored->data.size());
+  copy_bytes(value.data_ptr(), stored->data.data(), stored->data.size());
   return value;
 }
 

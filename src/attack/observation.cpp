@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "base/error.h"
+#include "base/memory.h"
 #include "base/random.h"
 #include "base/ranks.h"
 #include "detection/car_in_picture.h"
@@ -39,7 +40,7 @@ class Hash {
         lanes_[k] = std::rotl(lanes_[k] ^ words[k], 29) * 0x9e3779b97f4a7c15ull;
     }
     std::array<std::uint64_t, kLanes> rest{};
-    std::memcpy(rest.data(), from, size);
+    copy_bytes(rest.data(), from, size);
     for (std::size_t k = 0; k < kLanes; ++k)
       lanes_[k] = std::rotl(lanes_[k] ^ rest[k] ^ size, 31) * 0xbf58476d1ce4e5b9ull;
   }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstring>
 #include <string>
 
 namespace mirage {
@@ -33,6 +34,11 @@ class SharedMemory {
 };
 
 // Memory of one process.
+
+/// memcpy for lists that may be empty: these may lie nowhere (null), which memcpy must not be given.
+inline void copy_bytes(void* to, const void* from, std::size_t bytes) {
+  if (bytes > 0) std::memcpy(to, from, bytes);
+}
 
 /// What the machine has, or the process's control group where that has less (a container, a job of Slurm);
 /// bytes.

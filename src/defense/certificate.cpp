@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <map>
+#include <span>
 
 #include "attack/observation.h"
 #include "base/error.h"
@@ -74,10 +74,10 @@ bool fits(const TexturedMesh& object, const AdversaryLimits& limits) {
 }
 
 bool same(const MaskedFrame& a, const MaskedFrame& b) {
-  return a.image.data.size() == b.image.data.size() && a.sweep.size() == b.sweep.size() &&
-         std::memcmp(a.image.data.data(), b.image.data.data(), a.image.data.size() * sizeof(float)) == 0 &&
-         (a.sweep.empty() ||
-          std::memcmp(a.sweep.data(), b.sweep.data(), a.sweep.size() * sizeof(LidarPoint)) == 0);
+  const auto equal = [](const auto& one, const auto& other) {
+    return std::ranges::equal(std::as_bytes(std::span(one)), std::as_bytes(std::span(other)));
+  };
+  return equal(a.image.data, b.image.data) && equal(a.sweep, b.sweep);
 }
 
 /// What is kept of known objects on every car: the best IoU with it under each, by host.

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cstring>
 #include <numeric>
 #include <optional>
 
@@ -140,7 +139,7 @@ class ProcessDetector : public OutsideDetector {
   SensorGradient backward(std::span<const double> d_logits) override {
     if (!word_.can.has_gradients) no_gradient();
     const std::vector<float> all = rows_.of_rows(d_logits);
-    std::memcpy(memory_.data() + d_logits_at_, all.data(), all.size() * sizeof(float));
+    copy_bytes(memory_.data() + d_logits_at_, all.data(), all.size() * sizeof(float));
     const json answer = ask({{"job", "gradient"},
                              {"d_logits", array_at(d_logits_at_, {all.size()}, "float32")},
                              {"answer_at", answer_at_},
@@ -200,8 +199,8 @@ class ProcessDetector : public OutsideDetector {
     char* to = memory_.data() + its.at;
     if (bytes)
       write_srgb_bytes(sensor.image->data, reinterpret_cast<std::uint8_t*>(to));
-    else if (its.values() > 0)
-      std::memcpy(to, first_value(sensor), its.values() * sizeof(float));
+    else
+      copy_bytes(to, first_value(sensor), its.values() * sizeof(float));
     return array_at(its.at, its.shape, bytes ? "uint8" : "float32");
   }
 

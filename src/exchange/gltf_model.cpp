@@ -7,6 +7,7 @@
 #include <set>
 
 #include "base/logging.h"
+#include "base/memory.h"
 #include "exchange/gltf_document.h"
 
 namespace mirage {
@@ -199,7 +200,7 @@ std::vector<T> GltfModel::values(const tinygltf::Value& parent, const std::strin
   const auto [data, size] = view(parent.Get(key).GetNumberAsInt(), name);
   if (size % (3 * sizeof(T)) != 0) fail(name, fmt::format("{} bytes are not whole triples", size));
   std::vector<T> result(size / sizeof(T));
-  if (size > 0) std::memcpy(result.data(), data, size);
+  copy_bytes(result.data(), data, size);
   return result;
 }
 

@@ -4,13 +4,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cstring>
 
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/image.h"
 #include "base/logging.h"
+#include "base/memory.h"
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/ranks.h"
@@ -185,7 +185,7 @@ std::vector<double> BlenderWorker::raycast(const std::filesystem::path& scene, s
   std::vector<double> ranges(rays.size());
   if (bytes.size() != ranges.size() * sizeof(double))
     throw Failure(out.string(), "has the wrong size", "free some space and run again");
-  if (!ranges.empty()) std::memcpy(ranges.data(), bytes.data(), bytes.size());
+  copy_bytes(ranges.data(), bytes.data(), bytes.size());
   return ranges;
 }
 

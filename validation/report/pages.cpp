@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cstring>
 #include <set>
 
 #include "attack/observation.h"
@@ -39,9 +38,7 @@ namespace fs = std::filesystem;
 
 /// Raw little-endian floats, for numpy.fromfile.
 void write_floats(const fs::path& file, const std::vector<float>& values) {
-  std::string bytes(values.size() * sizeof(float), '\0');
-  std::memcpy(bytes.data(), values.data(), bytes.size());
-  write_file(file, bytes);
+  write_file(file, {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float)});
 }
 
 json bev_json(const BevBox& box) {

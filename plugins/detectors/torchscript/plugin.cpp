@@ -8,7 +8,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <sstream>
@@ -18,6 +17,7 @@
 #include "../../c_interface.h"
 #include "../../torch_threads.h"
 #include "../probe_scene.h"
+#include "base/memory.h"
 #include "detection/detector_abi3.h"
 
 namespace mirage::torchscript {
@@ -108,8 +108,7 @@ Tensor floating(const Tensor& tensor, const char* name) {
 
 Tensor from_memory(const float* values, std::vector<std::int64_t> shape) {
   Tensor tensor = torch::empty(shape);
-  if (tensor.numel() > 0)
-    std::memcpy(tensor.data_ptr<float>(), values, sizeof(float) * as_size(tensor.numel()));
+  copy_bytes(tensor.data_ptr<float>(), values, sizeof(float) * as_size(tensor.numel()));
   return tensor;
 }
 
@@ -328,7 +327,7 @@ void TorchScriptDetector::backward(std::span<const float> d_logits, float* d_ima
     if (!torch::isfinite(gradient).all().item<bool>())
       bad(std::string("the gradient to ") + name, "is not finite",
           "look for roots and norms of 0, and for divisions, in the model");
-    std::memcpy(out, gradient.contiguous().data_ptr<float>(), sizeof(float) * as_size(like.numel()));
+    copy_bytes(out, gradient.contiguous().data_ptr<float>(), sizeof(float) * as_size(like.numel()));
   };
   copy(gradients[0], image_, "image", d_image);
   copy(gradients[1], points_, "points", d_points);

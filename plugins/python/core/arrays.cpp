@@ -1,6 +1,7 @@
 #include "arrays.h"
 
 #include "base/error.h"
+#include "base/memory.h"
 #include "base/sizes.h"
 
 namespace mirage::python {
@@ -55,7 +56,7 @@ std::vector<Vec3d> rows_of_three(const py::handle& values, const std::string& na
     return rows;
   }
   const py::array_t<double, py::array::c_style | py::array::forcecast> array(any);
-  std::memcpy(to, array.data(), rows.size() * sizeof(Vec3d));
+  copy_bytes(to, array.data(), rows.size() * sizeof(Vec3d));
   return rows;
 }
 

@@ -1,8 +1,8 @@
 #include <algorithm>
-#include <cstring>
 
 #include "arrays.h"
 #include "base/error.h"
+#include "base/memory.h"
 #include "base/sizes.h"
 #include "bind.h"
 #include "cli/field_options.h"
@@ -79,9 +79,7 @@ Frame frame_of_arrays(const py::object& image, const py::object& points,
     throw InputError("image", "", "is empty or not within [0, 1]", "give scene-linear RGB, H×W×3");
   const auto sweep = array_of<float>(points, "points", {-1, 4});
   frame.sweep.resize(as_size(sweep.shape(0)));
-  if (!frame.sweep.empty())
-    std::memcpy(static_cast<void*>(frame.sweep.data()), sweep.data(),
-                frame.sweep.size() * sizeof(LidarPoint));
+  copy_bytes(frame.sweep.data(), sweep.data(), frame.sweep.size() * sizeof(LidarPoint));
   for (const LidarPoint& point : frame.sweep)
     if (!point.position().allFinite())
       throw InputError("points", "", "are not finite", "drop those that are not");

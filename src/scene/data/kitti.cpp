@@ -23,6 +23,7 @@
 #include "base/intervals.h"
 #include "base/json_fields.h"
 #include "base/logging.h"
+#include "base/memory.h"
 #include "base/names.h"
 #include "base/sizes.h"
 #include "scene/data/kitti_rows.h"
@@ -314,7 +315,7 @@ class PointFile {
       const std::size_t floats = held / sizeof(float), before = size / sizeof(float);
       if (before == head.size() && head.size() < kHead) {
         head.resize(before + floats);
-        std::memcpy(head.data() + before, bytes.data(), floats * sizeof(float));
+        copy_bytes(head.data() + before, bytes.data(), floats * sizeof(float));
       }
       for (std::size_t at = 0; at + row_ <= held; at += row_) {
         LidarPoint p;
@@ -483,7 +484,7 @@ std::vector<std::uint32_t> read_point_labels(const fs::path& file, std::size_t p
   const std::string bytes = read_file(file);
   check(bytes.size());
   std::vector<std::uint32_t> labels(points);
-  if (needed > 0) std::memcpy(labels.data(), bytes.data(), needed);
+  copy_bytes(labels.data(), bytes.data(), needed);
   return labels;
 }
 
