@@ -72,15 +72,15 @@ class PictureView {
     this.tags(context, tags, objects, width, height);
   }
 
-  // Scores over the boxes or below, where they hide no object; a drive's vehicle and tracks, then the surest first.
+  // Scores over the boxes or below, where they hide no object; a drive's vehicle and tracks, the host, then the surest first.
   tags(context, tags, objects, width, height) {
     context.font = "600 11px system-ui, 'Liberation Sans', sans-serif";
     const taken = [...objects];
-    const rank = ({box}) => box.kind === "mark" ? 3 : box.tag ? 2 : box.score ?? -1;
+    const rank = ({box}) => box.kind === "mark" ? 3 : box.tag ? 2 : box.host ? 1 : box.score;
     tags.sort((a, b) => rank(b) - rank(a));
     for (const {box, seen} of tags) {
       const text = box.tag ?? (box.score !== undefined ? box.score.toFixed(2) : "host"), w = context.measureText(text).width + 8, h = 15;
-      for (const top of [seen.top - h - 2, seen.bottom + 2, seen.top - 2 * h - 4]) {
+      for (const top of [seen.top - h - 2, seen.bottom + 2, seen.top - 2 * h - 4, seen.bottom + h + 4]) {
         const left = Math.max(1, Math.min(width - w - 1, (seen.left + seen.right - w) / 2));
         if (top < 1 || top + h > height - 1 || left < 80 && top < 28) continue; // the panel's name stands there
         if (taken.some(t => left < t[0] + t[2] + 2 && t[0] < left + w + 2 && top < t[1] + t[3] + 2 && t[1] < top + h + 2)) continue;
