@@ -333,7 +333,8 @@ TEST_F(CommandLine, CtrlCKeepsFinishedFramesAndTheNextRunGoesOn) {
   const std::string arguments = "generate --frames 3 --seed 4 --quiet --out " + at("d"),
                     first = "d/training/velodyne/000000.bin";
   const pid_t child = start(arguments);
-  for (int i = 0; i < 1200 && !exists(first); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  for (int i = 0; i < 12'000 && !exists(first); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
   ASSERT_TRUE(exists(first));
   kill(child, SIGINT);
   const Outcome stopped = finish(child);
@@ -376,7 +377,7 @@ TEST_F(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   };
   const pid_t child = start(attack(2000) + " --quiet");
   const std::string checkpoint = "run/checkpoint.json";
-  for (int i = 0; i < 2400 && !exists(checkpoint); ++i)
+  for (int i = 0; i < 12'000 && !exists(checkpoint); ++i)
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
   ASSERT_TRUE(exists(checkpoint));
   kill(child, SIGINT);

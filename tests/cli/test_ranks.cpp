@@ -1,5 +1,6 @@
 // `mpirun -n N mirage attack`: the same bits for any number of processes, and what is left when one dies;
 // commands that share frames and vehicles, and `mirage reproduce`, whose steps they take side by side.
+#include <atomic>
 #include <chrono>
 #include <thread>
 
@@ -119,13 +120,14 @@ TEST_F(Ranks, TheBlackBoxIsTheSameOnAnyNumberOfProcesses) {
 
 TEST_F(Ranks, ADeadRankEndsTheRunAndTheCheckpointGoesOn) {
   const auto checkpoint = folder_ / "run/checkpoint.json";
+  std::atomic<bool> ended = false;
   std::thread killer([&] {
-    for (int i = 0; i < 2400 && !fs::exists(checkpoint); ++i)
-      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    while (!ended && !fs::exists(checkpoint)) std::this_thread::sleep_for(std::chrono::milliseconds(50));
     // The youngest is one of the ranks; the brackets keep the pattern from matching this shell itself.
     shell("pkill -9 -n -f '[m]irage attack.*" + at("run") + "'");
   });
   const int code = std::system((on_ranks(2, attack("run", 5000)) + " > /dev/null 2>&1").c_str());
+  ended = true;
   killer.join();
   EXPECT_NE(code, 0);
   ASSERT_TRUE(fs::exists(checkpoint));
