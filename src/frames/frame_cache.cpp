@@ -198,6 +198,7 @@ ImageF FrameCache::depth(const std::string& frame, int width, int height,
 std::vector<Carrier> FrameCache::carriers(const std::string& frame, const std::vector<Label>& labels,
                                           const std::function<std::vector<Carrier>()>& compute) {
   std::vector<Carrier> start;
+  start.reserve(labels.size());
   for (const Label& label : labels) start.push_back({.label = label});
   return kept(disk_.get(), "rooftops", with_roofs(frame), compute, std::move(start));
 }

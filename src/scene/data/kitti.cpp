@@ -307,6 +307,7 @@ class PointFile {
     from.check(from.size(), kLargestSweep);
     std::string bytes(kAtOnce * row_, '\0');
     size = 0;
+    std::size_t place = 0;
     for (std::size_t held = 1; held != 0; size += held) {
       held = 0;
       for (std::size_t got = 1; got != 0 && held < bytes.size(); held += got)
@@ -320,7 +321,7 @@ class PointFile {
       for (std::size_t at = 0; at + row_ <= held; at += row_) {
         LidarPoint p;
         std::memcpy(&p, bytes.data() + at, sizeof p);
-        visit(p, (size + at) / row_);
+        visit(p, place++);
       }
     }
   }
