@@ -19,6 +19,7 @@
 
 namespace {
 
+using mirage::as_size;
 using mirage::bad;
 using mirage::BadFile;
 using mirage::guarded;
