@@ -140,7 +140,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     const std::string name = host_name(id);
     ExportScene scene = host_scene(prepared.frame, placement, run.adversary, name);
     scene.learned_on = learned_on(run, id);
-    learned += *scene.learned_on ? 1 : as_size(0);
+    if (*scene.learned_on) ++learned;
     others += scene.others.size();
     write_scene(common.out / (name + ".glb"), scene);
     files.push_back(name + ".glb");

@@ -266,7 +266,7 @@ Mesh patch(const Mesh& hull, int axis, int side, const Vec2d& low, const Vec2d& 
   Mesh mesh;
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < columns; ++c) {
-      const std::size_t i = as_size(r) * as_size((columns + 1)) + as_size(c), j = i + as_size(columns) + 1;
+      const std::size_t i = as_size(r) * as_size(columns + 1) + as_size(c), j = i + as_size(columns) + 1;
       if (std::isnan(depth[i] + depth[i + 1] + depth[j] + depth[j + 1])) continue;
       add_quad(mesh, points[i], points[i + 1], points[j + 1], points[j]);
     }
