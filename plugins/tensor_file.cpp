@@ -19,7 +19,7 @@ constexpr const char* kFacts = "__metadata__";
 constexpr const char* kParts = "parts";
 constexpr std::size_t kLengthBytes = 8, kDigestDigits = 64;
 /// Values in a header: some fifteen a tensor.
-constexpr std::size_t kMostValues = 60'000;
+constexpr std::size_t kMaxValues = 60'000;
 constexpr std::pair<const char*, Element> kElements[] = {
     {"F32", Element::float32}, {"F16", Element::float16}, {"F64", Element::float64}, {"I64", Element::int64}};
 
@@ -74,8 +74,8 @@ std::vector<NamedPart> read_parts(std::string_view lines) {
     lines.remove_prefix(std::min(line.size() + 1, lines.size()));
     if (line.size() < kDigestDigits + 3 || line.find_first_not_of("0123456789abcdef") != kDigestDigits ||
         line.substr(kDigestDigits, 2) != "  " || !is_plain_name(line.substr(kDigestDigits + 2)) ||
-        parts.size() == kMostParts)
-      unreadable("its parts are not at most " + std::to_string(kMostParts) +
+        parts.size() == kMaxParts)
+      unreadable("its parts are not at most " + std::to_string(kMaxParts) +
                  " lines of a SHA-256 and a file's name");
     parts.push_back(
         {std::string(line.substr(kDigestDigits + 2)), std::string(line.substr(0, kDigestDigits))});
@@ -126,7 +126,7 @@ void require_cover(const StoredTensors& tensors, std::string_view data) {
 
 nlohmann::json parse_header(std::string_view text) {
   try {
-    check_json_values(text, "header", kMostValues);
+    check_json_values(text, "header", kMaxValues);
     return parse_json(text, "header");
   } catch (const InputError&) {
     unreadable("its header is not JSON");
@@ -148,7 +148,8 @@ TensorFile parse_tensor_file(std::string_view bytes) {
   if (bytes.size() < kLengthBytes) unreadable("it is too short");
   std::uint64_t length = 0;
   std::memcpy(&length, bytes.data(), sizeof length);
-  if (length > kLargestHeader || length > bytes.size() - kLengthBytes || bytes.substr(kLengthBytes, 1) != "{")
+  if (length > kMaxHeaderBytes || length > bytes.size() - kLengthBytes ||
+      bytes.substr(kLengthBytes, 1) != "{")
     unreadable("it does not begin with a header's length");
   const std::string_view data = bytes.substr(kLengthBytes + length);
   const nlohmann::json header = parse_header(bytes.substr(kLengthBytes, length));
@@ -177,7 +178,7 @@ std::string tensor_file_bytes(const Facts& facts, const StoredTensors& tensors) 
   std::uint64_t at = 0;
   for (const auto& [name, tensor] : tensors) {
     const auto* element = std::find_if(std::begin(kElements), std::end(kElements),
-                                       [&](const auto& known) { return known.second == tensor.element; });
+                                       [&](const auto& type) { return type.second == tensor.element; });
     header[name] = {
         {"dtype", element->first}, {"shape", tensor.shape}, {"data_offsets", {at, at + tensor.data.size()}}};
     at += tensor.data.size();

@@ -16,9 +16,9 @@
 namespace mirage {
 
 /// Bytes of the largest header: that of a training's checkpoint has 140 KB.
-inline constexpr std::uint64_t kLargestHeader = std::uint64_t{1} << 19;
+inline constexpr std::uint64_t kMaxHeaderBytes = std::uint64_t{1} << 19;
 /// Parts that a file may name.
-inline constexpr std::size_t kMostParts = 8;
+inline constexpr std::size_t kMaxParts = 8;
 
 /// "F32", "F16", "F64" and "I64" in the header.
 enum class Element { float32, float16, float64, int64 };
@@ -46,7 +46,7 @@ struct TensorFile {
 };
 
 /// The file with these bytes, which outlive it. std::runtime_error, in words for the user: a LibTorch archive
-/// (then with the command that converts it); a header that is cut, larger than kLargestHeader or not of this
+/// (then with the command that converts it); a header that is cut, larger than kMaxHeaderBytes or not of this
 /// form; data that leave the file, overlap or leave a gap, or disagree with type and shape; a floating-point
 /// value that is not finite; parts whose names hold a folder.
 TensorFile parse_tensor_file(std::string_view bytes);

@@ -71,7 +71,7 @@ Key key_of(const Tensor& parameter) {
 }  // namespace
 
 WeightsFile::WeightsFile(const std::filesystem::path& file) {
-  bytes_.reserve(1 + kMostParts);  // the tensors point into them
+  bytes_.reserve(1 + kMaxParts);  // the tensors point into them
   bytes_.push_back(read_weights(file));
   files_.push_back(parse_tensor_file(bytes_.front()));
   for (const NamedPart& part : std::vector(files_.front().parts)) {

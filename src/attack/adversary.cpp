@@ -13,13 +13,13 @@ void set_from_text(const std::string& text, AdversaryLimits& value) {
 }
 
 std::string text_of(const AdversaryLimits& value) {
-  return value.asked ? fmt::format("{}", value.half.x()) : "the placement's volume";
+  return value.is_explicit ? fmt::format("{}", value.half.x()) : "the placement's volume";
 }
 
 AdversaryLimits limits_of_size(double size) {
   AdversaryLimits limits;
   limits.half *= size / limits.half.x();
-  limits.asked = true;
+  limits.is_explicit = true;
   return limits;
 }
 

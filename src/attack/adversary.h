@@ -13,15 +13,15 @@ namespace mirage {
 struct AdversaryLimits {
   Vec3d half = kRoofBox;
   /// As a size; else an attack takes the volume of its placement (fit_limits).
-  bool asked = false;
+  bool is_explicit = false;
 };
 
 /// m; half lengths outside are no object for a car's roof.
-inline constexpr double kSmallestSize = kSmallestObject, kLargestSize = kLargestObject / 2;
+inline constexpr double kMinAdversarySize = kMinObject, kMaxAdversarySize = kMaxObject / 2;
 
 template <class Visitor, FieldsOf<AdversaryLimits> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "half", .range = {kSmallestSize, kLargestSize}}, s.half);
+  visit({.name = "half", .range = {kMinAdversarySize, kMaxAdversarySize}}, s.half);
 }
 
 /// The box of the paper's proportions (0.8 : 0.8 : 0.5) whose half length is `size` m.

@@ -19,7 +19,7 @@
 #include "detection/detector_settings.h"
 #include "detection/process_detector.h"
 #include "exchange/gltf.h"
-#include "frames/made_of.h"
+#include "frames/frame_provenance.h"
 #include "scene/data/read_frames.h"
 #include "simulation/check_inputs.h"
 
@@ -69,12 +69,12 @@ std::string progress_note(const LossRow& row, const std::vector<LossRow>& rows, 
 }
 
 /// All but the mesh that was kept.
-PlateauReport plateau_report(const HeldOutRecord& held, const std::vector<Host>& hosts,
+PlateauReport plateau_report(const HeldOutRecord& record, const std::vector<Host>& hosts,
                              const AttackSettings& settings) {
   PlateauReport report;
-  report.stopped = held.plateau(settings.until_plateau);
-  report.iterations = held.iterations, report.values = held.values;
-  report.best_iteration = held.best_iteration, report.best = held.best;
+  report.stopped = record.plateau(settings.until_plateau);
+  report.iterations = record.iterations, report.values = record.values;
+  report.best_iteration = record.best_iteration, report.best = record.best;
   report.vehicles = hosts.size(), report.frames = host_frames(host_ids(hosts)).size();
   report.steps = settings.until_plateau, report.every = settings.validation_every;
   return report;
@@ -103,7 +103,7 @@ void check_settings(const AttackSettings& settings) {
 /// The files of the mesh that was learned, and what a result says of a run however it was learned. `steps`:
 /// those of this process; `seconds` they took, on `workers` detectors.
 void finish(const AttackSettings& settings, const AttackState& state, const std::vector<Host>& train,
-            const std::vector<Host>& test, long steps, double seconds, const StageSeconds& stages,
+            const std::vector<Host>& test, long steps, double seconds, const StepTimings& stages,
             std::size_t workers, AttackResult& result) {
   if (rank() == 0) write_adversary(settings.out / "adversary.glb", state.adversary);
   await_ranks();  // whoever called may read the run's files
@@ -127,24 +127,24 @@ void finish(const AttackSettings& settings, const AttackState& state, const std:
 }  // namespace
 
 void fit_limits(AttackSettings& settings) {
-  if (!settings.limits.asked && settings.limits.half == kRoofBox)
+  if (!settings.limits.is_explicit && settings.limits.half == kRoofBox)
     settings.limits.half = settings.placement.volume / 2;
 }
 
 AttackResult run_attack(const AttackSettings& settings) {
-  AttackSettings known = settings;
-  fit_limits(known);
-  check_settings(known);  // before the detector is loaded
-  known.detector.precision = usable_precision(settings.detector.precision);
+  AttackSettings resolved = settings;
+  fit_limits(resolved);
+  check_settings(resolved);  // before the detector is loaded
+  resolved.detector.precision = usable_precision(settings.detector.precision);
   if (is_outside(settings.detector))
-    known.weights_hash = outside_content(settings.detector);
+    resolved.weights_hash = outside_content(settings.detector);
   else if (!settings.detector.fresh)
-    known.weights_hash = weights_hash(settings.detector);
-  return run_attack(known, load_detector_pool(known.detector, settings.batch));
+    resolved.weights_hash = weights_hash(settings.detector);
+  return run_attack(resolved, load_detector_pool(resolved.detector, settings.batch));
 }
 
-AttackResult run_attack(const AttackSettings& given, const DetectorPool& detectors) {
-  AttackSettings settings = given;
+AttackResult run_attack(const AttackSettings& requested, const DetectorPool& detectors) {
+  AttackSettings settings = requested;
   fit_limits(settings);
   const AttackTarget target = settings.target;
   check_settings(settings);
@@ -159,7 +159,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
 
-  if (settings.hosts_from == HostsFrom::detections) settings.data = label_by_detections(settings, detectors);
+  if (settings.hosts_from == HostSource::detections) settings.data = label_by_detections(settings, detectors);
   FrameStore store(settings);
   std::vector<std::string> train_frames, test_frames;
   const std::vector<std::string> frames = list_frames(settings.data);
@@ -167,7 +167,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   require_cars(census, "an attack");
   if (rank() == 0) warn_of_labels(census);
   split_frames(frames, settings.seed, train_frames, test_frames);
-  HostsLeftOut left_out;
+  SkippedHosts left_out;
   const auto hosts_in = [&](const std::vector<std::string>& of) {
     return find_all_hosts(store, of, detectors.front()->region(), settings.simulation, settings.min_view,
                           settings.quiet, &left_out);
@@ -186,7 +186,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
     spdlog::info("every pass of the detector is over the whole frame: {}", why);
 
   // Only of a detector that was loaded from its options do these tell the weights.
-  const auto sights = std::make_shared<CleanSights>(
+  const auto clean_cache = std::make_shared<CleanDetectionCache>(
       store, settings.weights_hash.empty()
                  ? std::string()
                  : detector_identity(settings.detector, detectors.front()->capabilities().version));
@@ -194,9 +194,10 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   result.attack = settings.attack;
   result.placement = settings.placement;
   result.left_out = left_out;
-  result.found_clean = find_clean(detectors, store, train, settings.simulation, *sights, settings.quiet);
+  result.found_clean =
+      measure_clean_performance(detectors, store, train, settings.simulation, *clean_cache, settings.quiet);
   spdlog::info("{} {}", detectors.front()->name(), describe(result.found_clean));
-  require_found(result.found_clean, *detectors.front());
+  require_detections(result.found_clean, *detectors.front());
 
   // The hosts belong to a run's identity: with other frames or labels the split would be another one, and a
   // resumed run would be tested on what it was trained on.
@@ -209,7 +210,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   const TexturedMesh random = random_baseline(settings.seed, settings.limits, settings.buildable);
   const auto began = Clock::now();
   if (settings.attack != AttackSearch::plain) {
-    const SearchRun run{settings, detectors, store, train, sights, id};
+    const SearchRun run{settings, detectors, store, train, clean_cache, id};
     const SearchOutcome outcome =
         settings.attack == AttackSearch::black_box ? run_black_box(run) : run_portfolio(run);
     if (rank() == 0) write_adversary(settings.out / "random.glb", random);
@@ -237,7 +238,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
     write_adversary(settings.out / "random.glb", random);
   }
 
-  const AttackStepper stepper(settings, detectors, store, part.learn, state.adversary.mesh, sights);
+  const AttackStepper stepper(settings, detectors, store, part.learn, state.adversary.mesh, clean_cache);
   const auto save = [&] {
     if (rank() > 0) return;
     write_checkpoint(checkpoint_file, state, id.json);
@@ -246,7 +247,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   // What an earlier, shorter run left stays until this one's result takes its place: each file by itself.
   const long iterations = target == AttackTarget::random ? 0 : settings.iterations;
   Progress progress("attack", as_size(iterations), settings.quiet);
-  StageSeconds stages;
+  StepTimings stages;
   const auto start = Clock::now();
   CheckpointTimer timer(settings.checkpoint);
   const long first = state.iteration;
@@ -262,11 +263,11 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   // The same checks at the same steps however often the run was stopped: those that are due, and no others.
   const auto at_plateau = [&] {
     if (part.held_out.empty()) return false;
-    HeldOutRecord& held = state.held_out;
+    HeldOutRecord& record = state.held_out;
     if (state.iteration % settings.validation_every == 0 &&
-        (held.iterations.empty() || held.iterations.back() < state.iteration))
-      held.add(state.iteration, stepper.held_out(state.adversary, part.held_out), state.adversary);
-    return held.plateau(settings.until_plateau);
+        (record.iterations.empty() || record.iterations.back() < state.iteration))
+      record.add(state.iteration, stepper.held_out(state.adversary, part.held_out), state.adversary);
+    return record.plateau(settings.until_plateau);
   };
   while (!at_plateau() && state.iteration < iterations &&
          !(settings.seconds > 0 && any_rank(seconds_since(start) >= settings.seconds))) {

@@ -32,7 +32,7 @@ std::vector<Label> found_cars(Detector& detector, const Frame& frame, double sco
   return labels;
 }
 
-constexpr double kMostUneven = 1.25;
+constexpr double kMaxUnevenness = 1.25;
 
 using FrameHosts = std::vector<std::size_t>;
 
@@ -58,7 +58,7 @@ bool even(const std::vector<std::vector<FrameHosts>>& lanes) {
     least = std::min(least, hosts_of(lane));
     most = std::max(most, hosts_of(lane));
   }
-  return static_cast<double>(most) <= kMostUneven * static_cast<double>(least);
+  return static_cast<double>(most) <= kMaxUnevenness * static_cast<double>(least);
 }
 
 }  // namespace
@@ -86,10 +86,10 @@ std::filesystem::path label_by_detections(const AttackSettings& settings, const 
       write_labels(folder / "label_2" / (frame.id + ".txt"), found, frame.calibration);
     }
   });
-  write_given_labels(folder, settings.data,
-                     {{"detector", settings.detector.detector},
-                      {"weights", escape_name(settings.detector.weights.string())},
-                      {"score", score}});
+  write_separate_labels(folder, settings.data,
+                        {{"detector", settings.detector.detector},
+                         {"weights", escape_name(settings.detector.weights.string())},
+                         {"score", score}});
   spdlog::warn("{} cars in {} frames without labels are {}'s own boxes: of its AP on them nothing follows",
                cars.load(), unlabelled.size(), detector.name());
   return folder;
@@ -108,14 +108,15 @@ ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t se
   shuffle(frames, random);
   const auto most = std::clamp<std::size_t>(
       as_size(std::lround(kHeldOutShare * static_cast<double>(frames.size()))), 1, frames.size() - 1);
-  std::set<std::string> held;
+  std::set<std::string> held_out_frames;
   std::size_t vehicles = 0;
   for (std::size_t i = 0; i < most && vehicles < at_most; ++i) {
-    held.insert(frames[i]);
+    held_out_frames.insert(frames[i]);
     vehicles += hosts[frames[i]];
   }
   ValidationPart part;
-  for (const Host& host : train) (held.contains(host.id.frame) ? part.held_out : part.learn).push_back(host);
+  for (const Host& host : train)
+    (held_out_frames.contains(host.id.frame) ? part.held_out : part.learn).push_back(host);
   return part;
 }
 

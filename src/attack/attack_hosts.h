@@ -23,10 +23,10 @@ std::filesystem::path label_by_detections(const AttackSettings& settings, const 
 
 // The part of an attack's training vehicles that tells when the attack is at its plateau.
 
-/// At most this share of the training frames is held out, and no more frames than show kMostHeldOut hosts.
+/// At most this share of the training frames is held out, and no more frames than show kMaxHeldOut hosts.
 inline constexpr double kHeldOutShare = 0.2;
 /// Hosts that are held out at most, unless a single frame shows more.
-inline constexpr std::size_t kMostHeldOut = 16;
+inline constexpr std::size_t kMaxHeldOut = 16;
 
 /// Training hosts, apart: whole frames are drawn, so that no vehicle held out stands in a picture that is
 /// learned on.
@@ -37,7 +37,7 @@ struct ValidationPart {
 /// Draws frames of `train` at random by seed: one at least, and one at least is left; no more than show
 /// `most` hosts. FieldError naming `field` if the hosts stand in fewer than two frames.
 ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t seed,
-                                std::size_t most = kMostHeldOut, const char* field = "until_plateau");
+                                std::size_t most = kMaxHeldOut, const char* field = "until_plateau");
 
 // In which order an attack meets its hosts: at random, and such that a detector that keeps what it made of a
 // frame (detection/detector.h, clean_memory_mb) meets all hosts of a frame while it still has it.

@@ -10,7 +10,7 @@
 
 #include "attack/attack_settings.h"
 #include "attack/buildable.h"
-#include "attack/clean_sights.h"
+#include "attack/clean_detections.h"
 #include "base/intervals.h"
 #include "frames/hosts.h"
 
@@ -125,11 +125,11 @@ struct AttackResult {
   long steps = 0;   ///< of these, by this process: 0 of a run that was finished
   double loss = 0;  ///< mean of the last tenth of the iterations
   double seconds_per_iteration = 0;
-  FoundClean found_clean;                   ///< of the training vehicles
+  CleanPerformance found_clean;             ///< of the training vehicles
   ClusterCount clusters;                    ///< of the vehicles held back
   RoofCount rooftops;                       ///< of the vehicles of both splits
   PlaceChoice placement;                    ///< of the object
-  HostsLeftOut left_out;                    ///< by the placement, in both splits
+  SkippedHosts left_out;                    ///< by the placement, in both splits
   BuildableReport buildable;                ///< of the adversary
   nlohmann::json stages;                    ///< where this process's time went (attack/observation.h)
   std::optional<PlateauReport> plateau;     ///< of a plain attack with until_plateau

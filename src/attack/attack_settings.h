@@ -10,7 +10,7 @@
 
 #include "attack/adversary.h"
 #include "attack/buildable.h"
-#include "attack/expectation.h"
+#include "attack/eot.h"
 #include "attack/objective.h"
 #include "base/fields.h"
 #include "base/schedule.h"
@@ -43,8 +43,8 @@ constexpr auto words_of(AttackSearch) {
 
 /// Which vehicles carry the object in frames that nobody has labelled. labels: none. detections: what the
 /// detector finds there without it (attack/attack_hosts.h).
-enum class HostsFrom { labels, detections };
-constexpr auto words_of(HostsFrom) {
+enum class HostSource { labels, detections };
+constexpr auto words_of(HostSource) {
   return std::to_array<const char*>({"labels", "detections"});
 }
 
@@ -54,13 +54,13 @@ class ObjectRenderer;
 inline constexpr const char* kRasterRenderer = "raster";
 
 /// How far a mesh may move before an ObjectRenderer draws it anew (attack/observation.h).
-struct Renewal {
+struct RedrawLimits {
   double metres = 0.01;  ///< of its vertices, root mean square
   double texels = 0.05;  ///< of its texels' channels, root mean square
 };
 
 /// More than any machine does: of an attack that ends by the clock, and the most that a file may say.
-inline constexpr int kMostIterations = 1'000'000'000;
+inline constexpr int kMaxIterations = 1'000'000'000;
 
 /// The data, the detector, what is attacked and learned, rates and limits.
 struct AttackSettings : FrameSource {
@@ -70,7 +70,7 @@ struct AttackSettings : FrameSource {
   AttackSearch attack = AttackSearch::plain;
   AttackTarget target = AttackTarget::both;
   AttackParts parts = AttackParts::both;
-  Expectation expectation;
+  EotSettings expectation;
   BuildableSettings buildable;
   int iterations = 200;
   int queries = 2000;  ///< passes of the detector with the object that a black-box attack may make
@@ -87,7 +87,7 @@ struct AttackSettings : FrameSource {
   /// and need the batch (src/README.md, Adversary).
   double vertex_rate = 2e-2, texel_rate = 2e-2;
   double min_view = 0.7;
-  HostsFrom hosts_from = HostsFrom::labels;
+  HostSource hosts_from = HostSource::labels;
   CheckpointInterval checkpoint{10};
   bool quiet = false;
   AdversaryLimits limits;
@@ -95,7 +95,7 @@ struct AttackSettings : FrameSource {
   SimulationSettings simulation;
   /// Who draws the object for the detector; null: the simulation's own rasteriser.
   std::shared_ptr<ObjectRenderer> renderer;
-  Renewal renewal;  ///< of its pictures
+  RedrawLimits renewal;  ///< of its pictures
 };
 
 /// Limits that nobody asked for, and that nobody set, become the volume of the placement.
@@ -135,12 +135,12 @@ void visit_fields(Visitor& visit, S& s) {
          .lacking = ""},
         s.buildable.gamut);
   visit.list({.name = "buildable", .lacking = ""}, s.buildable);
-  visit({.name = "iterations", .help = "Adam steps", .range = {0, kMostIterations}, .decides = false},
+  visit({.name = "iterations", .help = "Adam steps", .range = {0, kMaxIterations}, .decides = false},
         s.iterations);
   visit({.name = "queries",
          .help = "with --attack black-box: passes of the detector with the object, over at most 24 of the "
                  "training vehicles",
-         .range = {1, kMostIterations},
+         .range = {1, kMaxIterations},
          .decides = false},
         s.queries);
   visit({.name = "until_plateau",

@@ -153,36 +153,36 @@ HostStep attack_host(Detector& detector, const StepHost& host, const TexturedMes
 
 HostStep step_host(Detector& detector, StepHost host, const TexturedMesh& adversary,
                    const AttackSettings& settings, std::uint64_t number, bool back) {
-  const Expectation& expectation = settings.expectation;
-  HostSeconds judging;
+  const EotSettings& expectation = settings.expectation;
+  HostTimings selection;
   if (expectation.any() && expectation.draws() > 1) {
     HostStep worst;
     int chosen = 0;
     for (int k = 0; k < expectation.draws(); ++k) {
-      const WorldDraw draw(expectation, settings.seed, candidate_draw(number, k));
+      const SampledEnvironment draw(expectation, settings.seed, candidate_draw(number, k));
       host.draw = &draw;
       HostStep step = attack_host(detector, host, adversary, settings, false);
-      judging += step.seconds;
+      selection += step.seconds;
       const double loss = step.hide + step.false_positive, most = worst.hide + worst.false_positive;
       if (k == 0 || !(loss <= most)) worst = std::move(step), chosen = k;  // not a number is told, not passed
       if (!std::isfinite(loss)) break;
     }
     if (!back) {
-      worst.seconds = judging;
+      worst.seconds = selection;
       return worst;
     }
     number = candidate_draw(number, chosen);
   }
-  const WorldDraw draw(expectation, settings.seed, number);
+  const SampledEnvironment draw(expectation, settings.seed, number);
   host.draw = expectation.any() ? &draw : nullptr;
   HostStep step = attack_host(detector, host, adversary, settings, back);
-  step.seconds += judging;
+  step.seconds += selection;
   return step;
 }
 
 AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
                              const std::vector<Host>& hosts, const Mesh& mesh,
-                             std::shared_ptr<CleanSights> sights)
+                             std::shared_ptr<CleanDetectionCache> clean_cache)
     : settings_(settings),
       detectors_(detectors),
       store_(store),
@@ -190,7 +190,7 @@ AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool&
       order_(hosts, settings.batch, settings.seed),
       laplacian_(mesh),
       unit_(initial_adversary({Vec3d::Ones()}, 1).mesh.vertices),
-      sights_(std::move(sights)) {
+      clean_cache_(std::move(clean_cache)) {
   if (settings.renderer) pictures_ = std::make_unique<RenderedPictures>(*settings.renderer, settings.seed);
 }
 
@@ -202,7 +202,7 @@ std::vector<HostId> AttackStepper::batch(long iteration) const {
 
 std::vector<HostStep> AttackStepper::steps_of(const std::vector<HostId>& hosts, const TexturedMesh& adversary,
                                               const RenderedMesh& rendered, std::uint64_t first_world,
-                                              bool back, StageSeconds& stages,
+                                              bool back, StepTimings& stages,
                                               const std::function<void()>& meanwhile) const {
   Stopwatch clock;
   std::vector<HostStep> steps(hosts.size());
@@ -210,7 +210,7 @@ std::vector<HostStep> AttackStepper::steps_of(const std::vector<HostId>& hosts, 
   for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {
     const std::size_t k = mine[i];
     const auto prepared = store_.get(hosts[k].frame);
-    const auto clean = sights_->of(*prepared, detector);
+    const auto clean = clean_cache_->of(*prepared, detector);
     const StepHost host{*prepared, hosts[k], store_.placement(hosts[k]),
                         clean,     nullptr,  {pictures_.get(), &rendered}};
     isolated([&] {  // or a loop inside would take another host's work, and its time
@@ -241,8 +241,8 @@ LossRow AttackStepper::row_of(const std::vector<HostStep>& steps, const std::vec
 }
 
 LossRow AttackStepper::judge(const TexturedMesh& adversary, const std::vector<Host>& hosts,
-                             std::uint64_t first_world, StageSeconds* spent) const {
-  StageSeconds stages;
+                             std::uint64_t first_world, StepTimings* spent) const {
+  StepTimings stages;
   const RenderedMesh rendered{-1, pictures_ ? adversary : TexturedMesh()};
   const std::vector<HostStep> steps =
       steps_of(host_ids(hosts), adversary, rendered, first_world, false, stages, [] {});
@@ -265,19 +265,19 @@ void AttackStepper::open_ahead(std::span<const std::string> next, std::span<cons
     if (std::ranges::find(seen, name) != seen.end()) continue;
     if (arrival.all_here()) return;
     const auto prepared = store_.get(name);
-    const CleanView clean = clean_view(*prepared, {});
+    const UnchangedInput clean = unchanged_input(*prepared, {});
     SensorView view = view_of(prepared->frame);
     view.clean = &clean;
     detector.forward(view, settings_.objective.least_score(), false);
   }
 }
 
-LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
+LossRow AttackStepper::step(AttackState& state, StepTimings* spent) const {
   const AttackSettings& settings = settings_;
   if (pictures_ &&
       (state.rendered.iteration < 0 || has_moved(state.rendered.mesh, state.adversary, settings.renewal)))
     state.rendered = {state.iteration, state.adversary};
-  StageSeconds stages;
+  StepTimings stages;
   Stopwatch clock;
   const std::vector<HostId> hosts = batch(state.iteration);
   const std::vector<std::string> names = own_frames(hosts), next = own_frames(batch(state.iteration + 1));
@@ -305,7 +305,7 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
   if (settings.parts == AttackParts::size) {
     std::vector<Vec3d> half = {half_lengths(state.adversary.mesh)};
     state.vertices.step(half, {half_length_gradient(unit_, d_vertices)});
-    half[0] = half[0].cwiseMax(kSmallestSize).cwiseMin(settings.limits.half);
+    half[0] = half[0].cwiseMax(kMinAdversarySize).cwiseMin(settings.limits.half);
     for (std::size_t i = 0; i < vertices.size(); ++i) vertices[i] = unit_[i].cwiseProduct(half[0]);
   } else if (settings.parts != AttackParts::texture) {
     if (settings.buildable.on)

@@ -10,7 +10,7 @@
 #include "attack/attack_hosts.h"
 #include "attack/attack_settings.h"
 #include "attack/checkpoint.h"
-#include "attack/clean_sights.h"
+#include "attack/clean_detections.h"
 #include "attack/detector_pool.h"
 #include "attack/observation.h"
 #include "frames/hosts.h"
@@ -28,7 +28,7 @@ struct HostStep {
   /// before suppression, and never used by the optimiser.
   bool hidden = false;
   AdversaryGradient gradient;
-  HostSeconds seconds;
+  HostTimings seconds;
 };
 
 // One Adam step of the adversary: what an attack repeats, and what adversarial training does between two
@@ -42,7 +42,7 @@ HostStep attack_host(Detector& detector, const StepHost& host, const TexturedMes
                      const AttackSettings& settings, bool back = true);
 
 /// attack_host() in draw `number` of the world: with
-/// Expectation::worst in the candidate of it that has the greatest loss (the first of equals), and without
+/// EotSettings::worst in the candidate of it that has the greatest loss (the first of equals), and without
 /// anything that varies in the world as recorded. `host` has no draw of its own. Its seconds are of all
 /// candidates together.
 HostStep step_host(Detector& detector, StepHost host, const TexturedMesh& adversary,
@@ -51,22 +51,22 @@ HostStep step_host(Detector& detector, StepHost host, const TexturedMesh& advers
 /// Steps of one attack. What it is given outlives it.
 class AttackStepper {
  public:
-  /// `mesh`: the adversary's, for its faces. `sights`: what other steppers of the same detector have seen.
-  /// InputError for a target or parts of another word.
+  /// `mesh`: the adversary's, for its faces. `clean_cache`: what other steppers of the same detector have
+  /// seen. InputError for a target or parts of another word.
   AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
                 const std::vector<Host>& hosts, const Mesh& mesh,
-                std::shared_ptr<CleanSights> sights = std::make_shared<CleanSights>());
+                std::shared_ptr<CleanDetectionCache> clean_cache = std::make_shared<CleanDetectionCache>());
   /// Renews state.rendered where the mesh has moved from it. Then the
   /// mean gradient over the hosts of state.iteration (spread over detectors and ranks, summed in the batch's
   /// order), Adam, projection; ++state.iteration, and its row of losses is kept. Failure if a gradient is not
   /// finite: it would poison the optimiser's state and, with it, the checkpoint. The frames of the next
   /// iteration are read meanwhile. What it takes is added to `spent`.
-  LossRow step(AttackState& state, StageSeconds* spent = nullptr) const;
+  LossRow step(AttackState& state, StepTimings* spent = nullptr) const;
   /// A mesh as it is: means of these hosts' losses, and the smoothness. The same on every rank, and for the
   /// same mesh in any iteration: what --expect draws is world `first_world` + k for host k (or the worst of
   /// its candidates), and a renderer draws this very mesh. What it takes is added to `spent`.
   LossRow judge(const TexturedMesh& adversary, const std::vector<Host>& hosts, std::uint64_t first_world,
-                StageSeconds* spent = nullptr) const;
+                StepTimings* spent = nullptr) const;
   /// The objective on hosts that are not learned on, in worlds beyond those of any step.
   double held_out(const TexturedMesh& adversary, const std::vector<Host>& hosts) const;
 
@@ -75,7 +75,7 @@ class AttackStepper {
   /// after this rank's, before it waits for those of others.
   std::vector<HostStep> steps_of(const std::vector<HostId>& hosts, const TexturedMesh& adversary,
                                  const RenderedMesh& rendered, std::uint64_t first_world, bool back,
-                                 StageSeconds& stages, const std::function<void()>& meanwhile) const;
+                                 StepTimings& stages, const std::function<void()>& meanwhile) const;
   /// Means over the hosts' losses, and the smoothness, whose gradient is added to `d_vertices`.
   LossRow row_of(const std::vector<HostStep>& steps, const std::vector<Vec3d>& vertices,
                  std::vector<Vec3d>& d_vertices) const;
@@ -92,7 +92,7 @@ class AttackStepper {
   HostOrder order_;
   Laplacian laplacian_;
   std::vector<Vec3d> unit_;  ///< --parts size: the start's vertices in a box of half lengths 1
-  std::shared_ptr<CleanSights> sights_;
+  std::shared_ptr<CleanDetectionCache> clean_cache_;
   std::unique_ptr<RenderedPictures> pictures_;  ///< null without a renderer
 };
 

@@ -32,18 +32,18 @@ void keep_rules(TexturedMesh& mesh, const TexturedMesh& start, const Run& run) {
 }
 
 TexturedMesh sized_mesh(const Run& run, std::uint64_t seed) {
-  const Eigen::AlignedBox3d wanted = bounds(run.adversary.mesh);
+  const Eigen::AlignedBox3d target = bounds(run.adversary.mesh);
   TexturedMesh start = initial_adversary(run.settings.limits);
   if (run.settings.buildable.on)
     make_buildable(start, run.settings.buildable, run.settings.limits);  // its base is flat
-  fit_bounds(start.mesh, wanted);
+  fit_bounds(start.mesh, target);
   TexturedMesh baseline = start;
   const TexturedMesh random = random_adversary(seed, run.settings.limits);
   // The old baseline's displacements, in metres, on the start as stretched.
   const TexturedMesh plain = initial_adversary(run.settings.limits);
   for (std::size_t i = 0; i < baseline.mesh.vertices.size(); ++i)
     baseline.mesh.vertices[i] += random.mesh.vertices[i] - plain.mesh.vertices[i];
-  fit_bounds(baseline.mesh, wanted);
+  fit_bounds(baseline.mesh, target);
   paint_patches(baseline, kPatches, seed);
   keep_rules(baseline, start, run);
   return baseline;
@@ -69,14 +69,14 @@ std::vector<Baseline> parse_baselines(const std::string& words) {
   constexpr auto kinds = words_of(Baseline());
   std::vector<Baseline> found;
   for (const std::string& word : listed_words(words)) {
-    bool known = word == "none" || word == "all";
+    bool recognised = word == "none" || word == "all";
     for (std::size_t i = 0; i < kinds.size(); ++i) {
       if (word != kinds[i] && word != "all") continue;
-      known = true;
+      recognised = true;
       const auto kind = static_cast<Baseline>(i);
       if (std::ranges::find(found, kind) == found.end()) found.push_back(kind);
     }
-    if (!known)
+    if (!recognised)
       throw unknown_word("baseline", word, {"start", "sized", "ellipsoid", "cuboid", "all", "none"});
   }
   return found;
@@ -108,23 +108,23 @@ TexturedMesh filling_shape(Baseline kind, const AdversaryLimits& limits, const B
   return shape;
 }
 
-void fit_bounds(Mesh& mesh, const Eigen::AlignedBox3d& wanted) {
+void fit_bounds(Mesh& mesh, const Eigen::AlignedBox3d& target) {
   const Eigen::AlignedBox3d now = bounds(mesh);
   for (Vec3d& v : mesh.vertices)
     for (int c = 0; c < 3; ++c) {
       const double low = now.min()[c], extent = now.sizes()[c];
       if (v[c] == now.max()[c] && extent > 0)  // exact at both ends
-        v[c] = wanted.max()[c];
+        v[c] = target.max()[c];
       else
-        v[c] = wanted.min()[c] + (extent > 0 ? (v[c] - low) / extent * wanted.sizes()[c] : 0);
+        v[c] = target.min()[c] + (extent > 0 ? (v[c] - low) / extent * target.sizes()[c] : 0);
     }
 }
 
 Mesh divided_cuboid(const Vec3d& half, int n) {
   Mesh mesh;
-  std::map<std::array<int, 3>, int> known;
+  std::map<std::array<int, 3>, int> numbers;
   const auto vertex = [&](const std::array<int, 3>& at) {
-    const auto [place, added] = known.try_emplace(at, static_cast<int>(mesh.vertices.size()));
+    const auto [place, added] = numbers.try_emplace(at, static_cast<int>(mesh.vertices.size()));
     if (added)
       mesh.vertices.push_back(
           half.cwiseProduct(Vec3d(2. * at[0] / n - 1, 2. * at[1] / n - 1, 2. * at[2] / n - 1)));
@@ -159,14 +159,14 @@ void paint_patches(TexturedMesh& mesh, int patches, std::uint64_t seed) {
   std::vector<std::size_t> front;
   std::vector<int> patch(faces, -1);
   std::vector<Vec3d> colours;
-  const int wanted = std::clamp(patches, 1, static_cast<int>(faces));
+  const int count = std::clamp(patches, 1, static_cast<int>(faces));
   const auto begin_patch = [&](std::size_t face) {
     patch[face] = static_cast<int>(colours.size());
     front.push_back(face);
     const double r = random.uniform(), g = random.uniform(), b = random.uniform();
     colours.push_back({r, g, b});
   };
-  while (static_cast<int>(colours.size()) < wanted) {
+  while (static_cast<int>(colours.size()) < count) {
     const auto face = as_size(random.below(static_cast<int>(faces)));
     if (patch[face] < 0) begin_patch(face);
   }

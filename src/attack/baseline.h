@@ -36,9 +36,9 @@ std::vector<TexturedMesh> baseline_meshes(const Run& run, Baseline kind, int cou
 /// Ellipsoid or cuboid that fills the box, mid-grey; with `buildable` on, a buildable one.
 TexturedMesh filling_shape(Baseline kind, const AdversaryLimits& limits, const BuildableSettings& buildable);
 
-/// Moves and stretches the mesh along each axis so that its bounds are exactly `wanted`. Axes along which it
+/// Moves and stretches the mesh along each axis so that its bounds are exactly `target`. Axes along which it
 /// has no extent are only moved.
-void fit_bounds(Mesh& mesh, const Eigen::AlignedBox3d& wanted);
+void fit_bounds(Mesh& mesh, const Eigen::AlignedBox3d& target);
 
 /// Cuboid of the given half sizes with n × n × 2 faces a side, watertight; n ≥ 1.
 Mesh divided_cuboid(const Vec3d& half, int n);

@@ -72,19 +72,19 @@ std::vector<Host> search_hosts(std::vector<Host> hosts, std::uint64_t seed) {
 struct Evolution::Method {
   /// What pagmo asks for within a generation, and what it is answered. It asks for all of a generation before
   /// it looks at any answer: so a copy of it, answered with zeros, tells what the next generation is.
-  struct Questions {
-    std::vector<std::vector<double>> asked;
-    std::vector<double> answers;
+  struct Requests {
+    std::vector<std::vector<double>> points;
+    std::vector<double> fitness_values;
   };
   /// The function as pagmo sees it.
-  struct Answered {
-    std::shared_ptr<Questions> questions;
+  struct GenerationFunction {
+    std::shared_ptr<Requests> requests;
     std::size_t numbers = 1;
 
     pagmo::vector_double fitness(const pagmo::vector_double& at) const {
-      const std::size_t i = questions->asked.size();
-      questions->asked.push_back(at);
-      return {i < questions->answers.size() ? questions->answers[i] : 0};
+      const std::size_t i = requests->points.size();
+      requests->points.push_back(at);
+      return {i < requests->fitness_values.size() ? requests->fitness_values[i] : 0};
     }
     /// pagmo's first standard deviations are their distances.
     std::pair<pagmo::vector_double, pagmo::vector_double> get_bounds() const {
@@ -95,10 +95,10 @@ struct Evolution::Method {
   Method(std::size_t numbers, std::uint64_t seed)
       : method(1, kOwn, kOwn, kOwn, kOwn, /*sigma0=*/1, /*ftol=*/0, /*xtol=*/0, /*memory=*/true,
                /*force_bounds=*/false, RandomStream(seed, "evolution").next_u32()),
-        population(pagmo::problem(Answered{questions, numbers})) {}
+        population(pagmo::problem(GenerationFunction{requests, numbers})) {}
 
   static constexpr double kOwn = -1;  // pagmo's rates
-  std::shared_ptr<Questions> questions = std::make_shared<Questions>();
+  std::shared_ptr<Requests> requests = std::make_shared<Requests>();
   pagmo::cmaes method;  // one generation a call
   pagmo::population population;
 };
@@ -112,10 +112,10 @@ Evolution::Evolution(std::size_t numbers, int samples, std::uint64_t seed)
 Evolution::~Evolution() = default;
 
 void Evolution::draw() {
-  *method_->questions = {};
+  *method_->requests = {};
   const pagmo::cmaes copy = method_->method;
   copy.evolve(method_->population);
-  generation_ = method_->questions->asked;
+  generation_ = method_->requests->points;
 }
 
 const std::vector<double>& Evolution::next() const {
@@ -125,7 +125,7 @@ const std::vector<double>& Evolution::next() const {
 void Evolution::add(double value) {
   values_.push_back(value);
   if (values_.size() < generation_.size()) return;
-  *method_->questions = {{}, values_};
+  *method_->requests = {{}, values_};
   method_->population = method_->method.evolve(method_->population);
   std::vector<std::size_t> order(values_.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
@@ -152,7 +152,7 @@ constexpr int kModeDegree = 2;
 /// the box, of colours' logits.
 constexpr double kSize = 0.2, kWarp = 0.2, kColour = 1.5;
 /// So that the colours of a black or white start have a logit.
-constexpr double kLeastColour = 1e-3;
+constexpr double kMinColour = 1e-3;
 
 /// Legendre polynomials of degree 0 … kModeDegree.
 std::array<double, kModeDegree + 1> legendre(double t) {
@@ -216,16 +216,16 @@ class BlackBox {
     const AttackStepper stepper = stepper_of(start.mesh);
     Evolution evolution(modes.size(), plan_.samples, settings_.seed);
     const HostOrder order(sample_, settings_.batch, settings_.seed);
-    const auto known = std::ssize(rows_) - std::ssize(starts_);
-    const long meshes = std::max(plan_.generations, known / plan_.samples) * plan_.samples;
+    const auto evaluated = std::ssize(rows_) - std::ssize(starts_);
+    const long meshes = std::max(plan_.generations, evaluated / plan_.samples) * plan_.samples;
     for (long i = 0; i < meshes; ++i) {
       const long generation = i / plan_.samples;
       if (i == std::ssize(rows_) - std::ssize(starts_)) {
         std::vector<Host> hosts;
         for (const std::size_t k : order.batch(generation)) hosts.push_back(sample_[k]);
-        look(stepper, made(evolution.next()), hosts,
-             static_cast<std::uint64_t>(generation) * static_cast<std::uint64_t>(settings_.batch),
-             fmt::format("generation {} of {}", generation + 1, meshes / plan_.samples));
+        evaluate(stepper, made(evolution.next()), hosts,
+                 static_cast<std::uint64_t>(generation) * static_cast<std::uint64_t>(settings_.batch),
+                 fmt::format("generation {} of {}", generation + 1, meshes / plan_.samples));
       }
       evolution.add(rows_[starts_.size() + as_size(i)].loss());
     }
@@ -255,7 +255,7 @@ class BlackBox {
     return {mesh, settings_.limits, settings_.parts, run_.detectors.front()->capabilities().reads_image};
   }
   AttackStepper stepper_of(const TexturedMesh& mesh) const {
-    return {settings_, run_.detectors, run_.store, sample_, mesh.mesh, run_.sights};
+    return {settings_, run_.detectors, run_.store, sample_, mesh.mesh, run_.clean_cache};
   }
   /// Of the first so many meshes.
   long queries(long meshes) const {
@@ -270,12 +270,12 @@ class BlackBox {
   void open() {
     if (exists(file_)) {
       constexpr const char* kAgain = "delete the file to start the run again";
-      const nlohmann::json known = read_json(file_);
-      const JsonFields json(file_, known, kAgain);
+      const nlohmann::json stored = read_json(file_);
+      const JsonFields json(file_, stored, kAgain);
       json.object("identity");
-      check_identity(file_, known.at("identity"), identity_);
-      rows_ = read_losses(json, as_size(json.count("iteration", kMostIterations)));
-      if (known.value("program", nlohmann::json()) != program_identity())
+      check_identity(file_, stored.at("identity"), identity_);
+      rows_ = read_losses(json, as_size(json.count("iteration", kMaxIterations)));
+      if (stored.value("program", nlohmann::json()) != program_identity())
         spdlog::warn("{}: {} meshes were looked at by another program or on another processor",
                      file_.string(), rows_.size());
     }
@@ -293,8 +293,8 @@ class BlackBox {
     write_losses(settings_.out / "loss.csv", rows_);
   }
 
-  void look(const AttackStepper& stepper, const TexturedMesh& mesh, const std::vector<Host>& hosts,
-            std::uint64_t first_world, const std::string& what) {
+  void evaluate(const AttackStepper& stepper, const TexturedMesh& mesh, const std::vector<Host>& hosts,
+                std::uint64_t first_world, const std::string& what) {
     if (any_rank(interrupted())) {
       save();
       throw Interrupted(fmt::format("interrupted after {} of {} queries; run the same command to go on",
@@ -313,7 +313,7 @@ class BlackBox {
     for (std::size_t i = 0; i < starts_.size(); ++i) {
       NamedStart& start = starts_[i];
       if (i == rows_.size())
-        look(stepper_of(start.mesh), start.mesh, sample_, kSampleWorlds, "start " + start.name);
+        evaluate(stepper_of(start.mesh), start.mesh, sample_, kSampleWorlds, "start " + start.name);
       start.value = rows_[i].loss();
       spdlog::info("start {}: {:.4f} on {} vehicles", start.name, start.value, sample_.size());
     }
@@ -331,7 +331,7 @@ class BlackBox {
   Progress progress_;
   BlackBoxPlan plan_;
   std::vector<LossRow> rows_;  // of the meshes looked at: first the starts
-  StageSeconds stages_;
+  StepTimings stages_;
 };
 
 }  // namespace
@@ -383,7 +383,7 @@ TexturedMesh MeshModes::mesh(std::span<const double> numbers) const {
     for (int c = 0; c < 3; ++c) {
       for (std::size_t i = 0; i < paint_.size(); ++i) {
         double& colour = made.atlas.texels[i][c];
-        const double start = std::clamp(colour, kLeastColour, 1 - kLeastColour);
+        const double start = std::clamp(colour, kMinColour, 1 - kMinColour);
         colour = 1 / (1 + std::exp(-kColour * sum(at, paint_[i])) * (1 - start) / start);
       }
       at += std::ssize(paint_.front());

@@ -45,13 +45,13 @@ struct SearchRun {
   const DetectorPool& detectors;
   FrameStore& store;
   const std::vector<Host>& train;
-  std::shared_ptr<CleanSights> sights;
+  std::shared_ptr<CleanDetectionCache> clean_cache;
   RunIdentity identity;
 };
 /// What came of a search.
 struct SearchOutcome {
   AttackState state;          ///< its mesh the learned one
-  StageSeconds stages;        ///< of this process
+  StepTimings stages;         ///< of this process
   long steps = 0, first = 0;  ///< in all, and before this process
   std::optional<AutoReport> automatic;
   std::optional<BlackBoxReport> black_box;

@@ -21,9 +21,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char *kGamutField = "gamut", *kBox = "box:", *kChartFile = ".ti3";
-constexpr std::uintmax_t kLargestPrintFile = std::uintmax_t{1} << 24;
-constexpr int kMostPatches = 5'000, kMostColumns = 1'000;
-constexpr std::size_t kMostCorners = 20'000;  // of a run.json, all its values being bounded
+constexpr std::uintmax_t kMaxPrintFileBytes = std::uintmax_t{1} << 24;
+constexpr int kMaxPatches = 5'000, kMaxColumns = 1'000;
+constexpr std::size_t kMaxCorners = 20'000;  // of a run.json, all its values being bounded
 /// Beyond rounding, a texel is outside.
 constexpr double kInGamut = 1e-9;
 constexpr const char* kCharts = "give an ICC profile of a CMYK printer, or a chart of patches (CGATS text)";
@@ -54,7 +54,7 @@ class ColorEngine {
   ColorEngine() : context_(cmsCreateContext(nullptr, this)) {
     cmsSetLogErrorHandlerTHR(context_, [](cmsContext of, cmsUInt32Number, const char* text) {
       auto* engine = static_cast<ColorEngine*>(cmsGetContextUserData(of));
-      if (engine && engine->said.empty()) engine->said = printable(text);
+      if (engine && engine->reported.empty()) engine->reported = printable(text);
     });
   }
   ~ColorEngine() { cmsDeleteContext(context_); }
@@ -62,8 +62,8 @@ class ColorEngine {
   ColorEngine& operator=(const ColorEngine&) = delete;
   cmsContext get() const { return context_; }
   /// The complaint, or else `otherwise`.
-  std::string problem(const char* otherwise) const { return said.empty() ? otherwise : said; }
-  std::string said;
+  std::string problem(const char* otherwise) const { return reported.empty() ? otherwise : reported; }
+  std::string reported;
 
  private:
   cmsContext context_;
@@ -119,19 +119,19 @@ std::vector<Vec3d> patches_of_chart(const std::string& text, const fs::path& fil
   if (!chart) fail(file, "", engine.problem("is no CGATS text"), kCharts);
   char** names = nullptr;
   const int columns = cmsIT8EnumDataFormat(chart.get(), &names);
-  const double said = cmsIT8GetPropertyDbl(chart.get(), "NUMBER_OF_SETS");
-  if (columns < 1 || columns > kMostColumns || !names)
+  const double reported = cmsIT8GetPropertyDbl(chart.get(), "NUMBER_OF_SETS");
+  if (columns < 1 || columns > kMaxColumns || !names)
     fail(file, "BEGIN_DATA_FORMAT", "has no columns", "name them, as XYZ_X XYZ_Y XYZ_Z");
-  if (!(said >= 4 && said <= kMostPatches))
+  if (!(reported >= 4 && reported <= kMaxPatches))
     fail(file, "NUMBER_OF_SETS", "is no number of patches",
-         fmt::format("measure 4 to {}, as 24 of a chart", kMostPatches));
+         fmt::format("measure 4 to {}, as 24 of a chart", kMaxPatches));
   const auto column = [&](const char* name) {
     for (int i = 0; i < columns; ++i)
       if (names[i] && std::string(name) == names[i]) return i;
     return -1;
   };
-  const auto all = [&](const std::array<const char*, 3>& wanted) -> std::optional<std::array<int, 3>> {
-    const std::array<int, 3> found = {column(wanted[0]), column(wanted[1]), column(wanted[2])};
+  const auto all = [&](const std::array<const char*, 3>& headings) -> std::optional<std::array<int, 3>> {
+    const std::array<int, 3> found = {column(headings[0]), column(headings[1]), column(headings[2])};
     return *std::min_element(found.begin(), found.end()) < 0 ? std::nullopt : std::optional(found);
   };
   constexpr std::array<const char*, 3> kXyz = {"XYZ_X", "XYZ_Y", "XYZ_Z"}, kLab = {"LAB_L", "LAB_A", "LAB_B"};
@@ -142,7 +142,7 @@ std::vector<Vec3d> patches_of_chart(const std::string& text, const fs::path& fil
   const auto& from = xyz ? *xyz : *lab;
   const auto& called = xyz ? kXyz : kLab;
   std::vector<Vec3d> patches;
-  for (int row = 0; row < static_cast<int>(said); ++row) {
+  for (int row = 0; row < static_cast<int>(reported); ++row) {
     Vec3d value;
     for (std::size_t k = 0; k < 3; ++k) {
       const char* cell = cmsIT8GetDataRowCol(chart.get(), row, from[k]);
@@ -322,11 +322,11 @@ void take_back(Mesh& mesh, const std::vector<Vec3d>& old, double min_thickness) 
 
 std::optional<PrintGamut> PrintGamut::of(std::string name, const std::vector<Vec3d>& points) {
   const auto whole = ConvexPolytope::hull(points);
-  const auto held = whole ? whole->within({Vec3d::Zero(), Vec3d::Ones()}) : std::nullopt;
-  if (!held) return std::nullopt;
+  const auto clipped = whole ? whole->within({Vec3d::Zero(), Vec3d::Ones()}) : std::nullopt;
+  if (!clipped) return std::nullopt;
   // Anew from its corners, so that a run which tells them has the same facets.
-  const auto again = ConvexPolytope::hull(held->corners());
-  if (!again || again->corners().size() != held->corners().size()) return std::nullopt;
+  const auto again = ConvexPolytope::hull(clipped->corners());
+  if (!again || again->corners().size() != clipped->corners().size()) return std::nullopt;
   PrintGamut gamut;
   gamut.name_ = std::move(name);
   gamut.solid_ = std::make_shared<const ConvexPolytope>(*again);
@@ -364,7 +364,7 @@ void set_from_text(const std::string& text, PrintGamut& gamut) {
 }
 
 PrintGamut read_gamut(const fs::path& file, const std::string& name) {
-  const std::string bytes = read_file(file, kLargestPrintFile);
+  const std::string bytes = read_file(file, kMaxPrintFileBytes);
   constexpr std::size_t kSignature = 36;  // of the ICC's header
   const bool profile = bytes.size() >= 128 && bytes.compare(kSignature, 4, "acsp") == 0;
   std::vector<Vec3d> points = profile ? patches_of_profile(bytes, file) : patches_of_chart(bytes, file);
@@ -388,7 +388,7 @@ PrintGamut read_gamut(const nlohmann::json& written, const fs::path& file, const
     fail(file, fmt::format("{}[{}]", key, i), "is no colour",
          "restore the file: red, green and blue, 0 to 1 each");
   };
-  if (!written.is_array() || written.size() > kMostCorners)
+  if (!written.is_array() || written.size() > kMaxCorners)
     fail(file, key, "is no list of colours", "restore the file");
   std::vector<Vec3d> points;
   for (const nlohmann::json& colour : written) {

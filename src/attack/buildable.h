@@ -102,7 +102,7 @@ void visit_fields(Visitor& visit, S& s) {
                  "printable solid with thick walls, a flat base and colours of --gamut",
          .option = "free"},
         s.on);
-  visit({.name = "min_thickness", .help = "thinnest wall without --free, m", .range = {0, kLargestSize}},
+  visit({.name = "min_thickness", .help = "thinnest wall without --free, m", .range = {0, kMaxAdversarySize}},
         s.min_thickness);
   visit({.name = "cut", .range = kShare, .option = "", .lacking = "0"}, s.base);
 }

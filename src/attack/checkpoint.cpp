@@ -27,7 +27,7 @@ nlohmann::json flat(const std::vector<Vec3d>& points) {
 }
 
 std::vector<Vec3d> read_points(const JsonFields& json, const char* key, std::size_t count) {
-  const auto values = json.numbers(key, 3 * count, -kLargestSize, kLargestSize);
+  const auto values = json.numbers(key, 3 * count, -kMaxAdversarySize, kMaxAdversarySize);
   std::vector<Vec3d> points(count);
   for (std::size_t i = 0; i < count; ++i)
     points[i] = Vec3d(values[3 * i], values[3 * i + 1], values[3 * i + 2]);
@@ -60,37 +60,37 @@ void read_mesh(const JsonFields& json, const AdversaryLimits& limits, TexturedMe
 }
 
 void read_held_out(const JsonFields& json, const AdversaryLimits& limits, AttackState& state) {
-  HeldOutRecord& held = state.held_out;
+  HeldOutRecord& record = state.held_out;
   const std::size_t count = json.list("iterations", as_size(state.iteration) + 1).size();
   if (count == 0) json.fail("iterations", "is empty");
   long before = -1;
   for (const double at : json.numbers("iterations", count, 0, static_cast<double>(state.iteration))) {
     if (!(at > static_cast<double>(before)) || at != std::floor(at)) json.fail("iterations", "does not rise");
-    held.iterations.push_back(before = static_cast<long>(at));
+    record.iterations.push_back(before = static_cast<long>(at));
   }
-  held.values = json.numbers("values", count, -kAny, kAny);
-  const auto lowest = std::min_element(held.values.begin(), held.values.end());
-  held.best = *lowest;
-  held.best_iteration = held.iterations[as_size(lowest - held.values.begin())];
-  if (json.integer("best_iteration", 0, state.iteration) != held.best_iteration)
+  record.values = json.numbers("values", count, -kAny, kAny);
+  const auto lowest = std::min_element(record.values.begin(), record.values.end());
+  record.best = *lowest;
+  record.best_iteration = record.iterations[as_size(lowest - record.values.begin())];
+  if (json.integer("best_iteration", 0, state.iteration) != record.best_iteration)
     json.fail("best_iteration", "is not that of the lowest value");
-  held.mesh = state.adversary;
-  read_mesh(json, limits, held.mesh);
+  record.mesh = state.adversary;
+  read_mesh(json, limits, record.mesh);
 }
 
 /// The field "iteration" alone; 0 where there is none.
 std::size_t claimed_iteration(const std::filesystem::path& file) {
   using Event = nlohmann::json::parse_event_t;
-  bool wanted = false;
+  bool at_iteration = false;
   const auto head =
       read_json_parts(file, kStartAgain, [&](int depth, Event event, const nlohmann::json& value) {
-        if (event == Event::key) return wanted = depth == 1 && value == "iteration";
+        if (event == Event::key) return at_iteration = depth == 1 && value == "iteration";
         return depth == 0 || event == Event::array_start || event == Event::object_start ||
-               (depth == 1 && event == Event::value && wanted);
+               (depth == 1 && event == Event::value && at_iteration);
       });
   const auto found = head.is_object() ? head.find("iteration") : head.end();
   if (found == head.end() || !found->is_number_unsigned()) return 0;
-  return std::min<std::size_t>(found->get<std::size_t>(), kMostIterations);
+  return std::min<std::size_t>(found->get<std::size_t>(), kMaxIterations);
 }
 
 /// The file, if it holds no more values than its mesh and its steps account for: values take up to eighty
@@ -114,10 +114,10 @@ nlohmann::json read_bounded(const std::filesystem::path& file, const TexturedMes
 
 void check_identity(const std::filesystem::path& file, nlohmann::json written, const RunIdentity& identity) {
   complete(written, identity.lacking);
-  const nlohmann::json& asked = identity.json;
+  const nlohmann::json& expected = identity.json;
   const auto compare = [&](const std::string& key) {
-    if (written.value(key, nlohmann::json()) == asked.value(key, nlohmann::json())) return;
-    if (!asked.contains(key))
+    if (written.value(key, nlohmann::json()) == expected.value(key, nlohmann::json())) return;
+    if (!expected.contains(key))
       throw InputError(file.string(), key, "the folder holds a run with this setting, which yours has not",
                        "use another --out folder");
     throw InputError(file.string(), key, "the folder holds a run with another value",
@@ -125,7 +125,7 @@ void check_identity(const std::filesystem::path& file, nlohmann::json written, c
   };
   const std::string hosts = "train";  // follows from the settings, so the setting is named where one differs
   for (const nlohmann::json* all :
-       {&asked, &std::as_const(written)})  // a key that only one of them has differs as well
+       {&expected, &std::as_const(written)})  // a key that only one of them has differs as well
     for (const auto& [key, value] : all->items())
       if (key != hosts) compare(key);
   compare(hosts);
@@ -198,12 +198,12 @@ void write_checkpoint(const std::filesystem::path& file, const AttackState& stat
                          {"adam_vertices", to_json(state.vertices)},
                          {"adam_texels", to_json(state.texels)}};
   json.update(losses_json(state.losses));
-  if (const HeldOutRecord& held = state.held_out; !held.iterations.empty())
-    json["held_out"] = {{"iterations", held.iterations},
-                        {"values", held.values},
-                        {"best_iteration", held.best_iteration},
-                        {"vertices", flat(held.mesh.mesh.vertices)},
-                        {"texels", flat(held.mesh.atlas.texels)}};
+  if (const HeldOutRecord& record = state.held_out; !record.iterations.empty())
+    json["held_out"] = {{"iterations", record.iterations},
+                        {"values", record.values},
+                        {"best_iteration", record.best_iteration},
+                        {"vertices", flat(record.mesh.mesh.vertices)},
+                        {"texels", flat(record.mesh.atlas.texels)}};
   if (state.rendered.iteration >= 0)
     json["rendered"] = {{"iteration", state.rendered.iteration},
                         {"vertices", flat(state.rendered.mesh.mesh.vertices)},
@@ -223,7 +223,7 @@ AttackState read_checkpoint(const std::filesystem::path& file, const RunIdentity
   json.object("identity");
   check_identity(file, whole.at("identity"), identity);
   AttackState state;
-  state.iteration = json.integer("iteration", 0, kMostIterations);
+  state.iteration = json.integer("iteration", 0, kMaxIterations);
   if (json.has("program") && json.text("program") != program_identity())
     spdlog::warn(
         "{}: {} steps were made by another program or on another processor; for a run of one start in "

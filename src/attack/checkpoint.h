@@ -60,7 +60,7 @@ std::vector<LossRow> read_losses(const JsonFields& json, std::size_t count);
 void write_losses(const std::filesystem::path& file, const std::vector<LossRow>& rows);
 /// InputError naming the first setting in which the identity `written` in the file differs from that asked
 /// for.
-void check_identity(const std::filesystem::path& file, nlohmann::json written, const RunIdentity& asked);
+void check_identity(const std::filesystem::path& file, nlohmann::json written, const RunIdentity& expected);
 /// InputError when the file is damaged, holds what no run can reach (numbers that are not finite, a mesh
 /// outside its box, more steps than rows of losses) or belongs to a run with another identity: the field is
 /// named. `settings`: the run's.

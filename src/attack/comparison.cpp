@@ -9,8 +9,8 @@
 #include "base/names.h"
 #include "base/ranks.h"
 #include "base/sizes.h"
+#include "frames/frame_provenance.h"
 #include "frames/frame_store.h"
-#include "frames/made_of.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
@@ -113,13 +113,13 @@ Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const 
   const ComparedPart& all = result.parts.front();
   result.detectable = detectable_difference(all.difference, result.clusters.count);
   for (const double difference : {0.02, 0.05, 0.1})
-    result.needed.push_back({difference, vehicles_to_tell(all.vehicles, result.detectable, difference)});
+    result.needed.push_back({difference, sample_size(all.vehicles, result.detectable, difference)});
   result.bounds = {hidden_bound(first), hidden_bound(second)};
   result.worse = worse_of(pairs, objects);
   return result;
 }
 
-Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
+Comparison compare(const ComparisonRequest& request, Provenance* provenance) {
   if (request.detectors.size() != 2)
     throw FieldError("detectors", std::to_string(request.detectors.size()), "is not two detectors",
                      "name the old one, then the new one");
@@ -158,11 +158,11 @@ Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
   std::vector<HostId> hosts;
   std::vector<std::vector<HostOutcome>> outcomes;
   std::vector<std::string> names;
-  for (const DetectorOptions& given : request.detectors) {
-    const DetectorOptions options = for_data(given, request);
+  for (const DetectorOptions& requested : request.detectors) {
+    const DetectorOptions options = for_data(requested, request);
     const DetectorPool pool = load_detector_pool(options, static_cast<int>(frames.size()));
     if (hosts.empty()) {
-      HostsLeftOut left_out;
+      SkippedHosts left_out;
       hosts = host_ids(find_all_hosts(store, frames, pool.front()->region(), simulation, request.min_view,
                                       request.settings.quiet, &left_out));
       if (hosts.empty()) refuse_left_out(store.place(), left_out);
@@ -176,21 +176,21 @@ Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
     settings.matching = can.matching();
     settings.detector_identity = detector_identity(options, can.version);
     require_shared(store.cache(), "compare", settings.detector_identity);
-    settings.told = rank() == 0;
-    if (settings.told) settings.kinds = vehicle_kinds(request.data, hosts);
+    settings.reports_outcomes = rank() == 0;
+    if (settings.reports_outcomes) settings.kinds = vehicle_kinds(request.data, hosts);
     const CleanDetections clean = clean_detections(pool, store, hosts, settings);
     outcomes.push_back(evaluate(pool, store, hosts, clean, meshes, simulation, settings).hosts);
     names.push_back(pool.front()->name());
-    if (!made_of) continue;
+    if (!provenance) continue;
     Provenance detector;
     add_detector(detector, options);
-    made_of->set(outcomes.size() == 1 ? "first" : "second", detector.made_of());
+    provenance->set(outcomes.size() == 1 ? "first" : "second", detector.provenance());
   }
   if (rank() > 0) return {};
-  if (made_of) {
-    made_of->set("simulation", to_json(simulation));
-    add_frames(*made_of, request, frames);
-    add_objects(*made_of, objects);
+  if (provenance) {
+    provenance->set("simulation", to_json(simulation));
+    add_frames(*provenance, request, frames);
+    add_objects(*provenance, objects);
   }
   Comparison result = compare_outcomes(outcomes[0], outcomes[1], object_names, request.adaptive);
   result.detectors = names;
@@ -206,7 +206,7 @@ nlohmann::json to_json(const Comparison& comparison) {
                          {"difference", all.difference.value},
                          {"low", all.difference.low},
                          {"high", all.difference.high},
-                         {"told", to_string(told(all.difference))},
+                         {"told", to_string(classify(all.difference))},
                          {"first", to_json(all.first)},
                          {"second", to_json(all.second)},
                          {"bounds", list_json(comparison.bounds, fields_json<HiddenBound>)},

@@ -96,9 +96,9 @@ Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const 
                             const std::vector<std::string>& objects, bool adaptive);
 
 /// Evaluates both detectors on every usable vehicle of the data set that no run has learned on. InputError
-/// for anything but two detectors, for no object, and where no vehicle is left. `made_of`, if it is not null,
-/// learns what both detectors, the frames and the objects are. Ranks but the first get nothing.
-Comparison compare(const ComparisonRequest& request, Provenance* made_of = nullptr);
+/// for anything but two detectors, for no object, and where no vehicle is left. `provenance`, if it is not
+/// null, learns what both detectors, the frames and the objects are. Ranks but the first get nothing.
+Comparison compare(const ComparisonRequest& request, Provenance* provenance = nullptr);
 
 /// {detectors, objects, hosts, vehicles, clusters, difference, low, high, told, first, second, own?, bounds:
 /// [2 × a HiddenBound], detectable, needed: [{difference, vehicles}], parts: [{by, name, vehicles,

@@ -9,14 +9,14 @@ namespace mirage {
 
 namespace {
 
-std::size_t wanted(int most) {
+std::size_t pool_size(int most) {
   return as_size(std::min(most, thread_count()));
 }
 
 }  // namespace
 
 void add_shared(DetectorPool& pool, int most) {
-  while (pool.size() < wanted(most)) {
+  while (pool.size() < pool_size(most)) {
     auto other = pool.front()->share();
     if (!other) return;
     pool.push_back(std::move(other));
@@ -25,12 +25,12 @@ void add_shared(DetectorPool& pool, int most) {
 
 DetectorPool load_detector_pool(const DetectorOptions& options, int most) {
   DetectorPool pool;
-  if (is_given(options)) most = 1;
+  if (is_in_process(options)) most = 1;
   DetectorOptions each = options;
   each.threads = 1;
   pool.push_back(load_detector(each));
   add_shared(pool, most);
-  while (pool.size() < wanted(most)) pool.push_back(load_detector(each));
+  while (pool.size() < pool_size(most)) pool.push_back(load_detector(each));
   return pool;
 }
 

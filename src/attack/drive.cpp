@@ -45,14 +45,15 @@ std::vector<TrackState> tracks_of(const std::vector<Detection>& boxes, const std
 }
 
 /// By the tracker of these settings.
-Tracks tracks_by(const TrackerSettings& settings, const DriveScene& scene, const Sights& sights) {
+Tracks tracks_by(const TrackerSettings& settings, const DriveScene& scene,
+                 const SceneDetections& scene_detections) {
   const std::vector<SceneFrame>& frames = scene.frames();
   Tracker tracker(settings);
   Tracks tracks(frames.size());
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const Transform world_from_ego = laid_flat(frames[i].moment.world_from_ego);
     std::vector<TrackedDetection> found;
-    for (const Detection& detection : sights[i])
+    for (const Detection& detection : scene_detections[i])
       found.push_back({moved_flat(scene.upright(detection.box), world_from_ego), detection.score()});
     for (TrackState& state : tracker.step(frames[i].moment.time, found)) {
       state.box = moved_flat(state.box, world_from_ego.inverse());
@@ -63,12 +64,12 @@ Tracks tracks_by(const TrackerSettings& settings, const DriveScene& scene, const
 }
 
 /// By the user's tracker, which reads kDetections.
-Tracks tracks_by(Detector& tracker, const DriveScene& scene, const Sights& sights) {
+Tracks tracks_by(Detector& tracker, const DriveScene& scene, const SceneDetections& scene_detections) {
   const std::vector<SceneFrame>& frames = scene.frames();
   Tracks tracks;
   for (std::size_t i = 0; i < frames.size(); ++i) {
     std::vector<float> rows;
-    for (const Detection& detection : sights[i]) {
+    for (const Detection& detection : scene_detections[i]) {
       const Box3 box = scene.upright(detection.box);
       for (const double value : {box.bev.x, box.bev.y, box.bottom + box.height / 2, box.bev.length,
                                  box.bev.width, box.height, box.bev.yaw, detection.score()})
@@ -86,10 +87,10 @@ Tracks tracks_by(Detector& tracker, const DriveScene& scene, const Sights& sight
     detections.kind = SensorData::Kind::other;
     detections.name = kDetections;
     detections.values = rows;
-    detections.shape = {static_cast<std::int64_t>(sights[i].size()), 8, 0};
+    detections.shape = {static_cast<std::int64_t>(scene_detections[i].size()), 8, 0};
     detections.time = frames[i].moment.time;
     view.others.push_back(detections);
-    tracks.push_back(tracks_of(tracker.forward(view, 0, false), sights[i], scene, tracker.name()));
+    tracks.push_back(tracks_of(tracker.forward(view, 0, false), scene_detections[i], scene, tracker.name()));
   }
   return tracks;
 }
@@ -102,7 +103,7 @@ constexpr double kHalfLane = 1.75;  // m to each side of straight ahead
 constexpr std::size_t kTogether = 8;
 
 /// A vehicle of a sequence: its frames, and its label in each.
-struct Followed {
+struct TrackedVehicle {
   int track = -1;
   std::vector<std::size_t> frames;  ///< by place in the sequence
   std::vector<int> labels;          ///< by place in that frame
@@ -120,14 +121,14 @@ bool is_judged(const Label& label, const std::array<double, 4>& region) {
          box.x >= region[0] && box.x <= region[1] && box.y >= region[2] && box.y <= region[3];
 }
 
-std::vector<Followed> vehicles_of(const std::vector<SceneFrame>& scene, const std::array<double, 4>& region,
-                                  int least_frames) {
-  std::map<int, Followed> followed;
+std::vector<TrackedVehicle> vehicles_of(const std::vector<SceneFrame>& scene,
+                                        const std::array<double, 4>& region, int least_frames) {
+  std::map<int, TrackedVehicle> followed;
   for (std::size_t i = 0; i < scene.size(); ++i)
     for (std::size_t k = 0; k < scene[i].labels.size(); ++k) {
       const Label& label = scene[i].labels[k];
       if (!is_judged(label, region)) continue;
-      Followed& vehicle = followed[label.track];
+      TrackedVehicle& vehicle = followed[label.track];
       if (!vehicle.frames.empty() && vehicle.frames.back() == i)
         throw InputError("frame " + scene[i].id, "labels",
                          fmt::format("two are of the identity {}", label.track), "correct the labels");
@@ -135,7 +136,7 @@ std::vector<Followed> vehicles_of(const std::vector<SceneFrame>& scene, const st
       vehicle.frames.push_back(i);
       vehicle.labels.push_back(static_cast<int>(k));
     }
-  std::vector<Followed> long_enough;
+  std::vector<TrackedVehicle> long_enough;
   for (auto& [track, vehicle] : followed)
     if (static_cast<int>(vehicle.frames.size()) >= least_frames) long_enough.push_back(std::move(vehicle));
   return long_enough;
@@ -189,30 +190,32 @@ Vec3d ego_velocity(const std::vector<SceneFrame>& frames, std::size_t i) {
 }
 
 /// What one version shows of the vehicle.
-void set_sights(DriveVersion version, const DriveScene& scene, const Followed& followed, const Sights& sights,
-                const Tracks& tracks, int birth, VehicleDrive& vehicle) {
+void set_observations(DriveVersion version, const DriveScene& scene, const TrackedVehicle& followed,
+                      const SceneDetections& scene_detections, const Tracks& tracks, int birth,
+                      VehicleDrive& vehicle) {
   const HidingRule& rule = kHidingRules.front();
   std::set<int> phantoms;
   std::map<int, int> hits;  // of tracks on the vehicle, since it carries the object
   for (std::size_t i = 0; i < followed.frames.size(); ++i) {
     const std::size_t at = followed.frames[i];
     const BevBox& box = followed.box(scene, i);
-    DriveSight& sight = vehicle.frames[i].sights[version] = {};
-    for (const Detection& detection : sights[at])
-      sight.found = sight.found || iou(detection.box.bev, box) > rule.iou;
+    DriveObservation& observation = vehicle.frames[i].observations[version] = {};
+    for (const Detection& detection : scene_detections[at])
+      observation.found = observation.found || iou(detection.box.bev, box) > rule.iou;
     for (const TrackState& track : tracks[at]) {
       if (iou(track.box.bev, box) > rule.iou) {
         hits[track.id] += track.detection >= 0;
         if (!track.confirmed || hits[track.id] < birth) continue;
         if (track.detection >= 0)
-          sight.track = TrackSight::found;
-        else if (sight.track == TrackSight::lost)
-          sight.track = TrackSight::coasting;
+          observation.track = TrackStatus::found;
+        else if (observation.track == TrackStatus::lost)
+          observation.track = TrackStatus::coasting;
       } else if (track.confirmed && is_phantom(track.box, scene, at, version)) {
-        ++sight.phantoms;
+        ++observation.phantoms;
         phantoms.insert(track.id);
         const BevBox& where = track.box.bev;
-        sight.phantom_in_lane = sight.phantom_in_lane || (where.x > 0 && std::abs(where.y) < kHalfLane);
+        observation.phantom_in_lane =
+            observation.phantom_in_lane || (where.x > 0 && std::abs(where.y) < kHalfLane);
       }
     }
   }
@@ -229,12 +232,12 @@ nlohmann::json row_of(const Box3& box, double last) {
 }
 
 /// See DriveRequest::folder.
-nlohmann::json shown(const DriveScene& scene, const Followed& followed, const Sights& sights,
-                     const Tracks& tracks) {
+nlohmann::json shown(const DriveScene& scene, const TrackedVehicle& followed,
+                     const SceneDetections& scene_detections, const Tracks& tracks) {
   nlohmann::json json = {{"boxes", nlohmann::json::array()}, {"tracks", nlohmann::json::array()}};
   for (const std::size_t at : followed.frames) {
     auto boxes = nlohmann::json::array(), of_tracks = nlohmann::json::array();
-    for (const Detection& found : sights[at])
+    for (const Detection& found : scene_detections[at])
       boxes.push_back(row_of(scene.upright(found.box), found.score()));
     for (const TrackState& track : tracks[at]) {
       if (!track.confirmed) continue;
@@ -247,26 +250,26 @@ nlohmann::json shown(const DriveScene& scene, const Followed& followed, const Si
   return json;
 }
 
-/// A vehicle's ride through its scene, and where it is in it.
+/// A vehicle's roof through its scene, and where it is in it.
 struct Driver {
-  Ride ride;
-  Riders riders;
+  RoofTrack roof_track;
+  FrameCarriers carriers;
 };
 
-Driver driver_of(FrameStore& store, const DriveScene& scene, const Followed& followed) {
+Driver driver_of(FrameStore& store, const DriveScene& scene, const TrackedVehicle& followed) {
   std::vector<std::pair<Moment, HostId>> frames;
   for (std::size_t i = 0; i < followed.frames.size(); ++i) {
     const SceneFrame& frame = scene.frames()[followed.frames[i]];
     frames.push_back({frame.moment, {frame.id, followed.labels[i]}});
   }
-  Driver driver{ride(store, frames), Riders(scene.frames().size())};
+  Driver driver{roof_track(store, frames), FrameCarriers(scene.frames().size())};
   for (std::size_t i = 0; i < frames.size(); ++i)
-    driver.riders[followed.frames[i]] = {&driver.ride.carriers[i], frames[i].second};
+    driver.carriers[followed.frames[i]] = {&driver.roof_track.carriers[i], frames[i].second};
   return driver;
 }
 
 /// All but what was seen of it.
-VehicleDrive unseen_drive(const DriveScene& scene, const Followed& followed, const Ride& ridden) {
+VehicleDrive unseen_drive(const DriveScene& scene, const TrackedVehicle& followed, const RoofTrack& ridden) {
   VehicleDrive vehicle;
   vehicle.sequence = scene.name();
   vehicle.track = followed.track;
@@ -298,13 +301,13 @@ fs::path file_of(const DriveRequest& request, const DriveScene& scene, int track
 
 /// The vehicle's stored result if it is of the same key and whole; none otherwise.
 std::optional<VehicleDrive> stored_vehicle(const fs::path& file, const std::string& key) {
-  return read_kept(file, key,
-                   [](const JsonFields& fields) { return std::optional(read_vehicle_drive(fields)); });
+  return read_cached(file, key,
+                     [](const JsonFields& fields) { return std::optional(read_vehicle_drive(fields)); });
 }
 
 /// A vehicle, followed, and as it is judged.
 struct Judged {
-  Followed followed;
+  TrackedVehicle followed;
   VehicleDrive vehicle;
 };
 
@@ -317,19 +320,21 @@ void judge_vehicles(FrameStore& store, const DriveRequest& request, const DriveS
   for (const Judged* judged : together) drivers.push_back(driver_of(store, scene, judged->followed));
   std::vector<Pass> passes;
   for (const Driver& driver : drivers)
-    for (const auto& [version, object] : objects) passes.push_back({&driver.riders, object});
-  const std::vector<Sights> seen = scene.see(passes, frame_done);
+    for (const auto& [version, object] : objects) passes.push_back({&driver.carriers, object});
+  const std::vector<SceneDetections> seen = scene.see(passes, frame_done);
   for (std::size_t k = 0; k < together.size(); ++k) {
-    const Followed& followed = together[k]->followed;
+    const TrackedVehicle& followed = together[k]->followed;
     VehicleDrive& vehicle = together[k]->vehicle;
-    vehicle = unseen_drive(scene, followed, drivers[k].ride);
+    vehicle = unseen_drive(scene, followed, drivers[k].roof_track);
     nlohmann::json showed;
-    const auto judge = [&](DriveVersion version, const Sights& sights, const VersionTracks& tracks) {
-      set_sights(version, scene, followed, sights, tracks.own, scene.birth(), vehicle);
-      showed[to_word(version)] = shown(scene, followed, sights, tracks.own);
+    const auto judge = [&](DriveVersion version, const SceneDetections& scene_detections,
+                           const VersionTracks& tracks) {
+      set_observations(version, scene, followed, scene_detections, tracks.own, scene.birth(), vehicle);
+      showed[to_word(version)] = shown(scene, followed, scene_detections, tracks.own);
       VehicleDrive other = vehicle;
       for (std::size_t d = 0; d < kDeaths.size(); ++d) {
-        set_sights(version, scene, followed, sights, tracks.at(d), request.settings.tracker.birth, other);
+        set_observations(version, scene, followed, scene_detections, tracks.at(d),
+                         request.settings.tracker.birth, other);
         const DriveOutcome outcome = outcome_of(other, version);
         vehicle.deaths[d].track_gap_s[version] = outcome.track_gap_s;
         vehicle.deaths[d].phantom_frames[version] = outcome.phantom_frames;
@@ -337,14 +342,14 @@ void judge_vehicles(FrameStore& store, const DriveRequest& request, const DriveS
     };
     judge(DriveVersion::clean, scene.clean(), scene.clean_tracks());
     for (std::size_t o = 0; o < objects.size(); ++o) {
-      const Sights& sights = seen[k * objects.size() + o];
-      judge(objects[o].first, sights, scene.follow(sights));
+      const SceneDetections& scene_detections = seen[k * objects.size() + o];
+      judge(objects[o].first, scene_detections, scene.follow(scene_detections));
     }
     if (const fs::path file = file_of(request, scene, followed.track); !file.empty()) {
-      nlohmann::json kept = to_json(vehicle);
-      kept["key"] = request.made_of.identity();
-      kept["shown"] = std::move(showed);
-      write_json(file, kept);
+      nlohmann::json record = to_json(vehicle);
+      record["key"] = request.provenance.identity();
+      record["shown"] = std::move(showed);
+      write_json(file, record);
     }
   }
 }
@@ -378,7 +383,7 @@ void add_track_frames(const DriveScene& scene, const std::array<double, 4>& regi
 }
 
 /// The first frame that leaves the vehicle out: what it carries all the way can be nowhere else.
-LeftOut left_out_of(const PlaceChoice& place, const DriveScene& scene, const Followed& vehicle) {
+LeftOut left_out_of(const PlaceChoice& place, const DriveScene& scene, const TrackedVehicle& vehicle) {
   for (std::size_t i = 0; i < vehicle.frames.size(); ++i) {
     const std::vector<Label>& labels = scene.frames()[vehicle.frames[i]].labels;
     const Carrier carrier{.label = labels[as_size(vehicle.labels[i])]};
@@ -405,34 +410,35 @@ DriveScene::DriveScene(const DetectorPool& detectors, FrameStore& store, const D
       name_(sequence.name),
       road_(-store.get(sequence.frames.front().id)->lidar.height) {
   for (const SequenceFrame& frame : sequence.frames) {
-    Annotations known = read_annotations(request.data, frame.id);
-    frames_.push_back({frame.id, frame.moment, std::move(known.labels), std::move(known.calibration)});
+    Annotations annotations = read_annotations(request.data, frame.id);
+    frames_.push_back(
+        {frame.id, frame.moment, std::move(annotations.labels), std::move(annotations.calibration)});
   }
   clean_ = recorded();
   clean_tracks_ = follow(clean_);
 }
 
-Sights DriveScene::recorded() const {
+SceneDetections DriveScene::recorded() const {
   if (needs_all()) {
-    const Riders nobody(frames_.size());
+    const FrameCarriers nobody(frames_.size());
     return see({{Pass{&nobody, nullptr}}}, [] {}).front();
   }
   std::vector<HostId> frames;
   for (const SceneFrame& frame : frames_) frames.push_back({frame.id, 0});
   const CleanDetections clean = clean_detections(detectors_, store_, frames, request_.evaluation);
-  Sights sights;
-  for (const SceneFrame& frame : frames_) sights.push_back(clean.at(frame.id));
-  return sights;
+  SceneDetections scene_detections;
+  for (const SceneFrame& frame : frames_) scene_detections.push_back(clean.at(frame.id));
+  return scene_detections;
 }
 
-std::vector<Sights> DriveScene::see(const std::vector<Pass>& passes,
-                                    const std::function<void()>& frame_done) const {
-  std::vector<Sights> sights(passes.size(), Sights(frames_.size()));
+std::vector<SceneDetections> DriveScene::see(const std::vector<Pass>& passes,
+                                             const std::function<void()>& frame_done) const {
+  std::vector<SceneDetections> scene_detections(passes.size(), SceneDetections(frames_.size()));
   std::vector<std::vector<Lazy<Sweep>>> sweeps(passes.size());
   const auto reach = as_size(request_.settings.sweeps);
   const auto sweep_of = [this](const Pass& pass, std::size_t i) {
     const auto prepared = store_.get(frames_[i].id);
-    const Carrier* carrier = (*pass.riders)[i].carrier;
+    const Carrier* carrier = (*pass.carriers)[i].carrier;
     if (!carrier) return prepared->frame.sweep;
     const Placement placement = placement_of(request_.place, *carrier, prepared->frame.labels);
     return simulate(*prepared, placement, *pass.object, request_.simulation).sweep;
@@ -444,29 +450,29 @@ std::vector<Sights> DriveScene::see(const std::vector<Pass>& passes,
   // Whether nothing of the object is in what the detector sees of the frame.
   const auto is_as_recorded = [&](const Pass& pass, std::size_t i) {
     if (can_.remembers || !pass.object) return false;
-    const auto last = pass.riders->begin() + static_cast<std::ptrdiff_t>(i) + 1;
+    const auto last = pass.carriers->begin() + static_cast<std::ptrdiff_t>(i) + 1;
     return std::all_of(last - static_cast<std::ptrdiff_t>(std::min(i + 1, reach)), last,
-                       [](const Rider& rider) { return !rider.carrier; });
+                       [](const FrameCarrier& at) { return !at.carrier; });
   };
   std::optional<RenderedPictures> pictures;
   if (request_.renderer) pictures.emplace(*request_.renderer, request_.evaluation.expectation_seed);
-  const auto look = [&](Detector& detector, std::size_t p, std::size_t i) {
+  const auto detect = [&](Detector& detector, std::size_t p, std::size_t i) {
     if (is_as_recorded(passes[p], i)) {
-      sights[p][i] = clean_[i];
+      scene_detections[p][i] = clean_[i];
       return;
     }
     throw_if_interrupted(kVehiclesKept);
-    sights[p][i] = seen(detector, i, passes[p], sweeps[p], pictures ? &*pictures : nullptr);
-    if ((*passes[p].riders)[i].carrier) frame_done();
+    scene_detections[p][i] = seen(detector, i, passes[p], sweeps[p], pictures ? &*pictures : nullptr);
+    if ((*passes[p].carriers)[i].carrier) frame_done();
   };
   if (can_.remembers)
     for (std::size_t p = 0; p < passes.size(); ++p)
-      for (std::size_t i = 0; i < frames_.size(); ++i) look(*detectors_.front(), p, i);
+      for (std::size_t i = 0; i < frames_.size(); ++i) detect(*detectors_.front(), p, i);
   else
     for_each_with_detector(detectors_, frames_.size(), [&](Detector& detector, std::size_t i) {
-      for (std::size_t p = 0; p < passes.size(); ++p) look(detector, p, i);
+      for (std::size_t p = 0; p < passes.size(); ++p) detect(detector, p, i);
     });
-  return sights;
+  return scene_detections;
 }
 
 /// Returns of the frame and of those before it, in its `velo`.
@@ -486,7 +492,7 @@ Sweep DriveScene::merged(std::size_t i, const std::vector<Lazy<Sweep>>& sweeps) 
 std::vector<Detection> DriveScene::seen(Detector& detector, std::size_t i, const Pass& pass,
                                         const std::vector<Lazy<Sweep>>& sweeps,
                                         RenderedPictures* pictures) const {
-  const Rider& rider = (*pass.riders)[i];
+  const FrameCarrier& frame_carrier = (*pass.carriers)[i];
   const auto prepared = store_.get(frames_[i].id);
   const auto found = [&](SensorView view) {
     view.continues = i > 0;
@@ -494,12 +500,15 @@ std::vector<Detection> DriveScene::seen(Detector& detector, std::size_t i, const
     if (!sweeps.empty()) view.points = together = merged(i, sweeps);
     return detections(detector, view, request_.evaluation);
   };
-  if (!rider.carrier) return found(view_of(prepared->frame));
+  if (!frame_carrier.carrier) return found(view_of(prepared->frame));
   RenderedMesh rendered;  // of no step: its pictures are not kept
   if (pictures) rendered.mesh = *pass.object;
-  const StepHost host{
-      *prepared, rider.host, placement_of(request_.place, *rider.carrier, prepared->frame.labels),
-      {},        nullptr,    {pictures, &rendered}};
+  const StepHost host{*prepared,
+                      frame_carrier.host,
+                      placement_of(request_.place, *frame_carrier.carrier, prepared->frame.labels),
+                      {},
+                      nullptr,
+                      {pictures, &rendered}};
   Observation shown(host, *pass.object, request_.simulation);
   return found(shown.view(can_, can_.why_whole.empty() && sweeps.empty()));
 }
@@ -509,23 +518,25 @@ Box3 DriveScene::upright(const Box3& box) const {
   return box.height > 0 ? box : Box3{box.bev, road_, kUnknownHeight};
 }
 
-VersionTracks DriveScene::follow(const Sights& sights) const {
+VersionTracks DriveScene::follow(const SceneDetections& scene_detections) const {
   VersionTracks tracks;
   TrackerSettings settings = request_.settings.tracker;
-  const bool named = can_.remembers && std::any_of(sights.begin(), sights.end(), [](const auto& boxes) {
-                       return !boxes.empty() && boxes.front().identity >= 0;
-                     });
+  const bool named =
+      can_.remembers && std::any_of(scene_detections.begin(), scene_detections.end(), [](const auto& boxes) {
+        return !boxes.empty() && boxes.front().identity >= 0;
+      });
   if (request_.tracker)
-    tracks.own = tracks_by(*request_.tracker, *this, sights);
+    tracks.own = tracks_by(*request_.tracker, *this, scene_detections);
   else if (named)
-    for (const auto& boxes : sights) tracks.own.push_back(tracks_of(boxes, boxes, *this, "--detector"));
+    for (const auto& boxes : scene_detections)
+      tracks.own.push_back(tracks_of(boxes, boxes, *this, "--detector"));
   else
-    tracks.own = tracks_by(settings, *this, sights);
+    tracks.own = tracks_by(settings, *this, scene_detections);
   const bool is_ours = !request_.tracker && !named;
   for (std::size_t d = 0; d < kDeaths.size(); ++d) {
     settings.death = kDeaths[d];
     if (!is_ours || settings.death != request_.settings.tracker.death)
-      tracks.others[d] = tracks_by(settings, *this, sights);
+      tracks.others[d] = tracks_by(settings, *this, scene_detections);
   }
   return tracks;
 }
@@ -564,7 +575,7 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
     result.frames += static_cast<int>(scene.frames().size());
     const std::size_t together = scene.needs_all() ? 1 : kTogether;  // each holds its sweeps
     std::size_t in_group = 0;
-    for (Followed& vehicle : vehicles_of(scene.frames(), region, request.settings.least_frames)) {
+    for (TrackedVehicle& vehicle : vehicles_of(scene.frames(), region, request.settings.least_frames)) {
       if (request.only && !request.only->contains({scene.name(), vehicle.track})) continue;
       const LeftOut why = left_out_of(request.place, scene, vehicle);
       result.left_out.add(why);
@@ -574,7 +585,7 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
       groups.back().vehicles.push_back({std::move(vehicle), {}});
     }
   }
-  const std::string key = request.made_of.identity();
+  const std::string key = request.provenance.identity();
   Progress progress("drive", 2 * frames, request.evaluation.quiet);
   const auto frame_done = [&] { progress.add(); };
   for (const std::size_t g : order_among_ranks(groups.size())) {

@@ -67,12 +67,12 @@ struct DriveRequest {
   Detector* tracker = nullptr;         ///< reads kDetections, in place of settings.tracker; null: that
   ObjectRenderer* renderer = nullptr;  ///< draws both objects for the detector; null: the rasteriser
   std::optional<DriveVehicles> only;   ///< these alone are judged; none: all
-  /// Finished vehicles are kept here, as SEQUENCE_TRACK.json, and read again while `made_of` says the same;
-  /// empty: they are not. Such a file also holds what the vehicle's frames showed: by version, a list a frame
-  /// of boxes [x, y, bottom, length, width, height, yaw, score] and of confirmed tracks [identity, x, y,
-  /// bottom, length, width, height, yaw, whether it has a detection] (m, rad, `velo`).
+  /// Finished vehicles are kept here, as SEQUENCE_TRACK.json, and read again while `provenance` says the
+  /// same; empty: they are not. Such a file also holds what the vehicle's frames showed: by version, a list a
+  /// frame of boxes [x, y, bottom, length, width, height, yaw, score] and of confirmed tracks [identity, x,
+  /// y, bottom, length, width, height, yaw, whether it has a detection] (m, rad, `velo`).
   std::filesystem::path folder;
-  Provenance made_of;
+  Provenance provenance;
 };
 
 /// InputError if the detector finds boxes in the picture alone, if no vehicle has frames enough, and for a
@@ -96,7 +96,7 @@ struct SceneFrame {
 };
 
 /// What a detector finds in each frame of a scene.
-using Sights = std::vector<std::vector<Detection>>;
+using SceneDetections = std::vector<std::vector<Detection>>;
 /// The tracks that live in each frame of a scene, in `velo`.
 using Tracks = std::vector<std::vector<TrackState>>;
 
@@ -110,16 +110,16 @@ struct VersionTracks {
 };
 
 /// The vehicle that carries the object in a frame; null where it is not followed.
-struct Rider {
+struct FrameCarrier {
   const Carrier* carrier = nullptr;
   HostId host;
 };
 /// By the place of a frame in its scene.
-using Riders = std::vector<Rider>;
+using FrameCarriers = std::vector<FrameCarrier>;
 
 /// One way through a scene: an object on one vehicle, or nothing on any.
 struct Pass {
-  const Riders* riders = nullptr;
+  const FrameCarriers* carriers = nullptr;
   const TexturedMesh* object = nullptr;
 };
 
@@ -134,24 +134,25 @@ class DriveScene {
   const std::string& name() const { return name_; }
   /// The sequence's frames, by rising time.
   const std::vector<SceneFrame>& frames() const { return frames_; }
-  const Sights& clean() const { return clean_; }                       ///< as recorded
+  const SceneDetections& clean() const { return clean_; }              ///< as recorded
   const VersionTracks& clean_tracks() const { return clean_tracks_; }  ///< as recorded
 
   /// Whether a frame's answer depends on others.
   bool needs_all() const { return can_.remembers || request_.settings.sweeps > 1; }
   /// What the detector finds in each pass. Passes go through a frame one after the other, so that what it
   /// makes of the frame without an object serves them all. After Ctrl-C, Interrupted.
-  std::vector<Sights> see(const std::vector<Pass>& passes, const std::function<void()>& frame_done) const;
+  std::vector<SceneDetections> see(const std::vector<Pass>& passes,
+                                   const std::function<void()>& frame_done) const;
 
   /// `own` by the detector itself, the user's tracker, or ours.
-  VersionTracks follow(const Sights& sights) const;
+  VersionTracks follow(const SceneDetections& scene_detections) const;
   /// Detections that confirm a track on a vehicle: a tracker of the user's confirms by its own rule.
   int birth() const { return request_.tracker || can_.remembers ? 1 : request_.settings.tracker.birth; }
   /// The detection's box; one from above is given a height.
   Box3 upright(const Box3& box) const;
 
  private:
-  Sights recorded() const;
+  SceneDetections recorded() const;
   Sweep merged(std::size_t i, const std::vector<Lazy<Sweep>>& sweeps) const;
   std::vector<Detection> seen(Detector& detector, std::size_t i, const Pass& pass,
                               const std::vector<Lazy<Sweep>>& sweeps, RenderedPictures* pictures) const;
@@ -163,7 +164,7 @@ class DriveScene {
   std::string name_;
   std::vector<SceneFrame> frames_;
   double road_ = 0;  ///< m, its z in `velo`
-  Sights clean_;
+  SceneDetections clean_;
   VersionTracks clean_tracks_;
 };
 

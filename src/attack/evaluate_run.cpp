@@ -13,7 +13,7 @@
 #include "base/ranks.h"
 #include "base/sizes.h"
 #include "detection/detector_settings.h"
-#include "frames/made_of.h"
+#include "frames/frame_provenance.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
@@ -23,12 +23,12 @@ constexpr const char* kKind = "reliance";
 
 std::string key_of(const std::string& identity, const FrameSource& source,
                    const std::vector<std::string>& ids) {
-  Provenance made_of;
-  made_of.input("detector", identity);
-  made_of.input("data", frames_hash(source.data, ids, source.cameras));
-  made_of.input("sensors", sensors_identity(source.sensors));
-  made_of.set("classes", source.classes);
-  return made_of.made_of().dump();
+  Provenance provenance;
+  provenance.input("detector", identity);
+  provenance.input("data", frames_hash(source.data, ids, source.cameras));
+  provenance.input("sensors", sensors_identity(source.sensors));
+  provenance.set("classes", source.classes);
+  return provenance.provenance().dump();
 }
 
 }  // namespace
@@ -40,14 +40,14 @@ Reliance cached_reliance(const DetectorPool& detectors, const std::string& ident
     std::vector<Detector*> instances;
     for (const auto& detector : detectors) instances.push_back(detector.get());
     std::unique_ptr<Progress> progress;
-    const auto tell = [&](std::size_t done, std::size_t total) {
+    const auto on_progress = [&](std::size_t done, std::size_t total) {
       if (!progress) progress = std::make_unique<Progress>("use of the picture", total, quiet);
       progress->update(done);
     };
     // Processes share the passes by what is kept of them.
     const RecordedFrames frames =
         rank_count() > 1 ? recorded_frames(source, identity, "evaluate") : recorded_frames(source);
-    return measure_reliance(instances, frames, ids, tell, seen);
+    return measure_reliance(instances, frames, ids, on_progress, seen);
   };
   const auto disk = DiskCache::from_environment();
   if (identity.empty() || !disk->on() || !reads_picture(*detectors.front())) return measure();
@@ -83,8 +83,8 @@ void check_labels(const FrameSource& source, const std::vector<std::string>& fra
 
 /// Complains about what --hosts-of leaves no choice in.
 void check_hosts_of(const EvaluationRequest& request, const Run& stage) {
-  const auto data = request.asked.find("data");
-  if (data != request.asked.end() && is_other_data(stage, data->second))
+  const auto data = request.overrides.find("data");
+  if (data != request.overrides.end() && is_other_data(stage, data->second))
     throw FieldError("data", data->second,
                      "is not the data set of --hosts-of's run (" + stage.settings.data.string() + ")",
                      "leave --data out");
@@ -110,7 +110,7 @@ void check_request(const EvaluationRequest& request) {
                      request.run.empty() ? "is missing, and so is --mesh" : "is given, and --mesh, too",
                      "give a finished mirage attack (--run) or objects (--mesh)");
   if (request.meshes.empty()) return;
-  if (!request.asked.contains("data") && request.hosts_of.empty())
+  if (!request.overrides.contains("data") && request.hosts_of.empty())
     throw FieldError("data", "", "is missing: --mesh alone names no vehicles",
                      "give --data, or --hosts-of a finished mirage attack");
   if (!request.hosts.empty() && request.hosts != "all" && request.hosts_of.empty())
@@ -142,33 +142,33 @@ Vec3d extents(const TexturedMesh& mesh) {
   return bounds(mesh.mesh).sizes();
 }
 
-/// What all arms of an evaluation share, and how one fared.
+/// What all meshes of an evaluation share, and how one fared.
 nlohmann::json arm_json(const RunEvaluation& all, const std::string& name, const Evaluation& of,
                         const Vec3d& size, const NetSuccess* net) {
   auto seeds = nlohmann::json::array();
   for (int i = 0; i < of.meshes; ++i) seeds.push_back(all.run.settings.seed + static_cast<std::uint64_t>(i));
-  nlohmann::json arm = {{"name", name},
-                        {"detector", all.detector.detector},
-                        {"rig", all.detector.rig},
-                        {"target", to_word(all.run.settings.target)},
-                        {"seeds", seeds},
-                        {"meshes", of.meshes},
-                        {"extents_m", {size.x(), size.y(), size.z()}},
-                        {"hidden", fields_json(of.hiding)},
-                        {"bound", fields_json(hidden_bound(of.hosts))}};
-  arm.update(fields_json(of.rates));
-  if (net != nullptr) arm["net"] = fields_json(*net);
+  nlohmann::json entry = {{"name", name},
+                          {"detector", all.detector.detector},
+                          {"rig", all.detector.rig},
+                          {"target", to_word(all.run.settings.target)},
+                          {"seeds", seeds},
+                          {"meshes", of.meshes},
+                          {"extents_m", {size.x(), size.y(), size.z()}},
+                          {"hidden", fields_json(of.hiding)},
+                          {"bound", fields_json(hidden_bound(of.hosts))}};
+  entry.update(fields_json(of.rates));
+  if (net != nullptr) entry["net"] = fields_json(*net);
   if (!of.against_grown.empty()) {
-    arm["grown"] = grown_json(of.against_grown, of.meshes);
-    arm["grown"].erase("outcomes");
+    entry["grown"] = grown_json(of.against_grown, of.meshes);
+    entry["grown"].erase("outcomes");
   }
-  return arm;
+  return entry;
 }
 
 }  // namespace
 
-const BaselineArm* RunEvaluation::arm(Baseline kind) const {
-  for (const BaselineArm& baseline : baselines)
+const BaselineEvaluation* RunEvaluation::baseline(Baseline kind) const {
+  for (const BaselineEvaluation& baseline : baselines)
     if (baseline.kind == kind) return &baseline;
   return nullptr;
 }
@@ -185,9 +185,9 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.stage = request.hosts_of.empty() ? result.run : read_run(request.hosts_of, request.trust);
   Run& stage = result.stage;
   if (!request.hosts_of.empty()) check_hosts_of(request, stage);
-  const auto data = request.asked.find("data");
-  const bool whole_data = data != request.asked.end() && is_other_data(stage, data->second);
-  override_settings(stage, request.asked, request.detector.seed, true);
+  const auto data = request.overrides.find("data");
+  const bool whole_data = data != request.overrides.end() && is_other_data(stage, data->second);
+  override_settings(stage, request.overrides, request.detector.seed, true);
   result.detector = request.detector;
   use_detector_of(stage, result.detector);
   result.detector = for_data(result.detector, stage.settings);
@@ -204,7 +204,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   } else {
     result.hosts = hosts_of_split(stage, request.hosts);
     check_labels(stage.settings, host_frames(result.hosts));
-    if (request.asked.contains("placement")) result.left_out = leave_out(*result.store, result.hosts);
+    if (request.overrides.contains("placement")) result.left_out = leave_out(*result.store, result.hosts);
   }
   if (result.hosts.empty()) refuse_left_out(stage.settings.placement, result.left_out);
   if (result.hosts.empty() && whole_data)
@@ -220,8 +220,9 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
                  result.hosts.size());
 
   result.settings = request.settings;
-  result.settings.told = rank() == 0;
-  if (result.settings.told) result.settings.kinds = vehicle_kinds(stage.settings.data, result.hosts);
+  result.settings.reports_outcomes = rank() == 0;
+  if (result.settings.reports_outcomes)
+    result.settings.kinds = vehicle_kinds(stage.settings.data, result.hosts);
   if (result.detectors.empty())
     result.detectors = load_detector_pool(result.detector, static_cast<int>(result.hosts.size()));
   const Capabilities can = result.detectors.front()->capabilities();
@@ -243,24 +244,24 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   std::vector<TexturedMesh> meshes;
   for (const NamedObject& object : result.objects) meshes.push_back(object.mesh);
   if (of_run) meshes.push_back(result.run.adversary);
-  const bool told = result.settings.told;
-  for (std::size_t i = 0; i < meshes.size() && told; ++i)
+  const bool reports_outcomes = result.settings.reports_outcomes;
+  for (std::size_t i = 0; i < meshes.size() && reports_outcomes; ++i)
     warn_of_volume(stage.settings.placement, extents(meshes[i]),
                    of_run ? "the run's mesh" : escape_name(result.objects[i].name));
   result.learned = judged(meshes);
-  for (std::size_t mesh = 0; mesh < result.objects.size() && told; ++mesh)
+  for (std::size_t mesh = 0; mesh < result.objects.size() && reports_outcomes; ++mesh)
     result.each.push_back({result.objects[mesh].name, of_mesh(result.learned, mesh), extents(meshes[mesh])});
-  if (told && result.learned.rates.vehicles == 0)
+  if (reports_outcomes && result.learned.rates.vehicles == 0)
     spdlog::warn("{} finds none of {} vehicles as recorded: of its rates nothing is known",
                  result.detectors.front()->name(), result.hosts.size());
   if (request.random_meshes == 0) return result;
   for (const Baseline kind : kinds) {
     const auto controls = baseline_meshes(result.run, kind, request.random_meshes);
     Evaluation of = judged(controls);
-    if (!told) continue;
+    if (!reports_outcomes) continue;
     result.baselines.push_back({kind, std::move(of), {}, extents(controls.front())});
-    BaselineArm& arm = result.baselines.back();
-    arm.net = net_success(result.learned.hosts, arm.evaluation.hosts);
+    BaselineEvaluation& entry = result.baselines.back();
+    entry.net = net_success(result.learned.hosts, entry.evaluation.hosts);
   }
   return result;
 }
@@ -268,24 +269,24 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
 nlohmann::json to_json(const RunEvaluation& evaluation) {
   nlohmann::json result = to_json(evaluation.learned);
   result["bound"] = fields_json(hidden_bound(evaluation.learned.hosts));
-  for (const BaselineArm& arm : evaluation.baselines) {
-    const std::string key = arm.kind == Baseline::start ? "random" : to_word(arm.kind);
-    result[key] = to_json(arm.evaluation);
-    result[key]["meshes"] = arm.evaluation.meshes;
+  for (const BaselineEvaluation& entry : evaluation.baselines) {
+    const std::string key = entry.kind == Baseline::start ? "random" : to_word(entry.kind);
+    result[key] = to_json(entry.evaluation);
+    result[key]["meshes"] = entry.evaluation.meshes;
   }
   auto& arms = result["arms"];
-  const BaselineArm* sized = evaluation.arm(Baseline::sized);
-  for (const ObjectArm& arm : evaluation.each)
-    arms.push_back(arm_json(evaluation, escape_name(arm.name), arm.evaluation, arm.extents,
+  const BaselineEvaluation* sized = evaluation.baseline(Baseline::sized);
+  for (const ObjectEvaluation& entry : evaluation.each)
+    arms.push_back(arm_json(evaluation, escape_name(entry.name), entry.evaluation, entry.extents,
                             sized ? &sized->net : nullptr));
   if (evaluation.each.empty())
     arms.push_back(arm_json(evaluation, "learned", evaluation.learned, extents(evaluation.run.adversary),
                             sized ? &sized->net : nullptr));
   const std::vector<HostOutcome>& grown = evaluation.learned.against_grown;
-  for (const BaselineArm& arm : evaluation.baselines) {
-    arms.push_back(arm_json(evaluation, to_word(arm.kind), arm.evaluation, arm.extents, &arm.net));
+  for (const BaselineEvaluation& entry : evaluation.baselines) {
+    arms.push_back(arm_json(evaluation, to_word(entry.kind), entry.evaluation, entry.extents, &entry.net));
     if (!grown.empty())
-      arms.back()["grown"]["net"] = fields_json(net_success(grown, arm.evaluation.against_grown));
+      arms.back()["grown"]["net"] = fields_json(net_success(grown, entry.evaluation.against_grown));
   }
   if (sized) result["net"] = fields_json(sized->net);
   for (const NamedObject& object : evaluation.objects) result["meshes"].push_back(escape_name(object.name));

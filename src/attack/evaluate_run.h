@@ -37,7 +37,7 @@ struct EvaluationRequest {
   std::filesystem::path hosts_of;
   DetectorOptions detector = detector_of_the_run();  ///< `rig` is set by the data set
   std::string hosts;                                 ///< of the run: "test" (also if empty), "train" or "all"
-  Overrides asked;                                   ///< of another data set all usable vehicles are judged
+  Overrides overrides;                               ///< of another data set all usable vehicles are judged
   TrustRun trust = TrustRun::no;                     ///< of both runs
   int random_meshes = 1;  ///< meshes of each baseline: seeds run-seed, run-seed + 1, …; 0: none
   /// Which: words of parse_baselines. Empty: "start,sized", and none with `meshes`.
@@ -46,7 +46,7 @@ struct EvaluationRequest {
 };
 
 /// What the learned mesh is compared with, judged on the same hosts.
-struct BaselineArm {
+struct BaselineEvaluation {
   Baseline kind = Baseline::start;
   Evaluation evaluation;
   NetSuccess net;                 ///< the learned mesh's success less this one's
@@ -54,7 +54,7 @@ struct BaselineArm {
 };
 
 /// One of several objects, judged on the same hosts.
-struct ObjectArm {
+struct ObjectEvaluation {
   std::string name;
   Evaluation evaluation;
   Vec3d extents = Vec3d::Zero();  ///< m, along its axes
@@ -68,22 +68,22 @@ struct RunEvaluation {
   DetectorOptions detector;
   EvaluationSettings settings;
   std::vector<HostId> hosts;
-  HostsLeftOut left_out;  ///< vehicles that were asked for, by the placement
+  SkippedHosts left_out;  ///< vehicles that were asked for, by the placement
   int trained_on = 0;     ///< hosts in frames that the adversary was trained on
   std::unique_ptr<FrameStore> store;
   DetectorPool detectors;
   Reliance reliance;   ///< of the detector on the data set: whether anything follows about images
   Evaluation learned;  ///< with `objects`: of all of them, pooled
-  std::vector<NamedObject> objects;    ///< with EvaluationRequest::meshes: those
-  std::vector<ObjectArm> each;         ///< of `objects`, in their order
-  std::vector<BaselineArm> baselines;  ///< in the order asked for; none with random_meshes = 0
+  std::vector<NamedObject> objects;           ///< with EvaluationRequest::meshes: those
+  std::vector<ObjectEvaluation> each;         ///< of `objects`, in their order
+  std::vector<BaselineEvaluation> baselines;  ///< in the order asked for; none with random_meshes = 0
 
-  /// The arm of that kind; null if it was not judged.
-  const BaselineArm* arm(Baseline kind) const;
+  /// The baseline of that kind; null if it was not judged.
+  const BaselineEvaluation* baseline(Baseline kind) const;
 };
 
 /// InputError for options that contradict each other and where there are no hosts; with `meshes` as
-/// read_objects(). Ranks but the first have no outcomes (EvaluationSettings::told).
+/// read_objects(). Ranks but the first have no outcomes (EvaluationSettings::reports_outcomes).
 RunEvaluation evaluate_run(const EvaluationRequest& request);
 
 /// The learned mesh's Evaluation; of each baseline the same keys and "meshes", under its word, `start` under

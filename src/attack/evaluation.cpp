@@ -98,13 +98,13 @@ std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& da
   return kinds;
 }
 
-bool kept_on_disk(FrameStore& store, const EvaluationSettings& settings) {
+bool is_cached_on_disk(FrameStore& store, const EvaluationSettings& settings) {
   return store.cache().on() && !settings.detector_identity.empty();
 }
 
 const char* how_to_go_on(FrameStore& store, const EvaluationSettings& settings) {
-  return kept_on_disk(store, settings) ? "run it again: it goes on"
-                                       : "nothing is kept without MIRAGE_CACHE; run it again";
+  return is_cached_on_disk(store, settings) ? "run it again: it goes on"
+                                            : "nothing is kept without MIRAGE_CACHE; run it again";
 }
 
 std::string hash_of(const TexturedMesh& textured) {
@@ -148,27 +148,27 @@ class Attacked {
       : store_(store), settings_(settings), simulation_(simulation) {}
 
   /// `local`: the clean frame is looked at, too, which saves it work.
-  FoundAttacked look(Detector& detector, const HostId& id, const TexturedMesh& mesh,
-                     const std::string& mesh_hash, bool local) const {
+  AttackedDetections detect_with_object(Detector& detector, const HostId& id, const TexturedMesh& mesh,
+                                        const std::string& mesh_hash, bool local) const {
     const auto now = [&] { return drawn(detector, id, mesh, local); };
-    if (!kept_on_disk(store_, settings_)) return now();
-    Provenance made_of = store_.made_of(id);
-    made_of.add(simulation_);
+    if (!is_cached_on_disk(store_, settings_)) return now();
+    Provenance provenance = store_.provenance(id);
+    provenance.add(simulation_);
     if (settings_.expectation.any()) {
-      made_of.set("expectation", fields_json(settings_.expectation));  // its light is not the simulation's
-      made_of.set("expectation_seed", settings_.expectation_seed);
+      provenance.set("expectation", fields_json(settings_.expectation));  // its light is not the simulation's
+      provenance.set("expectation_seed", settings_.expectation_seed);
     }
-    made_of.input("mesh", mesh_hash);
-    made_of.input("detector", settings_.detector_identity);
-    made_of.set("score_threshold", settings_.score_threshold);
-    made_of.set("local", local);  // its answers are those of whole passes up to rounding
-    return store_.cache().attacked(made_of, now);
+    provenance.input("mesh", mesh_hash);
+    provenance.input("detector", settings_.detector_identity);
+    provenance.set("score_threshold", settings_.score_threshold);
+    provenance.set("local", local);  // its answers are those of whole passes up to rounding
+    return store_.cache().attacked(provenance, now);
   }
 
  private:
-  FoundAttacked drawn(Detector& detector, const HostId& id, const TexturedMesh& mesh, bool local) const {
+  AttackedDetections drawn(Detector& detector, const HostId& id, const TexturedMesh& mesh, bool local) const {
     const auto recorded = store_.get(id.frame);
-    const WorldDraw draw(settings_.expectation, settings_.expectation_seed, draw_of(id));
+    const SampledEnvironment draw(settings_.expectation, settings_.expectation_seed, draw_of(id));
     const StepHost host{
         *recorded, id, store_.placement(id), {}, settings_.expectation.any() ? &draw : nullptr};
     Observation seen(host, mesh, simulation_);
@@ -194,9 +194,9 @@ std::vector<Detection> detections(Detector& detector, const SensorView& view,
                   detector.capabilities().matching());
 }
 
-JudgedBoxes labelled_boxes(const Placement& placement, const Mesh& placed, const Calibration& calibration,
-                           const std::optional<PictureBox>& object) {
-  JudgedBoxes boxes{.victim = placement.neighbour};
+EvaluationLabels labelled_boxes(const Placement& placement, const Mesh& placed,
+                                const Calibration& calibration, const std::optional<PictureBox>& object) {
+  EvaluationLabels boxes{.victim = placement.neighbour};
   if (placement.support == Support::roof && !placement.neighbour) boxes.object = object;
   if (placement.victim == Victim::object) {
     boxes.own = own_label(placement, placed, calibration);
@@ -220,7 +220,7 @@ std::vector<Detection> clean_of(Detector& detector, const PreparedFrame& prepare
 
 HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> clean,
                   std::vector<Detection> attacked, const EvaluationSettings& settings,
-                  const JudgedBoxes& boxes) {
+                  const EvaluationLabels& boxes) {
   HostOutcome outcome;
   outcome.matching = settings.matching;
   outcome.id = id;
@@ -248,10 +248,10 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> c
   outcome.detected = outcome.clean_iou > settings.detected_iou;
   outcome.hidden = outcome.detected && outcome.attacked_iou <= settings.detected_iou;
   for (const Detection& proposal : attacked) {
-    const bool known = std::any_of(clean.begin(), clean.end(), [&](const Detection& c) {
+    const bool was_found = std::any_of(clean.begin(), clean.end(), [&](const Detection& c) {
       return settings.matching.overlap(proposal, c) > 0;
     });
-    if (known || truth.label_iou(proposal) >= settings.false_positive_iou) continue;
+    if (was_found || truth.label_iou(proposal) >= settings.false_positive_iou) continue;
     const double distance = settings.matching.distance(proposal, truth.host());
     const BevBox& box = proposal.box.bev;
     const double range = settings.matching.in_picture() ? 0 : std::hypot(box.x, box.y);
@@ -306,15 +306,15 @@ CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& stor
   for_each_with_detector(detectors, frames.size(), [&](Detector& detector, std::size_t k) {
     throw_if_interrupted(how_to_go_on(store, settings));
     const std::size_t i = order[k];
-    // Down to the score that an attack keeps them (CleanSights): one entry on disk serves both.
+    // Down to the score that an attack keeps them (CleanDetectionCache): one entry on disk serves both.
     EvaluationSettings down = settings;
     down.score_threshold = std::min(settings.score_threshold, kScoreThresholdForAp);
     clean.at(frames[i]) = scored_over(
         cached_detections(store, frames[i], settings.detector_identity, down.score_threshold,
                           [&](const Frame& frame) {
-                            const auto known = seen.find(frames[i]);
-                            if (known != seen.end() && down.score_threshold == kScoreThresholdForAp)
-                              return known->second;
+                            const auto cached = seen.find(frames[i]);
+                            if (cached != seen.end() && down.score_threshold == kScoreThresholdForAp)
+                              return cached->second;
                             return detections(detector, view_of(frame), down);
                           }),
         settings.score_threshold);
@@ -351,18 +351,19 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
     const std::size_t i = order[k];
     const HostId& id = hosts[i / adversaries.size()];  // a frame's work lies together
     const std::size_t mesh = i % adversaries.size();
-    FoundAttacked found = attacked.look(detector, id, adversaries[mesh], hashes[mesh],
-                                        local && passes.at(id.frame) >= kWorthKeeping);
-    if (!by.told) {
-      if (itself) attacked.look(detector, id, plain, plain_hash, local);
+    AttackedDetections found = attacked.detect_with_object(detector, id, adversaries[mesh], hashes[mesh],
+                                                           local && passes.at(id.frame) >= kWorthKeeping);
+    if (!by.reports_outcomes) {
+      if (itself) attacked.detect_with_object(detector, id, plain, plain_hash, local);
       return progress.add();
     }
     const auto prepared = store.get(id.frame);
     const std::size_t at = mesh * hosts.size() + i / adversaries.size();
     const Placement placement = store.placement(id);
-    const auto judged = [&](std::vector<Detection> detections, const JudgedBoxes& boxes) {
+    const auto judged = [&](std::vector<Detection> detections, const EvaluationLabels& boxes) {
       std::vector<Detection> before =
-          itself ? attacked.look(detector, id, plain, plain_hash, local).detections : clean.at(id.frame);
+          itself ? attacked.detect_with_object(detector, id, plain, plain_hash, local).detections
+                 : clean.at(id.frame);
       HostOutcome one = judge(id, prepared->frame, std::move(before), std::move(detections), by, boxes);
       one.mesh = static_cast<int>(mesh);
       one.from_box = placement.carrier->from_box;
@@ -377,7 +378,7 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
                           labelled_boxes(placement, placed, prepared->frame.calibration, found.object));
     progress.add();
   });
-  if (!by.told) return {};
+  if (!by.reports_outcomes) return {};
   Evaluation evaluation = summarize(std::move(outcomes), static_cast<int>(adversaries.size()));
   evaluation.against_grown = std::move(grown);
   return evaluation;
@@ -451,8 +452,8 @@ void visit_fields(Visitor& visit, S& s) {
 
 namespace {
 
-constexpr std::size_t kMostEntries = 100'000'000;
-constexpr int kMostMeshes = 1'000'000;
+constexpr std::size_t kMaxEntries = 100'000'000;
+constexpr int kMaxMeshes = 1'000'000;
 
 /// The fields that hold a distance in m.
 constexpr std::pair<const char*, double HostOutcome::*> kDistances[] = {
@@ -462,11 +463,11 @@ HostOutcome read_outcome(const JsonFields& json) {
   HostOutcome host;
   host.id = {json.text("frame"), json.count("label")};
   host.kind = json.text("kind");
-  if (json.has("mesh")) host.mesh = json.count("mesh", kMostMeshes);
+  if (json.has("mesh")) host.mesh = json.count("mesh", kMaxMeshes);
   if (json.has("track")) host.track = json.count("track");
   if (json.has("victim")) host.victim = json.count("victim");
   for (const auto& [key, distance] : kDistances)
-    if (json.has(key) && !json.is_null(key)) host.*distance = json.number(key, 0, Range::kMost);
+    if (json.has(key) && !json.is_null(key)) host.*distance = json.number(key, 0, Range::kMax);
   read_fields(json, host);
   return host;
 }
@@ -494,14 +495,14 @@ std::vector<HostOutcome> read_outcomes(const JsonFields& evaluation) {
   // The distribution is there whether or not there is a box (host_outcome.h).
   const bool in_picture = positives.has("distance_from_host_px");
   const auto each = [](const JsonFields& json, const char* key, const auto& read) {
-    const nlohmann::json& list = json.list(key, kMostEntries);
+    const nlohmann::json& list = json.list(key, kMaxEntries);
     for (std::size_t i = 0; i < list.size(); ++i) read(json.inner(fmt::format("{}[{}]", key, i), list[i]));
   };
   std::map<std::tuple<std::string, int, int>, std::vector<NewBox>> boxes;
   each(positives, "list", [&](const JsonFields& json) {
     NewBox box;
-    box.distance = json.number(in_picture ? "distance_from_host_px" : "distance_from_host", 0, Range::kMost);
-    boxes[{json.text("frame"), json.count("label"), json.count("mesh", kMostMeshes)}].push_back(box);
+    box.distance = json.number(in_picture ? "distance_from_host_px" : "distance_from_host", 0, Range::kMax);
+    boxes[{json.text("frame"), json.count("label"), json.count("mesh", kMaxMeshes)}].push_back(box);
   });
   std::vector<HostOutcome> hosts;
   each(evaluation, "outcomes", [&](const JsonFields& json) {

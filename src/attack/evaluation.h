@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "attack/detector_pool.h"
-#include "attack/expectation.h"
+#include "attack/eot.h"
 #include "attack/host_outcome.h"
 #include "base/intervals.h"
 #include "base/json_fields.h"
@@ -85,15 +85,15 @@ struct EvaluationSettings {
   double false_positive_iou = 0.3;
   /// What differs from vehicle to vehicle: every mesh on a vehicle meets the same draw. The detections
   /// without an object are those of the frames as recorded.
-  Expectation expectation = {};
+  EotSettings expectation = {};
   std::uint64_t expectation_seed = 0;
   /// How the detector is judged (Capabilities::matching); evaluate() sets it.
   Matching matching = {};
   bool quiet = false;
   /// False, on a rank that tells nothing: evaluate() fills what is kept on disk, and has no outcomes. It then
   /// opens no frame of another rank's.
-  bool told = true;
-  /// Of the pool's options (frames/made_of.h); empty: clean detections are not cached.
+  bool reports_outcomes = true;
+  /// Of the pool's options (frames/frame_provenance.h); empty: clean detections are not cached.
   std::string detector_identity = {};
   /// What kind of vehicle a host is, by host_name; the label's type where it is not in here.
   std::map<std::string, std::string> kinds = {};
@@ -116,7 +116,7 @@ struct Evaluation {
 };
 
 /// Whether answers go to disk: then a second run goes on, and ranks share their work.
-bool kept_on_disk(FrameStore& store, const EvaluationSettings& settings);
+bool is_cached_on_disk(FrameStore& store, const EvaluationSettings& settings);
 /// For Interrupted.
 const char* how_to_go_on(FrameStore& store, const EvaluationSettings& settings);
 /// content_hash of every coordinate, index and texel.
@@ -130,7 +130,7 @@ std::vector<Detection> detections(Detector& detector, const SensorView& view,
                                   const EvaluationSettings& settings);
 
 /// What a placement changes in how a host is judged.
-struct JudgedBoxes {
+struct EvaluationLabels {
   /// carried_box() of the object in the attacked picture, which Matching::in_picture alone needs.
   std::optional<PictureBox> object = {};
   std::optional<int> victim = {};  ///< Placement::neighbour: its label is judged
@@ -142,8 +142,8 @@ struct JudgedBoxes {
 /// Of an object as placed (`velo`) whose carried_box() is `object`, against labelled boxes: one that stands
 /// beside the box which it grows is no part of that, nor is one that stands on another vehicle than its
 /// victim.
-JudgedBoxes labelled_boxes(const Placement& placement, const Mesh& placed, const Calibration& calibration,
-                           const std::optional<PictureBox>& object);
+EvaluationLabels labelled_boxes(const Placement& placement, const Mesh& placed,
+                                const Calibration& calibration, const std::optional<PictureBox>& object);
 
 /// Victim::object: what stands there in the frame that counts as clean, a mid-grey cuboid that fills the
 /// placement's volume.
@@ -155,7 +155,7 @@ std::vector<Detection> clean_of(Detector& detector, const PreparedFrame& prepare
 /// Judges one host, given its clean and attacked detections.
 HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> clean,
                   std::vector<Detection> attacked, const EvaluationSettings& settings,
-                  const JudgedBoxes& boxes = {});
+                  const EvaluationLabels& boxes = {});
 
 /// What to_json(Evaluation) adds as "grown", where boxes grow: the success against grown boxes, {vehicles,
 /// fn_asr, fp_asr, asr: {value, low, high}, hidden: as HidingRates, outcomes}.

@@ -69,17 +69,17 @@ SeenChange seen_change(Detector& detector, FrameStore& store, const std::vector<
                        int vehicles) {
   const AttackSettings settings;
   TexturedMesh object = initial_adversary(settings.limits);
-  CleanSights sights;
+  CleanDetectionCache clean_cache;
   SeenChange seen;
   if (!detector.capabilities().has_gradients) return seen;
-  double told = 0, squared = 0, predicted_squared = 0;
+  double products = 0, squared = 0, predicted_squared = 0;
   for (const std::string& frame : frames) {
     for (const Host& host :
          find_hosts(store, frame, detector.region(), settings.simulation, settings.min_view)) {
       if (seen.vehicles == vehicles) break;
       throw_if_interrupted("no result was written");
       const auto prepared = store.get(frame);
-      const std::vector<Detection> clean = sights.of(*prepared, detector);
+      const std::vector<Detection> clean = clean_cache.of(*prepared, detector);
       const StepHost carried{*prepared, host.id, store.placement(host.id), clean};
       const HostStep here = attack_host(detector, carried, object, settings);
       if (!here.found) continue;
@@ -93,20 +93,20 @@ SeenChange seen_change(Detector& detector, FrameStore& store, const std::vector<
           const HostStep there = attack_host(detector, carried, moved, settings, false);
           measured += side * (there.hide + there.false_positive);
         }
-        told += predicted * measured, squared += measured * measured;
+        products += predicted * measured, squared += measured * measured;
         predicted_squared += predicted * predicted;
         seen.largest = std::max(seen.largest, std::abs(measured));
       }
     }
     if (seen.vehicles == vehicles) break;
   }
-  if (squared > 0) seen.share = told / squared;
-  if (squared * predicted_squared > 0) seen.cosine = told / std::sqrt(squared * predicted_squared);
+  if (squared > 0) seen.share = products / squared;
+  if (squared * predicted_squared > 0) seen.cosine = products / std::sqrt(squared * predicted_squared);
   return seen;
 }
 
-std::vector<std::pair<std::string, std::string>> rows_of(const FoundClean& found, const BoxHabits& habits,
-                                                         const SeenChange& seen) {
+std::vector<std::pair<std::string, std::string>> rows_of(const CleanPerformance& found,
+                                                         const BoxHabits& habits, const SeenChange& seen) {
   std::vector<std::pair<std::string, std::string>> rows = {
       {"found", fmt::format("{} of {} vehicles, AP 0.5 {:.1f} %, AP 0.7 {:.1f} %", found.found,
                             found.vehicles, 100 * found.ap50, 100 * found.ap70)}};

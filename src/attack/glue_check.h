@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "attack/clean_sights.h"
+#include "attack/clean_detections.h"
 #include "frames/frame_store.h"
 
 namespace mirage {
@@ -55,7 +55,7 @@ SeenChange seen_change(Detector& detector, FrameStore& store, const std::vector<
                        int vehicles);
 
 /// Rows of a table: what was found, boxes, logits, gradient, hints.
-std::vector<std::pair<std::string, std::string>> rows_of(const FoundClean& found, const BoxHabits& habits,
-                                                         const SeenChange& seen);
+std::vector<std::pair<std::string, std::string>> rows_of(const CleanPerformance& found,
+                                                         const BoxHabits& habits, const SeenChange& seen);
 
 }  // namespace mirage

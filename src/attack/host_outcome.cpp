@@ -131,7 +131,7 @@ HostTruth::HostTruth(const Frame& frame, const Label& host, Matching matching,
   if (!matching.in_picture()) {
     calibration_ = frame.calibration;
   } else if (object) {
-    host_.emplace_back(joined(picture_box(host), *object));
+    host_.emplace_back(united(picture_box(host), *object));
     labels_.push_back(host_.back());
   }
 }
@@ -304,16 +304,16 @@ double clusters_for(double at_most, double value, bool single) {
   return enough;
 }
 
-std::optional<long> planned(double wanted) {
-  wanted = std::ceil(wanted);
-  if (!(wanted <= 1e6)) return std::nullopt;
-  const double digit = std::pow(10, std::max(0.0, std::floor(std::log10(std::max(1.0, wanted))) - 1));
-  return static_cast<long>(std::ceil(wanted / digit) * digit);
+std::optional<long> rounded_up(double count) {
+  count = std::ceil(count);
+  if (!(count <= 1e6)) return std::nullopt;
+  const double digit = std::pow(10, std::max(0.0, std::floor(std::log10(std::max(1.0, count))) - 1));
+  return static_cast<long>(std::ceil(count / digit) * digit);
 }
 
-std::optional<long> vehicles_to_tell(double vehicles, double detectable, double difference) {
+std::optional<long> sample_size(double vehicles, double detectable, double difference) {
   const double times = detectable / difference;
-  return planned(vehicles * times * times);
+  return rounded_up(vehicles * times * times);
 }
 
 HiddenBound hidden_bound(std::span<const HostOutcome> hosts, double nearest, double farthest) {

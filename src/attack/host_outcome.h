@@ -243,10 +243,10 @@ ShareBound share_bound(std::span<const double> shares, bool single);
 /// infinite where that is not below `at_most`.
 double clusters_for(double at_most, double value, bool single);
 /// A plan's number of vehicles, rounded up to two digits; none above a million, and for no number.
-std::optional<long> planned(double wanted);
+std::optional<long> rounded_up(double count);
 /// How many it would take to tell `difference`, where `vehicles` tell `detectable` in as many of such sets:
 /// intervals narrow with their root.
-std::optional<long> vehicles_to_tell(double vehicles, double detectable, double difference);
+std::optional<long> sample_size(double vehicles, double detectable, double difference);
 
 /// m: vehicles within it are what bounds are given for, unless others are asked for.
 inline constexpr double kBoundRange = 40;

@@ -15,7 +15,7 @@
 namespace mirage {
 namespace {
 
-constexpr std::size_t kMostKept = std::size_t{1} << 28;  // values: 1 GiB
+constexpr std::size_t kMaxKeptValues = std::size_t{1} << 28;  // values: 1 GiB
 
 double mean_square(const std::vector<Vec3d>& from, const std::vector<Vec3d>& to) {
   double sum = 0;
@@ -56,22 +56,23 @@ class Hash {
 };
 
 /// The stages by their names in result.json.
-constexpr std::pair<const char*, double HostSeconds::*> kHostStages[] = {
-    {"simulation_forward", &HostSeconds::simulation_forward},
-    {"simulation_vjp", &HostSeconds::simulation_vjp},
-    {"detector_forward", &HostSeconds::detector_forward},
-    {"detector_backward", &HostSeconds::detector_backward},
-    {"worlds", &HostSeconds::worlds},
-    {"rendering", &HostSeconds::rendering},
-    {"rest", &HostSeconds::rest}};
-constexpr std::pair<const char*, double StageSeconds::*> kStages[] = {{"input", &StageSeconds::input},
-                                                                      {"hosts", &StageSeconds::hosts},
-                                                                      {"exchange", &StageSeconds::exchange},
-                                                                      {"optimiser", &StageSeconds::optimiser},
-                                                                      {"files", &StageSeconds::files}};
+constexpr std::pair<const char*, double HostTimings::*> kHostTimings[] = {
+    {"simulation_forward", &HostTimings::simulation_forward},
+    {"simulation_vjp", &HostTimings::simulation_vjp},
+    {"detector_forward", &HostTimings::detector_forward},
+    {"detector_backward", &HostTimings::detector_backward},
+    {"worlds", &HostTimings::worlds},
+    {"rendering", &HostTimings::rendering},
+    {"rest", &HostTimings::rest}};
+constexpr std::pair<const char*, double StepTimings::*> kStepTimings[] = {
+    {"input", &StepTimings::input},
+    {"hosts", &StepTimings::hosts},
+    {"exchange", &StepTimings::exchange},
+    {"optimiser", &StepTimings::optimiser},
+    {"files", &StepTimings::files}};
 
 /// InputError where the view shows sensors beside the first camera and the LiDAR: what draws an environment
-/// (attack/expectation.h) or a picture does not know them.
+/// (attack/eot.h) or a picture does not know them.
 void require_no_others(const SensorView& view) {
   if (view.others.empty()) return;
   throw InputError("expect, renderer", view.others[0].name,
@@ -85,9 +86,10 @@ std::vector<const float*> others_of(const SensorGradient& gradient, const Frame&
                                     const Simulated& simulated) {
   std::vector<const float*> others;
   const auto add = [&](const std::string& name, std::size_t values) {
-    const auto given = gradient.others.find(name);
-    const bool there = given != gradient.others.end() && values > 0 && given->second.size() == values;
-    others.push_back(there ? given->second.data() : nullptr);
+    const auto gradient_of_sensor = gradient.others.find(name);
+    const bool there = gradient_of_sensor != gradient.others.end() && values > 0 &&
+                       gradient_of_sensor->second.size() == values;
+    others.push_back(there ? gradient_of_sensor->second.data() : nullptr);
   };
   for (std::size_t k = 0; k < simulated.others.size(); ++k)
     add(frame.others[k].name, simulated.others[k].rect.empty() ? 0 : simulated.others[k].image.data.size());
@@ -97,7 +99,7 @@ std::vector<const float*> others_of(const SensorGradient& gradient, const Frame&
 
 }  // namespace
 
-bool has_moved(const TexturedMesh& from, const TexturedMesh& to, const Renewal& renewal) {
+bool has_moved(const TexturedMesh& from, const TexturedMesh& to, const RedrawLimits& renewal) {
   return std::sqrt(mean_square(from.mesh.vertices, to.mesh.vertices)) > renewal.metres ||
          std::sqrt(mean_square(from.atlas.texels, to.atlas.texels) / 3) > renewal.texels;
 }
@@ -138,15 +140,15 @@ PixelRect RenderedPictures::correct(const HostInWorld& host, const TexturedMesh&
     const std::scoped_lock lock(mutex_);
     if (iteration_ != rendered.iteration) corrections_.clear(), kept_ = 0;
     iteration_ = rendered.iteration;
-    if (const auto known = corrections_.find(name);
-        known != corrections_.end() && known->second->world == host.world)
-      correction = known->second;
+    if (const auto cached = corrections_.find(name);
+        cached != corrections_.end() && cached->second->world == host.world)
+      correction = cached->second;
   }
   if (!correction) {
     correction = make(host, adversary, rendered, simulated);
     const std::scoped_lock lock(mutex_);
     if (keep && iteration_ == rendered.iteration) {
-      if (kept_ > kMostKept) corrections_.clear(), kept_ = 0;  // they are made again, to the same bits
+      if (kept_ > kMaxKeptValues) corrections_.clear(), kept_ = 0;  // they are made again, to the same bits
       kept_ += correction->difference.data.size();
       corrections_[name] = correction;
     }
@@ -169,7 +171,7 @@ SensorView view_of(const PreparedFrame& prepared, const Simulated& simulated, co
   return view;
 }
 
-CleanView clean_view(const PreparedFrame& prepared, const PixelRect& changed) {
+UnchangedInput unchanged_input(const PreparedFrame& prepared, const PixelRect& changed) {
   const Frame& frame = prepared.frame;
   Hash hash;
   hash.add(frame.image.data.data(), frame.image.data.size() * sizeof(float));
@@ -179,24 +181,24 @@ CleanView clean_view(const PreparedFrame& prepared, const PixelRect& changed) {
   return {&frame.image, frame.sweep, hash.value(), changed};
 }
 
-HostSeconds& HostSeconds::operator+=(const HostSeconds& other) {
-  for (const auto& [name, stage] : kHostStages) this->*stage += other.*stage;
+HostTimings& HostTimings::operator+=(const HostTimings& other) {
+  for (const auto& [name, stage] : kHostTimings) this->*stage += other.*stage;
   return *this;
 }
 
-StageSeconds& StageSeconds::operator+=(const StageSeconds& other) {
-  for (const auto& [name, stage] : kStages) this->*stage += other.*stage;
+StepTimings& StepTimings::operator+=(const StepTimings& other) {
+  for (const auto& [name, stage] : kStepTimings) this->*stage += other.*stage;
   threads += other.threads;
   return *this;
 }
 
-nlohmann::json to_json(const StageSeconds& stages, double seconds, long iterations, std::size_t workers) {
+nlohmann::json to_json(const StepTimings& stages, double seconds, long iterations, std::size_t workers) {
   const double n = iterations > 0 ? static_cast<double>(iterations) : 1;
-  double known = 0;
+  double accounted = 0;
   nlohmann::json wall, threads;
-  for (const auto& [name, stage] : kStages) known += stages.*stage, wall[name] = stages.*stage / n;
-  for (const auto& [name, stage] : kHostStages) threads[name] = stages.threads.*stage / n;
-  wall["rest"] = (seconds - known) / n, wall["total"] = seconds / n;
+  for (const auto& [name, stage] : kStepTimings) accounted += stages.*stage, wall[name] = stages.*stage / n;
+  for (const auto& [name, stage] : kHostTimings) threads[name] = stages.threads.*stage / n;
+  wall["rest"] = (seconds - accounted) / n, wall["total"] = seconds / n;
   return {{"iterations", iterations},
           {"threads", workers},
           {"ranks", rank_count()},
@@ -228,7 +230,7 @@ SensorView Observation::view(const Capabilities& can, bool local) {
   if (host_.seen.pictures || (host_.draw && host_.draw->expectation().any_in_frame()))
     require_no_others(view);
   if (local) {
-    clean_ = clean_view(world_.prepared(), changed_);
+    clean_ = unchanged_input(world_.prepared(), changed_);
     view.clean = &clean_;
   }
   seconds_.simulation_forward += clock.lap();

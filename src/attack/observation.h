@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "attack/attack_settings.h"
-#include "attack/expectation.h"
+#include "attack/eot.h"
 #include "detection/detector.h"
 #include "frames/host_id.h"
 #include "frames/hosts.h"
@@ -28,7 +28,7 @@ namespace mirage {
 struct HostInWorld {
   const PreparedFrame& prepared;
   const HostId& host;
-  const Placement& placement;  ///< at the host, or one drawn (attack/expectation.h)
+  const Placement& placement;  ///< at the host, or one drawn (attack/eot.h)
   const SimulationSettings& simulation;
   std::uint64_t world = 0;  ///< which draw it is of; 0: as recorded, or the only one
 };
@@ -68,7 +68,7 @@ struct RenderedMesh {
 };
 
 /// Whether it has moved further, in either way. With 0 every change counts.
-bool has_moved(const TexturedMesh& from, const TexturedMesh& to, const Renewal& renewal);
+bool has_moved(const TexturedMesh& from, const TexturedMesh& to, const RedrawLimits& renewal);
 
 /// Corrections C(x₀) − R(x₀), kept while x₀ stays. Several threads may ask.
 class RenderedPictures {
@@ -107,7 +107,7 @@ SensorView view_of(const PreparedFrame& prepared, const Simulated& simulated, co
 /// The frame without the object, as a detector may use it to compute only what the object changes (of the
 /// picture: `changed`): views of
 /// `prepared`, which must outlive it. The key is a hash of the picture, the sweep and the calibration.
-CleanView clean_view(const PreparedFrame& prepared, const PixelRect& changed);
+UnchangedInput unchanged_input(const PreparedFrame& prepared, const PixelRect& changed);
 
 /// Seconds between calls.
 class Stopwatch {
@@ -126,28 +126,28 @@ class Stopwatch {
 
 /// Of one host: its thread's seconds by the clock on the wall. `worlds`: what --expect draws;
 /// `rendering`: an ObjectRenderer's pictures; `rest`: the objective.
-struct HostSeconds {
+struct HostTimings {
   double simulation_forward = 0, simulation_vjp = 0, detector_forward = 0, detector_backward = 0;
   double worlds = 0, rendering = 0, rest = 0;
   /// Adds stage by stage.
-  HostSeconds& operator+=(const HostSeconds& other);
+  HostTimings& operator+=(const HostTimings& other);
 };
 
 /// Of iterations, in this process. The first five are wall seconds, one after another; `threads` are summed
 /// over the hosts that were simulated within `hosts`, several at a time.
-struct StageSeconds {
+struct StepTimings {
   double input = 0;      ///< waiting for frames that were not read ahead
   double hosts = 0;      ///< simulating, detecting, and back
   double exchange = 0;   ///< waiting for the other ranks and their gradients
   double optimiser = 0;  ///< sum, smoothness, Adam, projection
   double files = 0;      ///< checkpoints
-  HostSeconds threads;
+  HostTimings threads;
   /// Adds stage by stage.
-  StageSeconds& operator+=(const StageSeconds& other);
+  StepTimings& operator+=(const StepTimings& other);
 };
 
 /// Means over iterations; `seconds`: wall seconds of all of them, `workers`: threads that share the hosts.
-nlohmann::json to_json(const StageSeconds& stages, double seconds, long iterations, std::size_t workers);
+nlohmann::json to_json(const StepTimings& stages, double seconds, long iterations, std::size_t workers);
 
 // What a detector is shown of one host, and the way back through all that made it: the simulation, a renderer
 // in place of its rasteriser, and what --expect draws of the world.
@@ -166,7 +166,7 @@ struct StepHost {
   /// What the detector finds in the frame as recorded: for the objective's top-k rule and for what counts as
   /// hidden.
   std::span<const Detection> clean = {};
-  const WorldDraw* draw = nullptr;  ///< null: the world as recorded
+  const SampledEnvironment* draw = nullptr;  ///< null: the world as recorded
   HostPictures seen = {};
 };
 
@@ -197,17 +197,17 @@ class Observation {
   /// gets none. The noise is held fixed, and so is what the renderer's picture differs by.
   AdversaryGradient vjp(const SensorGradient& gradient, AttackTarget target) const;
   /// What it took so far: worlds, simulation_forward and rendering.
-  const HostSeconds& seconds() const { return seconds_; }
+  const HostTimings& seconds() const { return seconds_; }
 
  private:
   const StepHost& host_;
   Stopwatch clock_;  ///< before the world, whose time it takes
-  DrawnHost world_;
+  SampledHost world_;
   Simulated simulated_;
   PixelRect changed_;  ///< pixels that are not as recorded, but for noise
-  CleanView clean_;
+  UnchangedInput clean_;
   LidarSilhouette silhouette_;
-  HostSeconds seconds_;
+  HostTimings seconds_;
 };
 
 }  // namespace mirage

@@ -34,7 +34,7 @@ constexpr double kRates[] = {1, 0.25};
 /// Of rates, shares and choices in this file: a folder of another one is not gone on with.
 constexpr int kRecipe = 4;
 constexpr const char* kAutoAgain = "delete the file to do its part of the run again";
-constexpr std::size_t kMostLooks = 1'000'000;
+constexpr std::size_t kMaxEvaluations = 1'000'000;
 
 struct Candidate {
   std::string start;
@@ -47,10 +47,10 @@ struct Candidate {
 };
 
 /// Lowest of the first values, those after at most `step` steps.
-double best_until(const HeldOutRecord& held, long step) {
+double best_until(const HeldOutRecord& record, long step) {
   double best = std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < held.values.size() && held.iterations[i] <= step; ++i)
-    best = std::min(best, held.values[i]);
+  for (std::size_t i = 0; i < record.values.size() && record.iterations[i] <= step; ++i)
+    best = std::min(best, record.values[i]);
   return best;
 }
 
@@ -60,9 +60,9 @@ class Portfolio {
       : run_(run),
         settings_(run.settings),
         folder_(settings_.out / "auto"),
-        part_(split_validation(run.train, settings_.seed, kChoosingHosts, "attack")),
+        part_(split_validation(run.train, settings_.seed, kSelectionHosts, "attack")),
         identity_(run.identity),
-        sights_(run.sights),
+        clean_cache_(run.clean_cache),
         timer_(settings_.checkpoint),
         progress_("attack", as_size(settings_.iterations), settings_.quiet) {
     identity_.json["iterations"] = settings_.iterations;
@@ -109,18 +109,18 @@ class Portfolio {
 
   /// Takes up what an earlier process left; the run's own file is there from now on.
   void open() {
-    const auto check = [&](const std::filesystem::path& file, const nlohmann::json& known) {
-      JsonFields(file, known, kAutoAgain).object("identity");
-      check_identity(file, known.at("identity"), identity_);
+    const auto check = [&](const std::filesystem::path& file, const nlohmann::json& stored) {
+      JsonFields(file, stored, kAutoAgain).object("identity");
+      check_identity(file, stored.at("identity"), identity_);
     };
     const auto own = settings_.out / "checkpoint.json", file = folder_ / "looks.json";
     if (exists(own)) check(own, read_json(own));
     if (exists(file)) {
-      const nlohmann::json known = read_json(file);
-      check(file, known);
-      const JsonFields json(file, known, kAutoAgain);
+      const nlohmann::json stored = read_json(file);
+      check(file, stored);
+      const JsonFields json(file, stored, kAutoAgain);
       const auto read = [&](const char* key) {
-        return json.numbers(key, json.list(key, kMostLooks).size(), -std::numeric_limits<double>::max(),
+        return json.numbers(key, json.list(key, kMaxEvaluations).size(), -std::numeric_limits<double>::max(),
                             std::numeric_limits<double>::max());
       };
       shapes_ = read("shapes");
@@ -154,9 +154,9 @@ class Portfolio {
   }
 
   /// The objective of a mesh as it is on these vehicles; the same on every rank.
-  double look(const TexturedMesh& mesh, const std::vector<Host>& hosts) {
+  double evaluate(const TexturedMesh& mesh, const std::vector<Host>& hosts) {
     stop_if_interrupted();
-    return AttackStepper(settings_, run_.detectors, run_.store, part_.learn, mesh.mesh, sights_)
+    return AttackStepper(settings_, run_.detectors, run_.store, part_.learn, mesh.mesh, clean_cache_)
         .held_out(mesh, hosts);
   }
 
@@ -176,7 +176,7 @@ class Portfolio {
     double lowest = std::numeric_limits<double>::infinity();
     for (std::size_t i = 0; i < total; ++i) {
       if (i == shapes_.size()) {
-        shapes_.push_back(look(shape(method.next()), searched_));
+        shapes_.push_back(evaluate(shape(method.next()), searched_));
         write_looks();
       }
       lowest = std::min(lowest, shapes_[i]);
@@ -196,7 +196,7 @@ class Portfolio {
     starts_.resize(std::min(starts_.size(), named_.size()));
     for (std::size_t i = 0; i < named_.size(); ++i) {
       if (i == starts_.size()) {
-        starts_.push_back(look(named_[i].mesh, part_.held_out));
+        starts_.push_back(evaluate(named_[i].mesh, part_.held_out));
         write_looks();
       }
       named_[i].value = starts_[i];
@@ -239,7 +239,7 @@ class Portfolio {
     for (Candidate& c : candidates_) {
       require_one_file(c.file, c.state.iteration, "checkpoints");
       c.stepper = std::make_unique<AttackStepper>(c.settings, run_.detectors, run_.store, part_.learn,
-                                                  c.state.adversary.mesh, sights_);
+                                                  c.state.adversary.mesh, clean_cache_);
     }
   }
 
@@ -249,12 +249,12 @@ class Portfolio {
   }
 
   void advance(Candidate& c, long until) {
-    HeldOutRecord& held = c.state.held_out;
+    HeldOutRecord& record = c.state.held_out;
     for (;;) {
       const long at = c.state.iteration;
       if ((at == 0 || at % settings_.validation_every == 0 || ends_.contains(at)) &&
-          (held.iterations.empty() || held.iterations.back() < at))
-        held.add(at, c.stepper->held_out(c.state.adversary, part_.held_out), c.state.adversary);
+          (record.iterations.empty() || record.iterations.back() < at))
+        record.add(at, c.stepper->held_out(c.state.adversary, part_.held_out), c.state.adversary);
       if (at >= until) break;
       if (any_rank(interrupted())) {
         save(c);
@@ -325,7 +325,7 @@ class Portfolio {
   std::filesystem::path folder_;
   ValidationPart part_;
   RunIdentity identity_;
-  std::shared_ptr<CleanSights> sights_;
+  std::shared_ptr<CleanDetectionCache> clean_cache_;
   CheckpointTimer timer_;
   Progress progress_;
   AutoBudget budget_;
@@ -336,7 +336,7 @@ class Portfolio {
   std::optional<TexturedMesh> searched_shape_;
   std::vector<NamedStart> named_, kept_;
   std::vector<Candidate> candidates_;
-  StageSeconds stages_;
+  StepTimings stages_;
   long spent_ = 0, known_ = 0;  // by the search; by that of earlier processes
 };
 
@@ -375,9 +375,9 @@ AutoBudget auto_budget(long iterations, std::size_t candidates, long generation)
   return budget;
 }
 
-std::vector<AttackTarget> auto_targets(AttackTarget asked, const Capabilities& detector) {
-  std::vector<AttackTarget> targets{asked};
-  if (asked == AttackTarget::both && detector.reads_points && detector.reads_image)
+std::vector<AttackTarget> auto_targets(AttackTarget requested, const Capabilities& detector) {
+  std::vector<AttackTarget> targets{requested};
+  if (requested == AttackTarget::both && detector.reads_points && detector.reads_image)
     targets.insert(targets.end(), {AttackTarget::lidar, AttackTarget::image});
   return targets;
 }

@@ -32,7 +32,7 @@ AutoBudget auto_budget(long iterations, std::size_t candidates, long generation)
 
 /// Whose gradients the candidates follow: the target that was asked for and, with both, each sensor that the
 /// detector reads, alone.
-std::vector<AttackTarget> auto_targets(AttackTarget asked, const Capabilities& detector);
+std::vector<AttackTarget> auto_targets(AttackTarget requested, const Capabilities& detector);
 
 // `mirage attack --attack auto`: what an attack can do at best within a budget, in the spirit of AutoAttack
 // (Croce & Hein, ICML 2020), for one mesh over many vehicles.
@@ -64,7 +64,7 @@ std::vector<AttackTarget> auto_targets(AttackTarget asked, const Capabilities& d
 /// Shapes a generation of the search.
 inline constexpr int kShapesAGeneration = 24;
 /// At most so many vehicles are held out to choose by.
-inline constexpr std::size_t kChoosingHosts = 32;
+inline constexpr std::size_t kSelectionHosts = 32;
 
 /// Writes run.json (with the vehicles held out), the files above and the chosen candidate's loss.csv; has
 /// that candidate's state.

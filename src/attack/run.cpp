@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kMostHosts = 1'000'000;
+constexpr std::size_t kMaxHosts = 1'000'000;
 constexpr const char* kMadeHere = "made-here";  // the cache's name for code that this user's runs wrote
 constexpr const char* kPlaced = "placed";       // what the run's placement said when it was made
 constexpr const char* kGamut = "gamut";
@@ -46,7 +46,7 @@ bool is_plugin(const std::string& name) {
 std::vector<HostId> read_hosts(const JsonFields& run, const std::string& split) {
   std::vector<HostId> hosts;
   std::set<std::pair<std::string, int>> seen;
-  for (const auto& entry : run.list(split, kMostHosts)) {
+  for (const auto& entry : run.list(split, kMaxHosts)) {
     const JsonFields host = run.inner(fmt::format("{}[{}]", split, hosts.size()), entry);
     HostId id{unescape_name(host.text("frame")), static_cast<int>(host.integer("label", 0, 1'000'000))};
     if (const std::string problem = frame_id_problem(id.frame); !problem.empty()) host.fail("frame", problem);
@@ -60,7 +60,7 @@ std::vector<HostId> read_hosts(const JsonFields& run, const std::string& split) 
 void refuse_code(const JsonFields& json, Run& run) {
   DetectorOptions& options = run.settings.detector;
   std::string& depth = run.settings.depth;
-  if (!is_shipped_detector(options.detector) && options.detector != kGivenDetector &&
+  if (!is_shipped_detector(options.detector) && options.detector != kInProcessDetector &&
       !is_plugin(options.detector))
     json.fail("detector", fmt::format("\"{}\" is no detector", options.detector));
   if (!is_shipped_depth(depth) && !is_plugin(depth))
@@ -80,8 +80,8 @@ void refuse_code(const JsonFields& json, Run& run) {
 }
 
 /// A network of a Python program, outside that program: the copy that the run has of it, which is code.
-void use_copy_of_given(const Run& run, DetectorOptions& options) {
-  const auto copy = run.folder / kGivenDetectorCopy;
+void use_copy_of_in_process(const Run& run, DetectorOptions& options) {
+  const auto copy = run.folder / kInProcessDetectorCopy;
   if (!std::filesystem::exists(copy))
     throw InputError(run.folder.string(), "detector",
                      "the run attacked a network inside a Python program, of which it has no copy",
@@ -154,9 +154,9 @@ void use_detector_of(const Run& run, DetectorOptions& options) {
   if (options.precision.empty()) options.precision = computed.precision;
   if (options.locality < 0) options.locality = computed.locality;
   if (options.matching == MatchBy::own) options.matching = computed.matching;
-  if (options.detector.empty() && run.settings.detector.detector == kGivenDetector &&
-      !given_detector(run.settings.detector))
-    return use_copy_of_given(run, options);
+  if (options.detector.empty() && run.settings.detector.detector == kInProcessDetector &&
+      !in_process_detector(run.settings.detector))
+    return use_copy_of_in_process(run, options);
   const Run::Refused& refused = run.refused;
   if (options.detector.empty() && !refused.detector.empty())
     refuse(run, "detector", is_program(refused.detector) ? "a program" : "a plugin", refused.detector,
@@ -176,13 +176,14 @@ void use_detector_of(const Run& run, DetectorOptions& options) {
   options.weights = run.settings.detector.weights;
 }
 
-void override_settings(AttackSettings& settings, const Overrides& asked, std::uint64_t seed) {
-  for (const auto& [name, text] : asked)
+void override_settings(AttackSettings& settings, const Overrides& overrides, std::uint64_t seed) {
+  for (const auto& [name, text] : overrides)
     if (name == "quality")
       apply_quality(text, settings.simulation);
     else if (name != "lidar_effects")
       set_field(settings, name, text);
-  if (const auto words = asked.find("lidar_effects"); words != asked.end()) {  // of the unit that records
+  if (const auto words = overrides.find("lidar_effects");
+      words != overrides.end()) {  // of the unit that records
     settings.simulation.lidar_effects = parse_lidar_effects(
         words->second == kAsRecorded ? recorded_lidar_effects(settings.data) : words->second,
         lidar_of(settings.data, settings.rig).divergence);
@@ -190,14 +191,14 @@ void override_settings(AttackSettings& settings, const Overrides& asked, std::ui
   }
 }
 
-void override_settings(Run& run, const Overrides& asked, std::uint64_t seed, bool other_data) {
-  if (const auto data = asked.find("data"); data != asked.end() && !other_data)
+void override_settings(Run& run, const Overrides& overrides, std::uint64_t seed, bool other_data) {
+  if (const auto data = overrides.find("data"); data != overrides.end() && !other_data)
     require_own_data(run, data->second);
-  if (asked.contains("depth")) run.refused.depth.clear();
+  if (overrides.contains("depth")) run.refused.depth.clear();
   if (!run.refused.depth.empty()) refuse(run, "depth", "a plugin", run.refused.depth, "--depth");
-  if (asked.contains("sensors")) run.refused.sensors.clear();
+  if (overrides.contains("sensors")) run.refused.sensors.clear();
   if (!run.refused.sensors.empty()) refuse(run, "sensors", "a plugin", run.refused.sensors, "--sensors");
-  override_settings(run.settings, asked, seed);
+  override_settings(run.settings, overrides, seed);
 }
 
 Run read_run(const fs::path& folder, TrustRun trust) {
@@ -210,9 +211,9 @@ Run read_run(const fs::path& folder, TrustRun trust) {
                      "run the same mirage attack again; it resumes");
   // Somebody else's run may be any text; one of ours lists its hosts, at most the 28 742 cars of KITTI's
   // benchmark.
-  constexpr std::uintmax_t kMostBytes = 1 << 22;
-  constexpr std::size_t kMostValues = 200000;
-  const nlohmann::json whole = read_json(file, kMostBytes, kMostValues);
+  constexpr std::uintmax_t kMaxBytes = 1 << 22;
+  constexpr std::size_t kMaxValues = 200000;
+  const nlohmann::json whole = read_json(file, kMaxBytes, kMaxValues);
   const JsonFields json(file, whole, kAgain);
   Run run;
   run.folder = folder;

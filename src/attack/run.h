@@ -52,10 +52,10 @@ void require_own_data(const Run& run, const std::filesystem::path& data);
 using Overrides = std::map<std::string, std::string>;
 /// Puts them into the settings; `seed` draws the noise of the LiDAR's effects. FieldError for a text that a
 /// field does not take.
-void override_settings(AttackSettings& settings, const Overrides& asked, std::uint64_t seed);
+void override_settings(AttackSettings& settings, const Overrides& overrides, std::uint64_t seed);
 /// The same for a run: its own depth completion and sensors may be used only if they are no code, or trusted
 /// (InputError as use_detector_of's), and if not `other_data`, its own data set alone (InputError).
-void override_settings(Run& run, const Overrides& asked, std::uint64_t seed, bool other_data = false);
+void override_settings(Run& run, const Overrides& overrides, std::uint64_t seed, bool other_data = false);
 
 /// Options that leave open what use_detector_of fills in.
 DetectorOptions detector_of_the_run();

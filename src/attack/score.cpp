@@ -41,14 +41,14 @@ std::vector<HostOutcome> as_recorded(std::span<const HostOutcome> hosts) {
 }
 
 ScoreCell cell_of(std::span<const HostOutcome> hosts, double nearest, double farthest) {
-  ScoreCell cell{hidden_bound(hosts, nearest, farthest), Held::open, {}};
+  ScoreCell cell{hidden_bound(hosts, nearest, farthest), CellStatus::open, {}};
   const auto& [value, low, high, clusters, single] = cell.bound.share;
   if (high <= kScoreLimit)
-    cell.held = Held::holds;
+    cell.status = CellStatus::holds;
   else if (low > kScoreLimit)
-    cell.held = Held::fails;
+    cell.status = CellStatus::fails;
   else if (value != kScoreLimit)  // on whichever side it is
-    cell.needed = planned(
+    cell.needed = rounded_up(
         (value < kScoreLimit ? clusters_for(kScoreLimit, value, single)
                              : clusters_for(1 - kScoreLimit, 1 - value, single)) *
         (clusters > 0 ? static_cast<double>(cell.bound.vehicles) / static_cast<double>(clusters) : 1));
@@ -69,14 +69,15 @@ bool holds(const std::vector<ScoreRow>& rows, std::size_t band, ObjectLevel leve
   for (const ScoreRow& row : rows)
     if (row.level == level) {
       any = true;
-      const Held held = row.cells[band].held;
-      if (level == ObjectLevel::recorded ? held == Held::fails : held != Held::holds) return false;
+      const CellStatus status = row.cells[band].status;
+      if (level == ObjectLevel::recorded ? status == CellStatus::fails : status != CellStatus::holds)
+        return false;
     }
   return any;
 }
 
 /// How many levels hold in a band, from the first on.
-std::size_t levels_held(const std::vector<ScoreRow>& rows, std::size_t band) {
+std::size_t levels_passed(const std::vector<ScoreRow>& rows, std::size_t band) {
   std::size_t level = 0;
   while (level < words_of(ObjectLevel()).size() && holds(rows, band, static_cast<ObjectLevel>(level)))
     ++level;
@@ -103,13 +104,14 @@ std::string cell_words(const ScoreRow& row, std::size_t band) {
   const ScoreCell& cell = row.cells[band];
   const char* lost = row.level == ObjectLevel::recorded ? "are missed" : "vanish";
   std::string text = fmt::format("{}, {:g}–{:g} m: {}", row.name, kScoreBands[band], kScoreBands[band + 1],
-                                 to_word(cell.held));
+                                 to_word(cell.status));
   if (cell.bound.vehicles == 0)
     text += ": no car was found there as recorded";
   else
-    text += fmt::format(": of {} cars {:.1f} % {}, {} {:.1f} %", cell.bound.vehicles,
-                        100 * cell.bound.share.value, lost, cell.held == Held::fails ? "at least" : "at most",
-                        100 * (cell.held == Held::fails ? cell.bound.share.low : cell.bound.share.high));
+    text += fmt::format(
+        ": of {} cars {:.1f} % {}, {} {:.1f} %", cell.bound.vehicles, 100 * cell.bound.share.value, lost,
+        cell.status == CellStatus::fails ? "at least" : "at most",
+        100 * (cell.status == CellStatus::fails ? cell.bound.share.low : cell.bound.share.high));
   if (cell.needed) text += fmt::format("; about {} would tell", *cell.needed);
   text.front() = static_cast<char>(std::toupper(text.front()));
   return text + ".";
@@ -124,7 +126,7 @@ std::vector<std::string> answer_of(const Score& score, std::size_t levels) {
   for (const ScoreRow& row : score.rows)
     if (row.level == static_cast<ObjectLevel>(levels))
       for (std::size_t band = 0; band < kGradedBands; ++band)
-        if (row.cells[band].held != Held::holds) answer.push_back(cell_words(row, band));
+        if (row.cells[band].status != CellStatus::holds) answer.push_back(cell_words(row, band));
   if (score.frames_needed)
     answer.push_back(fmt::format("About {} frames like these would tell all that is open within {:g} m.",
                                  *score.frames_needed, kBoundRange));
@@ -145,9 +147,9 @@ void generate(const std::string& rig, std::uint64_t seed, int frames, const char
 
 /// Whose frames look like the judged ones.
 std::string rig_of(const ScoreRequest& request) {
-  const auto rig = request.asked.find("rig"), data = request.asked.find("data");
-  if (rig != request.asked.end() && !rig->second.empty()) return rig->second;
-  if (data == request.asked.end()) return DetectorOptions().rig;
+  const auto rig = request.overrides.find("rig"), data = request.overrides.find("data");
+  if (rig != request.overrides.end() && !rig->second.empty()) return rig->second;
+  if (data == request.overrides.end()) return DetectorOptions().rig;
   const fs::path own = fs::path(data->second) / "rig.toml";
   return fs::exists(own) ? own.string() : data_rig(data->second);
 }
@@ -157,9 +159,9 @@ LearnedObject learn(const ScoreRequest& request, double size, const fs::path& da
   LearnedObject object{size, {}, {}};
   AttackSettings& settings = object.settings;
   apply_quality("draft", settings.simulation);
-  Overrides asked = request.asked;
-  asked["data"] = data.string();
-  override_settings(settings, asked, request.seed);
+  Overrides overrides = request.overrides;
+  overrides["data"] = data.string();
+  override_settings(settings, overrides, request.seed);
   settings.out = out;
   settings.detector = for_data(request.detector, settings);
   settings.attack = has_gradients ? AttackSearch::plain : AttackSearch::black_box;
@@ -237,16 +239,16 @@ Score score_outcomes(std::span<const HostOutcome> hosts, const std::vector<Score
   std::size_t levels = words_of(ObjectLevel()).size();
   double more = 0;  // times as many frames
   for (std::size_t band = 0; band < score.by_band.size(); ++band) {
-    const std::size_t held = levels_held(score.rows, band);
-    if (adaptive) score.by_band[band] = grade_of(held);
+    const std::size_t passed = levels_passed(score.rows, band);
+    if (adaptive) score.by_band[band] = grade_of(passed);
     if (band >= kGradedBands) continue;
-    levels = std::min(levels, held);
+    levels = std::min(levels, passed);
     for (const ScoreRow& row : score.rows)
       if (const ScoreCell& cell = row.cells[band];
           row.level != ObjectLevel::recorded && cell.needed && cell.bound.vehicles > 0)
         more = std::max(more, static_cast<double>(*cell.needed) / cell.bound.vehicles);
   }
-  if (more > 0) score.frames_needed = planned(more * static_cast<double>(frames));
+  if (more > 0) score.frames_needed = rounded_up(more * static_cast<double>(frames));
   if (!adaptive) levels = std::min<std::size_t>(levels, as_size(ObjectLevel::learned));
   if (adaptive) score.grade = grade_of(levels);
   score.answer = answer_of(score, levels);
@@ -259,16 +261,16 @@ ScoreResult score(const ScoreRequest& request) {
                      "name a size, or use --no-adaptive");
   EvaluationRequest evaluation;
   evaluation.detector = request.detector;
-  evaluation.asked = request.asked;
+  evaluation.overrides = request.overrides;
   evaluation.settings.quiet = request.quiet;
   evaluation.trust = TrustRun::yes;  // of the runs that are made here
   const std::string rig = rig_of(request);
-  if (!request.asked.contains("data")) {
+  if (!request.overrides.contains("data")) {
     const fs::path judged = request.out / "judged";
     generate(rig, request.seed + 90002, request.frames, "frames", request, judged);
-    evaluation.asked["data"] = judged.string();
+    evaluation.overrides["data"] = judged.string();
   }
-  const fs::path data = evaluation.asked.at("data");
+  const fs::path data = evaluation.overrides.at("data");
   const auto kinds = zoo_kinds(data_rig(data));
   for (const fs::path& mesh : request.meshes)
     if (mesh != kZoo)
@@ -293,11 +295,11 @@ ScoreResult score(const ScoreRequest& request) {
     }
   }
   result.evaluation = evaluate_run(evaluation);
-  if (!result.evaluation.settings.told) return result;
+  if (!result.evaluation.settings.reports_outcomes) return result;
   result.points = use_of_points(result.evaluation);
   std::vector<ScoredObject> objects;
-  const std::size_t known = result.evaluation.objects.size() - result.learned.size();
-  for (std::size_t i = 0; i < known; ++i)
+  const std::size_t unlearned = result.evaluation.objects.size() - result.learned.size();
+  for (std::size_t i = 0; i < unlearned; ++i)
     objects.push_back(scored_object(result.evaluation.objects[i], kinds));
   for (const LearnedObject& learned : result.learned) {
     const Vec3d box = 2 * learned.settings.limits.half;
@@ -350,9 +352,9 @@ nlohmann::json to_json(const ScoreResult& result) {
 
 nlohmann::json read_scores(const std::vector<fs::path>& files) {
   nlohmann::json scores = nlohmann::json::array();
-  for (const fs::path& given : files) {
-    const fs::path file = fs::is_directory(given) ? given / "result.json" : given;
-    const nlohmann::json whole = read_json(file, kLargestRecord);
+  for (const fs::path& argument : files) {
+    const fs::path file = fs::is_directory(argument) ? argument / "result.json" : argument;
+    const nlohmann::json whole = read_json(file, kMaxRecordBytes);
     const JsonFields json(file, whole, "give what mirage score wrote");
     const JsonFields score = json.object("score"), provenance = json.object("provenance");
     score.text("detector");

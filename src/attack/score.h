@@ -40,8 +40,8 @@ constexpr auto words_of(ObjectLevel) {
 }
 
 /// Whether a cell holds, as above; open: the data cannot tell.
-enum class Held { holds, fails, open };
-constexpr auto words_of(Held) {
+enum class CellStatus { holds, fails, open };
+constexpr auto words_of(CellStatus) {
   return std::to_array<const char*>({"holds", "does not hold", "cannot be told"});
 }
 
@@ -56,14 +56,14 @@ struct ScoredObject {
 /// The objects of a row in one band of distance.
 struct ScoreCell {
   HiddenBound bound;
-  Held held = Held::open;
+  CellStatus status = CellStatus::open;
   /// Where it is open: about how many cars at this distance would tell, if the share stays what it is.
   std::optional<long> needed;
 };
 template <class Visitor, FieldsOf<ScoreCell> S>
 void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, s.bound);
-  visit_named(visit, "held", s.held, "needed_vehicles", s.needed);
+  visit_named(visit, "held", s.status, "needed_vehicles", s.needed);
 }
 
 /// The objects of one level that are judged together.
@@ -100,9 +100,9 @@ Score score_outcomes(std::span<const HostOutcome> hosts, const std::vector<Score
 struct ScoreRequest {
   std::filesystem::path out;
   DetectorOptions detector;  ///< `rig` is set by the data set
-  /// As EvaluationRequest::asked: with "data" the frames to judge on; without, they are generated, of a seed
-  /// that no shipped detector was trained on, in OUT/judged.
-  Overrides asked;
+  /// As EvaluationRequest::overrides: with "data" the frames to judge on; without, they are generated, of a
+  /// seed that no shipped detector was trained on, in OUT/judged.
+  Overrides overrides;
   int frames = 200;  ///< generated to judge on
   /// Frames to learn on; empty: generated for the same rig, in OUT/learn. The frames to judge on: those that
   /// the attack holds back are judged.

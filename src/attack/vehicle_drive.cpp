@@ -27,9 +27,9 @@ Transform upright_pose(const Vec3d& position, double yaw) {
 }
 
 /// box_from_roof: the median place and heading.
-Transform usual_roof(const std::vector<RideFrame>& frames) {
+Transform usual_roof(const std::vector<RoofTrackFrame>& frames) {
   const bool none = std::all_of(frames.begin(), frames.end(),
-                                [](const RideFrame& frame) { return frame.carrier.from_box; });
+                                [](const RoofTrackFrame& frame) { return frame.carrier.from_box; });
   std::array<std::vector<double>, 4> values;
   for (const auto& [moment, carrier] : frames) {
     if (carrier.from_box && !none) continue;
@@ -42,9 +42,9 @@ Transform usual_roof(const std::vector<RideFrame>& frames) {
   return upright_pose(Vec3d(usual[0], usual[1], usual[2]), usual[3]);
 }
 
-/// See RideFit::in_box_m.
-void spread_in_boxes(const std::vector<RideFrame>& frames, const std::vector<Carrier>& carriers,
-                     RideFit& fit) {
+/// See RoofTrackFit::in_box_m.
+void spread_in_boxes(const std::vector<RoofTrackFrame>& frames, const std::vector<Carrier>& carriers,
+                     RoofTrackFit& fit) {
   std::vector<Eigen::Vector4d> places;
   Eigen::Vector4d mean = Eigen::Vector4d::Zero();
   for (std::size_t i = 0; i < frames.size(); ++i) {
@@ -66,23 +66,23 @@ void spread_in_boxes(const std::vector<RideFrame>& frames, const std::vector<Car
 constexpr double kAway = 2.5;  // usual steps between frames after which the vehicle was away
 
 /// s that each frame stands for, and whether the vehicle is away after it.
-struct Stands {
+struct FrameDuration {
   double seconds = 0;
   bool away = false;
 };
 
-std::vector<Stands> stands_of(const std::vector<DriveFrame>& frames) {
+std::vector<FrameDuration> frame_durations(const std::vector<DriveFrame>& frames) {
   std::vector<double> steps;
   for (std::size_t i = 0; i + 1 < frames.size(); ++i) steps.push_back(frames[i + 1].time - frames[i].time);
   const double usual = steps.empty() ? 0 : median_interval(steps).value;
-  std::vector<Stands> stands(frames.size(), {usual, false});
+  std::vector<FrameDuration> stands(frames.size(), {usual, false});
   for (std::size_t i = 0; i < steps.size(); ++i)
-    stands[i] = steps[i] <= kAway * usual ? Stands{steps[i], false} : Stands{usual, true};
+    stands[i] = steps[i] <= kAway * usual ? FrameDuration{steps[i], false} : FrameDuration{usual, true};
   return stands;
 }
 
 template <class Lacks>
-double longest_run(const std::vector<Stands>& stands, const Lacks& lacks) {
+double longest_run(const std::vector<FrameDuration>& stands, const Lacks& lacks) {
   double longest = 0, run = 0;
   for (std::size_t i = 0; i < stands.size(); ++i) {
     if (i > 0 && stands[i - 1].away) run = 0;
@@ -96,7 +96,7 @@ constexpr std::pair<const char*, double DriveFrame::*> kColumns[] = {{"time_s", 
                                                                      {"range_m", &DriveFrame::range},
                                                                      {"nearest_m", &DriveFrame::nearest},
                                                                      {"closing_mps", &DriveFrame::closing}};
-constexpr int kMostOfDrive = 1000000;  // frames, tracks
+constexpr int kMaxDriveCount = 1000000;  // frames, tracks
 
 constexpr double kLateWithin = 10;  // m within which a confirmation comes late
 
@@ -215,9 +215,9 @@ nlohmann::json death_of(const Vehicles& vehicles, std::size_t death) {
 
 }  // namespace
 
-Ride ride(const std::vector<RideFrame>& frames) {
+RoofTrack roof_track(const std::vector<RoofTrackFrame>& frames) {
   constexpr double kBoxSigma = 0.15, kBoxHeightSigma = 0.08, kBoxYawSigma = 0.04;  // m, m, rad
-  Ride track;
+  RoofTrack track;
   if (frames.empty()) return track;
   const Transform box_from_roof = usual_roof(frames);
   std::vector<PlaceMeasurement> measured;
@@ -277,10 +277,10 @@ Ride ride(const std::vector<RideFrame>& frames) {
   return track;
 }
 
-Ride ride(FrameStore& store, std::span<const std::pair<Moment, HostId>> frames) {
-  std::vector<RideFrame> found;
+RoofTrack roof_track(FrameStore& store, std::span<const std::pair<Moment, HostId>> frames) {
+  std::vector<RoofTrackFrame> found;
   for (const auto& [moment, host] : frames) found.push_back({moment, store.placement(host).carrier.value()});
-  return ride(found);
+  return roof_track(found);
 }
 
 std::string vehicle_name(const std::string& sequence, int track) {
@@ -290,17 +290,19 @@ std::string vehicle_name(const std::string& sequence, int track) {
 DriveOutcome outcome_of(const VehicleDrive& vehicle, DriveVersion version) {
   DriveOutcome outcome;
   const auto& frames = vehicle.frames;
-  const auto sight = [&](std::size_t i) -> const DriveSight& { return frames[i].sights[version]; };
-  const std::vector<Stands> stands = stands_of(frames);
-  outcome.gap_s = longest_run(stands, [&](std::size_t i) { return !sight(i).found; });
+  const auto observation = [&](std::size_t i) -> const DriveObservation& {
+    return frames[i].observations[version];
+  };
+  const std::vector<FrameDuration> stands = frame_durations(frames);
+  outcome.gap_s = longest_run(stands, [&](std::size_t i) { return !observation(i).found; });
   outcome.track_gap_s =
-      longest_run(stands, [&](std::size_t i) { return sight(i).track == TrackSight::lost; });
+      longest_run(stands, [&](std::size_t i) { return observation(i).track == TrackStatus::lost; });
   for (std::size_t i = 0; i < frames.size(); ++i) {
-    outcome.found += sight(i).found;
-    outcome.phantom_frames += sight(i).phantoms > 0;
-    outcome.phantom_s += sight(i).phantoms > 0 ? stands[i].seconds : 0;
-    outcome.phantom_lane_s += sight(i).phantom_in_lane ? stands[i].seconds : 0;
-    if (outcome.confirmed || sight(i).track == TrackSight::lost) continue;
+    outcome.found += observation(i).found;
+    outcome.phantom_frames += observation(i).phantoms > 0;
+    outcome.phantom_s += observation(i).phantoms > 0 ? stands[i].seconds : 0;
+    outcome.phantom_lane_s += observation(i).phantom_in_lane ? stands[i].seconds : 0;
+    if (outcome.confirmed || observation(i).track == TrackStatus::lost) continue;
     const DriveFrame& frame = frames[i];
     outcome.confirmed = {frame.time - frames.front().time, frame.range, frame.closing, std::nullopt, {}};
     const double speed = std::max(0.0, frame.closing);
@@ -317,13 +319,13 @@ nlohmann::json to_json(const VehicleDrive& vehicle) {
                          {"type", vehicle.type},
                          {"frames", vehicle.frames.size()},
                          {"roof", {{"fitted", vehicle.roof.fitted}}}};
-  for (const auto& [key, number] : kRideNumbers) json["roof"][key] = vehicle.roof.*number;
+  for (const auto& [key, number] : kRoofTrackNumbers) json["roof"][key] = vehicle.roof.*number;
   auto& strip = json["strip"];
   for (const DriveFrame& frame : vehicle.frames) {
     strip["index"].push_back(frame.index);
     for (const auto& [key, number] : kColumns) strip[key].push_back(frame.*number);
   }
-  for (const auto& [seconds, away] : stands_of(vehicle.frames)) {
+  for (const auto& [seconds, away] : frame_durations(vehicle.frames)) {
     strip["stands_s"].push_back(seconds);
     strip["away"].push_back(away ? 1 : 0);
   }
@@ -350,11 +352,11 @@ nlohmann::json to_json(const VehicleDrive& vehicle) {
     std::string found, track;
     std::vector<int> phantoms, in_lane;
     for (const DriveFrame& frame : vehicle.frames) {
-      const DriveSight& sight = frame.sights[v];
-      found += sight.found ? 'f' : '-';
-      track += static_cast<char>(sight.track);
-      phantoms.push_back(sight.phantoms);
-      in_lane.push_back(sight.phantom_in_lane);
+      const DriveObservation& observation = frame.observations[v];
+      found += observation.found ? 'f' : '-';
+      track += static_cast<char>(observation.track);
+      phantoms.push_back(observation.phantoms);
+      in_lane.push_back(observation.phantom_in_lane);
     }
     strip[name] = {{"found", found}, {"track", track}, {"phantoms", phantoms}, {"in_lane", in_lane}};
   }
@@ -373,11 +375,11 @@ VehicleDrive read_vehicle_drive(const JsonFields& json) {
   vehicle.type = json.text("type");
   vehicle.track = json.count("track");
   const JsonFields roof = json.object("roof"), strip = json.object("strip");
-  vehicle.roof.fitted = roof.count("fitted", kMostOfDrive);
-  for (const auto& [key, number] : kRideNumbers) vehicle.roof.*number = roof.number(key, 0, Range::kMost);
-  const auto count = as_size(json.count("frames", kMostOfDrive));
+  vehicle.roof.fitted = roof.count("fitted", kMaxDriveCount);
+  for (const auto& [key, number] : kRoofTrackNumbers) vehicle.roof.*number = roof.number(key, 0, Range::kMax);
+  const auto count = as_size(json.count("frames", kMaxDriveCount));
   vehicle.frames.resize(count);
-  const std::vector<double> index = strip.numbers("index", count, 0, kMostOfDrive);
+  const std::vector<double> index = strip.numbers("index", count, 0, kMaxDriveCount);
   for (std::size_t i = 0; i < count; ++i) vehicle.frames[i].index = static_cast<int>(index[i]);
   for (const auto& [key, number] : kColumns) {
     const std::vector<double> values = strip.numbers(key, count, -1e9, 1e9);
@@ -385,25 +387,25 @@ VehicleDrive read_vehicle_drive(const JsonFields& json) {
   }
   for (std::size_t v = 0; v < kDriveVersions.size(); ++v) {
     vehicle.phantom_tracks[v] =
-        json.object("phantoms").object(kDriveVersions[v]).count("tracks", kMostOfDrive);
+        json.object("phantoms").object(kDriveVersions[v]).count("tracks", kMaxDriveCount);
     const JsonFields of = strip.object(kDriveVersions[v]);
     const std::string found = of.text("found"), track = of.text("track");
-    const std::vector<double> phantoms = of.numbers("phantoms", count, 0, kMostOfDrive),
+    const std::vector<double> phantoms = of.numbers("phantoms", count, 0, kMaxDriveCount),
                               in_lane = of.numbers("in_lane", count, 0, 1);
     if (found.size() != count || found.find_first_not_of("f-") != found.npos)
       of.fail("found", "is not one f or - for each frame");
     if (track.size() != count || track.find_first_not_of("fcl") != track.npos)
       of.fail("track", "is not one f, c or l for each frame");
     for (std::size_t i = 0; i < count; ++i)
-      vehicle.frames[i].sights[v] = {found[i] == 'f', static_cast<TrackSight>(track[i]),
-                                     static_cast<int>(phantoms[i]), in_lane[i] > 0};
+      vehicle.frames[i].observations[v] = {found[i] == 'f', static_cast<TrackStatus>(track[i]),
+                                           static_cast<int>(phantoms[i]), in_lane[i] > 0};
   }
   for (std::size_t d = 0; d < kDeaths.size(); ++d) {
     const JsonFields at = json.object("deaths").object(std::to_string(kDeaths[d]));
     for (std::size_t v = 0; v < kDriveVersions.size(); ++v) {
-      vehicle.deaths[d].track_gap_s[v] = at.object("track_gap_s").number(kDriveVersions[v], 0, Range::kMost);
+      vehicle.deaths[d].track_gap_s[v] = at.object("track_gap_s").number(kDriveVersions[v], 0, Range::kMax);
       vehicle.deaths[d].phantom_frames[v] =
-          at.object("phantom_frames").count(kDriveVersions[v], kMostOfDrive);
+          at.object("phantom_frames").count(kDriveVersions[v], kMaxDriveCount);
     }
   }
   return vehicle;
@@ -422,7 +424,7 @@ nlohmann::json to_json(const DriveResult& result) {
       {"near", near_of(vehicles)},
       {"never_confirmed", counts_of(vehicles, [](const DriveOutcome& of) { return !of.confirmed; })}};
   for (const VehicleDrive& vehicle : vehicles) json["vehicles"].push_back(to_json(vehicle));
-  for (const auto& [key, number] : kRideNumbers)
+  for (const auto& [key, number] : kRoofTrackNumbers)
     json["roof"][key] =
         median_of(vehicles, [number = number](const VehicleDrive& of) { return of.roof.*number; });
   for (const double seconds : {0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0})

@@ -22,13 +22,13 @@
 namespace mirage {
 
 /// A vehicle in one frame of its track, as found there.
-struct RideFrame {
+struct RoofTrackFrame {
   Moment moment;
   Carrier carrier;
 };
 
 /// How smooth a vehicle's track is, and how far the roofs are from it.
-struct RideFit {
+struct RoofTrackFit {
   int fitted = 0;                           ///< frames whose roof was fitted
   double residual_m = 0, residual_deg = 0;  ///< RMS of the fitted roofs around the smoothed ones
   double fit_jitter_m = 0, jitter_m = 0;    ///< of the roofs as found, and smoothed (tracking/tracker.h)
@@ -37,23 +37,23 @@ struct RideFit {
   double in_box_m = 0, in_box_deg = 0;
 };
 /// Its numbers by their keys in result.json.
-inline constexpr std::pair<const char*, double RideFit::*> kRideNumbers[] = {
-    {"residual_m", &RideFit::residual_m},     {"residual_deg", &RideFit::residual_deg},
-    {"fit_jitter_m", &RideFit::fit_jitter_m}, {"jitter_m", &RideFit::jitter_m},
-    {"in_box_m", &RideFit::in_box_m},         {"in_box_deg", &RideFit::in_box_deg}};
+inline constexpr std::pair<const char*, double RoofTrackFit::*> kRoofTrackNumbers[] = {
+    {"residual_m", &RoofTrackFit::residual_m},     {"residual_deg", &RoofTrackFit::residual_deg},
+    {"fit_jitter_m", &RoofTrackFit::fit_jitter_m}, {"jitter_m", &RoofTrackFit::jitter_m},
+    {"in_box_m", &RoofTrackFit::in_box_m},         {"in_box_deg", &RoofTrackFit::in_box_deg}};
 
 /// The vehicle over its track.
-struct Ride {
+struct RoofTrack {
   std::vector<Carrier> carriers;  ///< one a frame; the labelled box and a fitted shape move with the roof
   std::vector<Vec3d> velocities;  ///< of the roof in the world, m/s
-  RideFit fit;
+  RoofTrackFit fit;
 };
 
 /// Frames by rising time. The roof's place in the labelled box is the median of the fitted ones, or of all if
 /// none is fitted. Where a frame's roof is not fitted that place stands in for it, with a larger σ.
-Ride ride(const std::vector<RideFrame>& frames);
+RoofTrack roof_track(const std::vector<RoofTrackFrame>& frames);
 /// With the roofs of the store, given the vehicle's label in each frame.
-Ride ride(FrameStore& store, std::span<const std::pair<Moment, HostId>> frames);
+RoofTrack roof_track(FrameStore& store, std::span<const std::pair<Moment, HostId>> frames);
 
 // One vehicle of a drive in three versions: as recorded (clean), with the object (attacked), and with a
 // random object of its size (random). What was seen of it frame by frame, and what follows in seconds and
@@ -97,12 +97,12 @@ nlohmann::json by_version(const Of& of) {
 
 /// What the tracker says of the vehicle in one frame: a confirmed track lies on it and has a detection; one
 /// lies on it and coasts; none does.
-enum class TrackSight : char { found = 'f', coasting = 'c', lost = 'l' };
+enum class TrackStatus : char { found = 'f', coasting = 'c', lost = 'l' };
 
 /// One version of one frame.
-struct DriveSight {
+struct DriveObservation {
   bool found = false;  ///< a detection over the score overlaps the vehicle's box (HidingRule vanished)
-  TrackSight track = TrackSight::lost;
+  TrackStatus track = TrackStatus::lost;
   int phantoms = 0;              ///< phantom tracks there
   bool phantom_in_lane = false;  ///< one of them ahead in the car's own lane
 };
@@ -114,7 +114,7 @@ struct DriveFrame {
   double range = 0;    ///< m, from the `velo` origin to the box's centre, seen from above
   double nearest = 0;  ///< m, to its nearest corner
   double closing = 0;  ///< m/s at which it comes nearer; negative: it goes away
-  ByVersion<DriveSight> sights;
+  ByVersion<DriveObservation> observations;
 };
 
 /// Settings of --death that a drive is judged at besides its own: what it saves in gaps, and costs in
@@ -131,7 +131,7 @@ struct DeathOutcome {
 struct VehicleDrive {
   std::string sequence, type;
   int track = -1;
-  RideFit roof;
+  RoofTrackFit roof;
   ByVersion<int> phantom_tracks{};  ///< different ones
   std::vector<DriveFrame> frames;   ///< by rising time
   std::array<DeathOutcome, kDeaths.size()> deaths{};
@@ -175,7 +175,7 @@ struct DriveResult {
   std::vector<VehicleDrive> vehicles;  ///< by sequence, then by identity
   TrackScores clean;  ///< of tracks of cars and vans as recorded, at an IoU of 0.5 from above
   int frames = 0;
-  HostsLeftOut left_out;  ///< vehicles beside which the object has no room in some frame
+  SkippedHosts left_out;  ///< vehicles beside which the object has no room in some frame
 };
 
 /// {vehicles: as to_json(VehicleDrive), gap_s, track_gap_s, confirmed_m: medians over vehicles {clean,
@@ -184,8 +184,8 @@ struct DriveResult {
 /// by how many metres less far the attacked one is confirmed, over those that come nearer, near: {metres,
 /// vehicles: first seen beyond, clean, …: of these, not confirmed before}, never_confirmed: {clean, …},
 /// deaths: [{death, track_gap_s: medians, phantom_share: of the frames}] for kDeaths, roof: medians of
-/// kRideNumbers, survival: [{seconds, clean, attacked, random: share of vehicles with a gap of so long or
-/// more}], tracker: TrackScores as recorded, frames, left_out}
+/// kRoofTrackNumbers, survival: [{seconds, clean, attacked, random: share of vehicles with a gap of so long
+/// or more}], tracker: TrackScores as recorded, frames, left_out}
 nlohmann::json to_json(const DriveResult& result);
 
 /// By what the object adds to the longest gap of detection, the most first.

@@ -96,7 +96,7 @@ void add_boxes_under_net(TexturedMesh& load) {
 
 }  // namespace
 
-std::vector<NamedObject> read_objects(const std::vector<std::filesystem::path>& asked) {
+std::vector<NamedObject> read_objects(const std::vector<std::filesystem::path>& words) {
   std::vector<NamedObject> objects;
   const auto add = [&](const std::string& name, const std::filesystem::path& file) {
     if (std::ranges::any_of(objects, [&](const NamedObject& other) {
@@ -105,7 +105,7 @@ std::vector<NamedObject> read_objects(const std::vector<std::filesystem::path>& 
       throw FieldError("mesh", name, "is named twice", "name each object once");
     objects.push_back({name, file, read_object(file)});
   };
-  for (const std::filesystem::path& word : asked) {
+  for (const std::filesystem::path& word : words) {
     if (word != kZoo) {
       add(word.string(), word);
       continue;
@@ -162,12 +162,12 @@ const std::vector<CarriedLoad>& carried_loads() {
 }
 
 TexturedMesh carried_load(const std::string& name) {
-  const auto known = std::ranges::find(carried_loads(), name, &CarriedLoad::name);
-  if (known == carried_loads().end())
+  const auto match = std::ranges::find(carried_loads(), name, &CarriedLoad::name);
+  if (match == carried_loads().end())
     throw InputError("load", name, "is none that is known", "use a name of carried_loads()");
   TexturedMesh load;
   load.atlas.resolution = 1;
-  known->add_to(load);
+  match->add_to(load);
   return load;
 }
 

@@ -24,7 +24,7 @@ struct NamedObject {
 
 /// Each file as read_object (exchange/mesh_files.h) reads it; kZoo is every shipped object, by name.
 /// FieldError of "mesh" for an object that is named twice, or where none ship; errors as read_object's.
-std::vector<NamedObject> read_objects(const std::vector<std::filesystem::path>& asked);
+std::vector<NamedObject> read_objects(const std::vector<std::filesystem::path>& words);
 
 /// Their names and contents as "mesh".
 void add_objects(Provenance& provenance, const std::vector<NamedObject>& objects);

@@ -222,7 +222,7 @@ ChildProcess::Read ChildProcess::read_line(std::string& line, double seconds, do
       buffer_.erase(0, end + 1);
       return Read::line;
     }
-    if (buffer_.size() > kLongestLine) return Read::endless;
+    if (buffer_.size() > kMaxLineBytes) return Read::endless;
     pollfd wait{socket_, POLLIN, 0};
     const int ready = ::poll(&wait, 1, static_cast<int>(std::min(left, 0.2) * 1000) + 1);
     if (ready <= 0) continue;
@@ -263,7 +263,7 @@ std::string text_of(const nlohmann::json& answer, const char* key, const std::st
   return field != answer.end() && field->is_string() ? field->get<std::string>() : otherwise;
 }
 
-bool JsonWorker::ask(nlohmann::json job, double timeout, nlohmann::json& answer, bool starting) {
+bool JsonWorker::exchange(nlohmann::json job, double timeout, nlohmann::json& answer, bool starting) {
   job["id"] = ++next_id_;
   end_.reset();
   const auto lost_by_its_end = [&] {
@@ -302,8 +302,8 @@ int run_program(const std::vector<std::string>& arguments, std::string* last_lin
   int pipe[2] = {-1, -1};
   if (last_line && ::pipe2(pipe, O_CLOEXEC) != 0)
     throw Failure(arguments[0], std::strerror(errno), "close other programs");
-  const int nothing = ::open("/dev/null", O_RDONLY | O_CLOEXEC), said = last_line ? pipe[1] : 2;
-  const pid_t pid = start_child({c_arguments(arguments), nothing, said, said, false});
+  const int nothing = ::open("/dev/null", O_RDONLY | O_CLOEXEC), output = last_line ? pipe[1] : 2;
+  const pid_t pid = start_child({c_arguments(arguments), nothing, output, output, false});
   const int reason = errno;
   if (nothing >= 0) ::close(nothing);
   if (last_line) ::close(pipe[1]);

@@ -35,10 +35,11 @@ class ChildProcess {
   /// False when the child no longer listens.
   bool write_line(const std::string& line);
   /// A line that is longer than any answer, as of a program that writes without end.
-  static constexpr std::size_t kLongestLine = 1 << 23;  // an inspected FBX file takes 2 MB
-  /// How read_line ended. lost: the child closed its output; endless: kLongestLine bytes came without an end.
+  static constexpr std::size_t kMaxLineBytes = 1 << 23;  // an inspected FBX file takes 2 MB
+  /// How read_line ended. lost: the child closed its output; endless: kMaxLineBytes bytes came without an
+  /// end.
   enum class Read { line, lost, timed_out, interrupted, endless };
-  /// Next line, waiting up to `seconds`. Ctrl-C ends the wait after `patience` seconds; so do kLongestLine
+  /// Next line, waiting up to `seconds`. Ctrl-C ends the wait after `patience` seconds; so do kMaxLineBytes
   /// bytes without an end.
   Read read_line(std::string& line, double seconds, double patience = 0);
   /// Closes its input and waits up to `seconds`, then kills it and what it has started. How it ended: "exit
@@ -64,7 +65,7 @@ class JsonWorker {
   /// Sends the job and waits for its answer, `timeout` seconds, whatever else the child says meanwhile.
   /// False, with how it was lost, if there is none. `starting`: what it prints before is passed over.
   /// Interrupted after Ctrl-C.
-  bool ask(nlohmann::json job, double timeout, nlohmann::json& answer, bool starting = false);
+  bool exchange(nlohmann::json job, double timeout, nlohmann::json& answer, bool starting = false);
   /// "ended unexpectedly", "gave no answer in 900 s", "gave a malformed answer ('…')", …
   const std::string& lost() const { return lost_; }
   /// How it ended, if it was lost by that: ChildProcess::stop's word.

@@ -237,7 +237,7 @@ std::string toml_text(const json& object) {
 }
 
 nlohmann::json read_toml(const std::filesystem::path& path) {
-  return parse_toml(read_text(path, kLargestToml), path.string());
+  return parse_toml(read_text(path, kMaxTomlBytes), path.string());
 }
 
 nlohmann::json parse_toml(const std::string& text, const std::string& name) {

@@ -30,8 +30,8 @@ std::string toml_text(const nlohmann::json& object);
 
 /// Bytes of the largest TOML file: forty times the longest shipped one. Its keys as a table take fifty times
 /// as many.
-inline constexpr std::uintmax_t kLargestToml = 1 << 18;
-/// The file as JSON. InputError naming file and line when it is not TOML, or larger than kLargestToml. Dates
+inline constexpr std::uintmax_t kMaxTomlBytes = 1 << 18;
+/// The file as JSON. InputError naming file and line when it is not TOML, or larger than kMaxTomlBytes. Dates
 /// are read as null.
 nlohmann::json read_toml(const std::filesystem::path& path);
 /// The same from a text; `name` stands for the file in errors.

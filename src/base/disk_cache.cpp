@@ -30,11 +30,11 @@ std::string variable(const char* name) {
 DiskCache::DiskCache(fs::path folder, std::uint64_t limit) : folder_(std::move(folder)), limit_(limit) {}
 
 std::unique_ptr<DiskCache> DiskCache::from_environment() {
-  const std::string given = variable("MIRAGE_CACHE"), shared = variable("XDG_CACHE_HOME"),
+  const std::string cache = variable("MIRAGE_CACHE"), shared = variable("XDG_CACHE_HOME"),
                     home = variable("HOME");
   fs::path folder;
-  if (!given.empty())
-    folder = given == "off" ? "" : given;
+  if (!cache.empty())
+    folder = cache == "off" ? "" : cache;
   else if (!shared.empty())
     folder = fs::path(shared) / "mirage";
   else if (!home.empty())
@@ -58,17 +58,17 @@ std::optional<std::string> DiskCache::read(const std::string& kind, std::string_
   if (!in) return std::nullopt;
   const std::uint64_t size = fs::file_size(file, error);
   Head head;
-  const Head wanted;
+  const Head expected;
   in.read(reinterpret_cast<char*>(&head), sizeof head);
-  const bool whole = in && !error && std::memcmp(head.magic, wanted.magic, sizeof head.magic) == 0 &&
+  const bool whole = in && !error && std::memcmp(head.magic, expected.magic, sizeof head.magic) == 0 &&
                      head.key_size < size && head.payload_size < size &&
                      sizeof head + head.key_size + head.payload_size == size;
   if (!whole) return report_damaged(kind, key), std::nullopt;
-  std::string known(head.key_size, '\0'), payload(head.payload_size, '\0');
-  in.read(known.data(), static_cast<std::streamsize>(known.size()));
+  std::string stored_key(head.key_size, '\0'), payload(head.payload_size, '\0');
+  in.read(stored_key.data(), static_cast<std::streamsize>(stored_key.size()));
   in.read(payload.data(), static_cast<std::streamsize>(payload.size()));
   if (!in || fnv1a(payload) != head.payload_hash) return report_damaged(kind, key), std::nullopt;
-  if (known != key) return std::nullopt;                               // another key of the same hash
+  if (stored_key != key) return std::nullopt;                          // another key of the same hash
   fs::last_write_time(file, fs::file_time_type::clock::now(), error);  // used: the last to go
   return payload;
 }
@@ -104,12 +104,12 @@ void DiskCache::write(const std::string& kind, std::string_view key, std::string
 void DiskCache::trim() {
   looked_ = true;
   unchecked_ = 0;
-  struct Kept {
+  struct Entry {
     fs::file_time_type used;
     fs::path file;
     std::uint64_t size;
   };
-  std::vector<Kept> kept;
+  std::vector<Entry> entries;
   std::uint64_t total = 0;
   std::error_code error;
   for (fs::recursive_directory_iterator entry(folder_, error), end; !error && entry != end;
@@ -121,15 +121,15 @@ void DiskCache::trim() {
     if (gone) continue;
     // Only what this class writes: the user may have named a folder that holds other things too.
     if (entry->path().filename().string().find(".entry") == std::string::npos) continue;
-    kept.push_back({used, entry->path(), size});
+    entries.push_back({used, entry->path(), size});
     total += size;
   }
   remove_stale_files(folder_);
   if (total <= limit_) return;
-  std::sort(kept.begin(), kept.end(), [](const Kept& a, const Kept& b) {
+  std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) {
     return a.used != b.used ? a.used < b.used : a.file < b.file;
   });
-  for (const Kept& oldest : kept) {
+  for (const Entry& oldest : entries) {
     if (total <= limit_ / 8 * 7) break;
     if (fs::remove(oldest.file, error)) total -= oldest.size;
   }

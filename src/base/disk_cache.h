@@ -63,8 +63,8 @@ inline constexpr const char* kKeptAgain = "delete the file";
 /// What read(fields) makes of the file, an std::optional; none where it is missing or has another `key`, and
 /// where it is damaged, which is told.
 template <class Read>
-std::invoke_result_t<Read, const JsonFields&> read_kept(const std::filesystem::path& file,
-                                                        const std::string& key, const Read& read) {
+std::invoke_result_t<Read, const JsonFields&> read_cached(const std::filesystem::path& file,
+                                                          const std::string& key, const Read& read) {
   if (file.empty() || !std::filesystem::exists(file)) return std::nullopt;
   try {
     const nlohmann::json stored = read_json(file);

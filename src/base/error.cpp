@@ -9,7 +9,7 @@
 namespace mirage {
 namespace {
 
-constexpr std::size_t kLongestPath = 4096, kLongestPart = 480, kLongestList = 2048;
+constexpr std::size_t kMaxPathLength = 4096, kMaxPartLength = 480, kMaxListLength = 2048;
 
 /// As it is shown, its middle left out where it is longer than `most` bytes.
 std::string shown(std::string_view part, std::size_t most) {
@@ -30,10 +30,10 @@ std::string without_lines(std::string text) {
 
 std::string line(const std::string& where, const std::string& field, const std::string& problem,
                  const std::string& fix) {
-  return (where.empty() ? "\"\"" : shown(where, kLongestPath)) + ": " +
-         (field.empty() ? "" : shown(field, kLongestPart) + ": ") +
-         shown(without_lines(problem), kLongestPart) + "; " +
-         shown(fix, kLongestList);  // of all that there is
+  return (where.empty() ? "\"\"" : shown(where, kMaxPathLength)) + ": " +
+         (field.empty() ? "" : shown(field, kMaxPartLength) + ": ") +
+         shown(without_lines(problem), kMaxPartLength) + "; " +
+         shown(fix, kMaxListLength);  // of all that there is
 }
 
 volatile std::sig_atomic_t signals_seen = 0;

@@ -11,9 +11,9 @@
 namespace mirage {
 
 std::string Range::words() const {
-  if (low == kPositive.low) return high == kMost ? "above 0" : fmt::format("above 0, at most {}", high);
-  if (low == -kMost) return high == kMost ? "a number" : fmt::format("at most {}", high);
-  if (high == kMost) return fmt::format("at least {}", low);
+  if (low == kPositive.low) return high == kMax ? "above 0" : fmt::format("above 0, at most {}", high);
+  if (low == -kMax) return high == kMax ? "a number" : fmt::format("at most {}", high);
+  if (high == kMax) return fmt::format("at least {}", low);
   // Thresholds and shares are often given in percent.
   return fmt::format("{} to {}{}", low, high, low == 0 && high == 1 ? " (70 % is 0.7)" : "");
 }
@@ -50,20 +50,20 @@ namespace {
 namespace fs = std::filesystem;
 
 /// Longer ones are of no table here, and the distance takes time and memory with the product of the lengths.
-constexpr std::size_t kLongestWord = 64;
+constexpr std::size_t kMaxWordLength = 64;
 
 std::string plain(std::string_view word) {
-  std::string text(word.substr(0, kLongestWord));
+  std::string text(word.substr(0, kMaxWordLength));
   for (char& c : text) c = c == '_' ? '-' : static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return text;
 }
 
 bool begins_with(const std::string& whole, const std::string& start) {
-  constexpr std::size_t kFewest = 3;  // letters that tell a word
-  return start.size() >= kFewest && whole.starts_with(start);
+  constexpr std::size_t kMinCount = 3;  // letters that tell a word
+  return start.size() >= kMinCount && whole.starts_with(start);
 }
 
-std::string joined(const std::vector<std::string>& words) {
+std::string comma_separated(const std::vector<std::string>& words) {
   std::string text;
   for (std::size_t i = 0; i < words.size(); ++i)
     text += (i == 0 ? "" : i + 1 == words.size() ? " or " : ", ") + words[i];
@@ -91,10 +91,10 @@ int slips_between(std::string_view first, std::string_view second) {
   return last[b.size()];
 }
 
-std::vector<std::string> meant_by(std::string_view word, const std::vector<std::string>& known) {
+std::vector<std::string> closest_words(std::string_view word, const std::vector<std::string>& choices) {
   const std::string typed = plain(word);
   std::vector<std::pair<int, std::string>> near;
-  for (const std::string& candidate : known) {
+  for (const std::string& candidate : choices) {
     const int slips = slips_between(word, candidate);
     const std::string its = plain(candidate);
     const auto longer = static_cast<int>(std::max(typed.size(), its.size()));
@@ -108,19 +108,19 @@ std::vector<std::string> meant_by(std::string_view word, const std::vector<std::
   return words;
 }
 
-std::string use_one_of(std::string_view word, const std::vector<std::string>& known,
+std::string use_one_of(std::string_view word, const std::vector<std::string>& choices,
                        const std::string& forms) {
-  std::vector<std::string> all = meant_by(word, known);
+  std::vector<std::string> all = closest_words(word, choices);
   const std::string question = all.empty() ? "" : "did you mean " + all.front() + "? ";
-  for (const std::string& other : known)
+  for (const std::string& other : choices)
     if (std::find(all.begin(), all.end(), other) == all.end()) all.push_back(other);
   if (!forms.empty()) all.push_back(forms);
-  return question + "use " + joined(all);
+  return question + "use " + comma_separated(all);
 }
 
 FieldError unknown_word(const std::string& field, const std::string& word,
-                        const std::vector<std::string>& known, const std::string& forms) {
-  return {field, word, "unknown", use_one_of(word, known, forms)};
+                        const std::vector<std::string>& choices, const std::string& forms) {
+  return {field, word, "unknown", use_one_of(word, choices, forms)};
 }
 
 std::vector<std::string> shipped_names(const std::string& folder, const std::string& extension) {

@@ -39,12 +39,12 @@ namespace mirage {
 /// A setting that nothing can be done with. The library names the field; the command line names its option.
 class FieldError : public InputError {
  public:
-  /// `name`: the field's; `given`: its value as a text; `wrong`: what is wrong with it; `mend`: what to give
+  /// `name`: the field's; `value_text`: its value as a text; `wrong`: what is wrong; `mend`: what to give
   /// instead.
-  FieldError(std::string name, std::string given, std::string wrong, std::string mend)
-      : InputError(name, given, wrong, mend),
+  FieldError(std::string name, std::string value_text, std::string wrong, std::string mend)
+      : InputError(name, value_text, wrong, mend),
         field(std::move(name)),
-        value(std::move(given)),
+        value(std::move(value_text)),
         problem(std::move(wrong)),
         fix(std::move(mend)) {}
   std::string field, value, problem, fix;
@@ -52,21 +52,21 @@ class FieldError : public InputError {
 
 /// Both ends belong to it; not a number is in none.
 struct Range {
-  static constexpr double kMost = std::numeric_limits<double>::max();  ///< largest finite number
-  double low = -kMost, high = kMost;
+  static constexpr double kMax = std::numeric_limits<double>::max();  ///< largest finite number
+  double low = -kMax, high = kMax;
   /// Whether the value is one of the range's.
   bool contains(double value) const { return value >= low && value <= high; }
   /// "a number", "0 or more", "1 to 65536", …
   std::string words() const;
 };
 /// Over 0.
-inline constexpr Range kPositive{std::numeric_limits<double>::denorm_min(), Range::kMost};
+inline constexpr Range kPositive{std::numeric_limits<double>::denorm_min(), Range::kMax};
 /// Of a whole.
 inline constexpr Range kShare{0, 1};
 /// 0 or more.
-inline constexpr Range kNotNegative{0, Range::kMost};
+inline constexpr Range kNotNegative{0, Range::kMax};
 /// Of what is counted and can't be none.
-inline constexpr Range kFromOne{1, Range::kMost};
+inline constexpr Range kFromOne{1, Range::kMax};
 
 /// What is said of a field.
 struct Field {
@@ -270,18 +270,18 @@ void set_field(S& s, const std::string& name, const std::string& text) {
 /// letters, '_' as '-'.
 int slips_between(std::string_view a, std::string_view b);
 
-/// Those of `known` that `word` may have meant, nearest first: a third of the letters wrong at most, or one
+/// Those of `choices` that `word` may have meant, nearest first: a third of the letters wrong at most, or one
 /// begins with the other.
-std::vector<std::string> meant_by(std::string_view word, const std::vector<std::string>& known);
+std::vector<std::string> closest_words(std::string_view word, const std::vector<std::string>& choices);
 
 /// "did you mean b? use b, a, c or FORMS", with those first that may be meant; "use a, b, c or FORMS" where
 /// none may. `forms`: what else may stand there; empty: nothing.
-std::string use_one_of(std::string_view word, const std::vector<std::string>& known,
+std::string use_one_of(std::string_view word, const std::vector<std::string>& choices,
                        const std::string& forms = "");
 
-/// The error for a field's word that is none of `known`.
+/// The error for a field's word that is none of `choices`.
 FieldError unknown_word(const std::string& field, const std::string& word,
-                        const std::vector<std::string>& known, const std::string& forms = "");
+                        const std::vector<std::string>& choices, const std::string& forms = "");
 
 /// Names of the files that ship in a folder such as "scenes/rigs", without their extension, sorted; none
 /// where there is no such folder.

@@ -69,9 +69,9 @@ void OpenFile::fail(const char* what) const {
 
 std::string read_file(const fs::path& path, std::uintmax_t most) {
   const OpenFile file(path);
-  const std::uintmax_t told = file.size();
-  file.check(told, most);
-  std::string bytes(told > 0 ? told + 1 : 4096, '\0');  // one more: to see the end
+  const std::uintmax_t size_on_disk = file.size();
+  file.check(size_on_disk, most);
+  std::string bytes(size_on_disk > 0 ? size_on_disk + 1 : 4096, '\0');  // one more: to see the end
   std::size_t size = 0;
   for (std::size_t got = 1; got != 0; size += got) {
     file.check(size, most);
@@ -97,8 +97,8 @@ std::string read_text(const fs::path& path, std::uintmax_t most) {
 
 std::string read_head(const fs::path& path, std::size_t most) {
   const OpenFile file(path);
-  const std::uintmax_t told = file.size();
-  most = told > 0 ? as_size(std::min<std::uintmax_t>(most, told)) : most;
+  const std::uintmax_t size_on_disk = file.size();
+  most = size_on_disk > 0 ? as_size(std::min<std::uintmax_t>(most, size_on_disk)) : most;
   std::string bytes(most, '\0');
   std::size_t size = 0;
   for (std::size_t got = 1; got != 0 && size < most; size += got)
@@ -135,14 +135,14 @@ void make_output_folder(const fs::path& folder) {
   };
   if (error) fail(error);
   // Root passes access() on read-only mounts' modes but not on the mount itself: try a real file.
-  const fs::path probe = temporary_beside(folder / ".probe");
+  const fs::path probe = temporary_sibling(folder / ".probe");
   const int file = ::open(probe.c_str(), O_CREAT | O_WRONLY | O_CLOEXEC, 0600);
   if (file < 0) fail({errno, std::generic_category()});
   ::close(file);
   fs::remove(probe, error);
 }
 
-fs::path temporary_beside(const fs::path& path) {
+fs::path temporary_sibling(const fs::path& path) {
   return path.string() + fmt::format("{}{}.tmp", kTemporaryMark, getpid());
 }
 
@@ -212,7 +212,7 @@ fs::path named_program;
 constexpr const char* kName = ".mirage-lock";
 
 std::mutex held_mutex;
-std::set<fs::path> held;  ///< by this process
+std::set<fs::path> locked;  ///< by this process
 
 std::string own_words() {
   std::array<char, 256> host{};
@@ -290,7 +290,7 @@ void write_file(const fs::path& path, std::string_view bytes) {
   std::error_code error;
   if (path.has_parent_path()) fs::create_directories(path.parent_path(), error);
   if (error) throw Failure(path.parent_path().string(), error.message(), fix_for(error.value()));
-  const fs::path temporary = temporary_beside(path);
+  const fs::path temporary = temporary_sibling(path);
   const auto fail = [&](int file, int reason) {
     if (file >= 0) ::close(file);
     ::unlink(temporary.c_str());
@@ -365,12 +365,12 @@ FolderLock::FolderLock(const fs::path& folder, int levels) {
   const fs::path key = fs::weakly_canonical(folder, unknown);
   {
     const std::lock_guard lock(held_mutex);
-    if (!held.insert(key).second) return;
+    if (!locked.insert(key).second) return;
     key_ = key;
   }
   const auto release = [&] {
     const std::lock_guard lock(held_mutex);
-    held.erase(key_);
+    locked.erase(key_);
   };
   file_ = folder / kName;
   while (true) {
@@ -406,7 +406,7 @@ FolderLock::~FolderLock() {
     ::close(descriptor_);
   }
   const std::lock_guard lock(held_mutex);
-  held.erase(key_);
+  locked.erase(key_);
 }
 
 void remove_stale_files(const fs::path& folder, bool own, int levels) {
@@ -430,8 +430,8 @@ void check_json_depth(std::string_view text, const std::string& where, const std
   int depth = 0;
   for_each_unquoted(text, [&](std::size_t i, char c) {
     if (c == '[' || c == '{') {
-      if (++depth > kDeepestJson)
-        throw InputError(where, field, fmt::format("byte {}: nested deeper than {} levels", i, kDeepestJson),
+      if (++depth > kMaxJsonDepth)
+        throw InputError(where, field, fmt::format("byte {}: nested deeper than {} levels", i, kMaxJsonDepth),
                          kFix);
     } else if (c == ']' || c == '}') {
       --depth;

@@ -23,30 +23,30 @@ std::filesystem::path program_file();
 void set_program_file(const std::filesystem::path& file);
 
 /// Bytes of the largest JSON that holds some dozens of fields: its values take thirty times that.
-inline constexpr std::uintmax_t kLargestRecord = std::uintmax_t{1} << 19;
+inline constexpr std::uintmax_t kMaxRecordBytes = std::uintmax_t{1} << 19;
 /// Bytes of the largest file that is read whole where its reader knows of no smaller bound.
-inline constexpr std::uintmax_t kLargestFile = std::uintmax_t{1} << 30;
+inline constexpr std::uintmax_t kMaxFileBytes = std::uintmax_t{1} << 30;
 /// The whole file. InputError if it can't be read, or holds more than `most` bytes: it says so before any of
 /// them is in memory.
-std::string read_file(const std::filesystem::path& path, std::uintmax_t most = kLargestFile);
+std::string read_file(const std::filesystem::path& path, std::uintmax_t most = kMaxFileBytes);
 /// Bytes of the mark (U+FEFF) that some editors put before a text: 3, or 0 without one. InputError naming the
 /// file `where` for the marks of UTF-16 and UTF-32, whose letters are no bytes.
 std::size_t byte_order_mark(std::string_view head, const std::string& where);
 /// read_file of a text in UTF-8, without the byte order mark that it may begin with. InputError for UTF-16.
-std::string read_text(const std::filesystem::path& path, std::uintmax_t most = kLargestFile);
+std::string read_text(const std::filesystem::path& path, std::uintmax_t most = kMaxFileBytes);
 /// Writes atomically; makes the parent folder. Failure on a full disk or a read-only folder.
 void write_file(const std::filesystem::path& path, std::string_view bytes);
 /// 64-bit FNV-1a of the bytes, 16 hexadecimal digits: tells whether content changed, nothing more.
 std::string content_hash(std::string_view bytes);
 /// Bytes of the largest file of which only a hash is asked: a network of somebody else's, say.
-inline constexpr std::uintmax_t kLargestHashed = std::uintmax_t{1} << 34;
+inline constexpr std::uintmax_t kMaxHashedBytes = std::uintmax_t{1} << 34;
 /// content_hash of a file's bytes, of which few are in memory at a time. InputError as read_file; Interrupted
 /// if a signal comes during a large one.
-std::string file_hash(const std::filesystem::path& path, std::uintmax_t most = kLargestHashed);
+std::string file_hash(const std::filesystem::path& path, std::uintmax_t most = kMaxHashedBytes);
 /// Ends the name of a temporary file, before its process's number and ".tmp" (remove_stale_files).
 inline constexpr std::string_view kTemporaryMark = ".mirage-";
 /// NAME.mirage-PID.tmp in the same folder: what becomes `path` once it is whole.
-std::filesystem::path temporary_beside(const std::filesystem::path& path);
+std::filesystem::path temporary_sibling(const std::filesystem::path& path);
 /// How to mend what a system call failed with (errno): a full disk, permissions, a name too long, …
 std::string fix_for(int error);
 /// Moves a finished temporary file to its place (same folder). Failure if it can't.
@@ -55,10 +55,10 @@ void replace_file(const std::filesystem::path& temporary, const std::filesystem:
 void make_output_folder(const std::filesystem::path& folder);
 
 /// Bytes of the largest JSON that is read whole; for larger ones there is for_each_json_row.
-inline constexpr std::uintmax_t kLargestJson = std::uintmax_t{1} << 26;
+inline constexpr std::uintmax_t kMaxJsonBytes = std::uintmax_t{1} << 26;
 /// InputError naming file and byte when it is not JSON, or holds more than `most_values`; and as read_file.
-nlohmann::json read_json(const std::filesystem::path& path, std::uintmax_t most = kLargestJson,
-                         std::size_t most_values = kLargestJson);
+nlohmann::json read_json(const std::filesystem::path& path, std::uintmax_t most = kMaxJsonBytes,
+                         std::size_t most_values = kMaxJsonBytes);
 /// Of a file `where` that has been read. Without what `keep` refuses, if it is given. InputError as
 /// read_json's.
 nlohmann::json parse_json(std::string_view text, const std::string& where,
@@ -100,7 +100,7 @@ class FolderLock {
   std::filesystem::path file_, key_;
 };
 
-/// Removes the temporary files (temporary_beside) in `folder` and so many levels below whose processes no
+/// Removes the temporary files (temporary_sibling) in `folder` and so many levels below whose processes no
 /// longer live on this machine. `own`: also those with this process's number, which an earlier one had (in a
 /// container it often has); this one must not be writing there.
 void remove_stale_files(const std::filesystem::path& folder, bool own = false, int levels = kFoldersBelow);
@@ -110,7 +110,7 @@ void remove_stale_files(const std::filesystem::path& folder, bool own = false, i
 // times its own.
 
 /// Levels of arrays and objects within each other. Ours have 8, exported scenes of other programs below 30.
-inline constexpr int kDeepestJson = 128;
+inline constexpr int kMaxJsonDepth = 128;
 
 /// InputError with `where` as the file and `field` ("" for the whole file) if the text nests deeper. Says
 /// nothing about whether it is JSON.

@@ -59,10 +59,10 @@ std::string_view read_at(File& file, std::size_t at, char (&window)[N]) {
 
 /// OpenEXR sets aside what an attribute of the header claims before it reads it.
 std::string exr_claim(File& file) {
-  constexpr std::size_t kHead = 8, kLongestNames = 2 * 256;
+  constexpr std::size_t kHead = 8, kMaxNamesLength = 2 * 256;
   constexpr unsigned char kManyParts = 0x10;  // of the version's second byte
   const std::size_t size = file.size();
-  char window[kLongestNames + 4] = {};
+  char window[kMaxNamesLength + 4] = {};
   const bool many_parts = read_at(file, 0, window).size() > kHead && (window[5] & kManyParts) != 0;
   bool header_ended = false;
   for (std::size_t at = kHead; at < size;) {
@@ -98,7 +98,7 @@ bool is_compressed(File& file, std::size_t at) {
 /// libpng sets aside what a chunk claims, but for pixels, which it reads piece by piece; and what compressed
 /// texts become, a thousand times what they are.
 std::string png_claim(File& file) {
-  constexpr std::size_t kSignature = 8, kCheckSum = 4, kMostTexts = 1 << 12;
+  constexpr std::size_t kSignature = 8, kCheckSum = 4, kMaxTexts = 1 << 12;
   std::size_t texts = 0;
   const std::size_t size = file.size();
   char head[8] = {};
@@ -111,8 +111,8 @@ std::string png_claim(File& file) {
       return fmt::format("a chunk claims {} bytes, of {} that are left", claimed, size - at);
     if (claimed > size - at || type == "IEND") return "";
     if (type == "zTXt" || (type == "iTXt" && is_compressed(file, at))) texts += claimed;
-    if (texts > kMostTexts)
-      return fmt::format("has more than {} bytes of compressed texts, which nothing here needs", kMostTexts);
+    if (texts > kMaxTexts)
+      return fmt::format("has more than {} bytes of compressed texts, which nothing here needs", kMaxTexts);
     at += claimed + kCheckSum;
   }
   return "";
@@ -121,7 +121,7 @@ std::string png_claim(File& file) {
 namespace fs = std::filesystem;
 
 constexpr const char* kRestore = "restore the file from its source";
-constexpr std::int64_t kFarthestOrigin = 1 << 20;  // px
+constexpr std::int64_t kMaxImageOrigin = 1 << 20;  // px
 
 /// The format by a file's first bytes; OpenImageIO would go by the name and then try everything that it
 /// knows, down to film and raw formats.
@@ -140,9 +140,9 @@ std::string reason(std::string text) {
 
 /// A file whose reads give all that was asked for, or what is left of it: OpenImageIO's decoders take fewer
 /// bytes, which a system call may give at any time, for a damaged picture.
-class WholeReads : public OIIO::Filesystem::IOFile {
+class CompleteReads : public OIIO::Filesystem::IOFile {
  public:
-  explicit WholeReads(const std::string& path) : IOFile(path, Read) {}
+  explicit CompleteReads(const std::string& path) : IOFile(path, Read) {}
   std::size_t pread(void* bytes, std::size_t size, std::int64_t offset) override {
     std::size_t read = 0;
     while (read < size) {
@@ -162,7 +162,7 @@ class Picture {
     if (!fs::is_regular_file(path))
       throw InputError(path.string(), "", fs::exists(path) ? "is no regular file" : "no such image",
                        "check the data set's image folder");
-    auto file = std::make_unique<WholeReads>(path.string());
+    auto file = std::make_unique<CompleteReads>(path.string());
     if (!file->opened()) throw InputError(path.string(), "", "cannot be opened", "check its permissions");
     proxy_ = std::move(file);
     open(expected);
@@ -227,15 +227,15 @@ class Picture {
           "store its pixels upright (exiftran -ai, or mogrify -auto-orient)");
     const int width = spec().width, height = spec().height, channels = spec().nchannels;
     const std::string claims = fmt::format("claims {}×{} pixels", width, height);
-    if (width < 1 || height < 1 || channels < 1 || pixels() > kMostPixels ||
-        pixels() * as_size(channels) > 4 * kMostPixels)
-      bad(fmt::format("{}, {} channels; more than {} pixels are not read", claims, channels, kMostPixels),
+    if (width < 1 || height < 1 || channels < 1 || pixels() > kMaxPixels ||
+        pixels() * as_size(channels) > 4 * kMaxPixels)
+      bad(fmt::format("{}, {} channels; more than {} pixels are not read", claims, channels, kMaxPixels),
           "give a smaller picture");
     if (expected.width > 0 && (width != expected.width || height != expected.height))
       bad(fmt::format("is {}×{}, the camera {}×{}", width, height, expected.width, expected.height),
           "give the picture that belongs to the calibration");
     // Where the picture lies on a page does not matter, but that its last line has a number.
-    if (std::max(std::abs(std::int64_t{spec().x}), std::abs(std::int64_t{spec().y})) > kFarthestOrigin)
+    if (std::max(std::abs(std::int64_t{spec().x}), std::abs(std::int64_t{spec().y})) > kMaxImageOrigin)
       bad(fmt::format("claims to begin at pixel ({}, {})", spec().x, spec().y));
     // Deflate packs at most 1032 bytes into one.
     if (std::string_view(format) == "png" && pixels() * png_bits_a_pixel() / 8 / 1032 > size)

@@ -99,16 +99,16 @@ ImageF linear_image(std::span<const std::uint8_t> bytes, int width, int height);
 
 /// Pixels of the largest picture that is read, given or recorded: 8192×8192. A header of a few bytes can
 /// claim 60000×60000, so every reader looks at it before it reserves anything.
-inline constexpr std::uint64_t kMostPixels = 1ull << 26;
+inline constexpr std::uint64_t kMaxPixels = 1ull << 26;
 
-/// What a picture's header has to say; 0: any size within kMostPixels.
+/// What a picture's header has to say; 0: any size within kMaxPixels.
 struct PictureSize {
   int width = 0, height = 0;
 };
 
 /// Reads an 8-bit sRGB picture (PNG, JPEG) into scene-linear RGB (H×W×3), its colours as they are stored:
 /// alpha is left out. InputError naming the file if it is unreadable, no regular file, larger than
-/// kMostPixels, not of the `expected` size, or turned by its EXIF orientation (calibrations are of pixels as
+/// kMaxPixels, not of the `expected` size, or turned by its EXIF orientation (calibrations are of pixels as
 /// they are stored).
 ImageF read_srgb(const std::filesystem::path& path, PictureSize expected = {});
 /// Writes scene-linear RGB (3 channels; or 1, as grey) as 8-bit sRGB PNG, atomically.
@@ -119,7 +119,7 @@ std::string encode_srgb_png(const ImageF& linear);
 /// `where` as the file and `field`, as read_srgb.
 ImageF decode_srgb(std::string_view bytes, const std::string& where, const std::string& field,
                    PictureSize expected = {});
-/// Width and height from the file's header only; at most kMostPixels.
+/// Width and height from the file's header only; at most kMaxPixels.
 void read_image_size(const std::filesystem::path& path, int& width, int& height);
 
 /// Depth (m, one channel) as KITTI's depth benchmark stores it: 16-bit PNG of round(256 · depth), 0 where

@@ -17,7 +17,7 @@ namespace {
 constexpr double kUnknown = std::numeric_limits<double>::infinity();
 /// Weight of the assumed design effect against the clusters that hold a success, and the least one that is
 /// believed: clusters that agree by chance say little.
-constexpr double kAssumedClusters = 0.05, kLeastDesignEffect = 0.1;
+constexpr double kAssumedClusters = 0.05, kMinDesignEffect = 0.1;
 
 double t_quantile(double freedom) {
   return boost::math::quantile(boost::math::students_t(freedom), (1 + kConfidence) / 2);
@@ -112,8 +112,8 @@ Interval share_interval(const Estimate& share, const Trials& trials) {
   const double informed = std::min(trials.clusters, std::min(p, 1 - p) * trials.count);
   double deff = assumed;
   if (alone > 0)
-    deff = std::max(kLeastDesignEffect, (informed * share.variance / alone + kAssumedClusters * assumed) /
-                                            (informed + kAssumedClusters));
+    deff = std::max(kMinDesignEffect, (informed * share.variance / alone + kAssumedClusters * assumed) /
+                                          (informed + kAssumedClusters));
   const double n = trials.count / deff, t = t_quantile(share.freedom), tt = t * t / n;
   const double middle = (p + tt / 2) / (1 + tt),
                reach = t / (1 + tt) * std::sqrt(p * (1 - p) / n + tt / (4 * n));
@@ -239,21 +239,22 @@ double quantile(std::vector<double> values, double q) {
   return *place;
 }
 
-Told told(const Interval& difference) {
-  if (difference.low > 0) return Told::more;
-  if (difference.high < 0) return Told::less;
-  return difference.low >= -kSameWithin && difference.high <= kSameWithin ? Told::same : Told::open;
+DifferenceVerdict classify(const Interval& difference) {
+  if (difference.low > 0) return DifferenceVerdict::more;
+  if (difference.high < 0) return DifferenceVerdict::less;
+  return difference.low >= -kSameWithin && difference.high <= kSameWithin ? DifferenceVerdict::same
+                                                                          : DifferenceVerdict::open;
 }
 
-std::string to_string(Told told) {
-  switch (told) {
-    case Told::more:
+std::string to_string(DifferenceVerdict verdict) {
+  switch (verdict) {
+    case DifferenceVerdict::more:
       return "more";
-    case Told::less:
+    case DifferenceVerdict::less:
       return "less";
-    case Told::same:
+    case DifferenceVerdict::same:
       return "the same within 5 points";
-    case Told::open:
+    case DifferenceVerdict::open:
       break;
   }
   return "cannot be told";

@@ -58,11 +58,11 @@ void visit_fields(Visitor& visit, S& s) {
   visit_named(visit, "value", s.value, "low", s.low, "high", s.high);
 }
 /// What a difference of shares tells: all of its interval lies on one side of 0, or within ±kSameWithin.
-enum class Told { more, less, same, open };
-/// Told's rule; an interval that ends at 0 is neither more nor less.
-Told told(const Interval& difference);
+enum class DifferenceVerdict { more, less, same, open };
+/// DifferenceVerdict's rule; an interval that ends at 0 is neither more nor less.
+DifferenceVerdict classify(const Interval& difference);
 /// "more", "less", "the same within 5 points", "cannot be told"
-std::string to_string(Told told);
+std::string to_string(DifferenceVerdict verdict);
 /// {value, low, high}
 nlohmann::json to_json(const Interval& interval);
 

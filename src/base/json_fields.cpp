@@ -171,8 +171,8 @@ json read_json_parts(const fs::path& file, const std::string& fix, const json::p
   using Event = json::parse_event_t;
   Characters characters(file, fix, longest);
   const auto see = [&](int depth, Event event, json& value) {
-    if (depth > kDeepestJson)
-      characters.fail(characters.byte(), fmt::format("nested deeper than {} levels", kDeepestJson));
+    if (depth > kMaxJsonDepth)
+      characters.fail(characters.byte(), fmt::format("nested deeper than {} levels", kMaxJsonDepth));
     const bool kept = keep(depth, event, value);
     if (!kept && event != Event::key) characters.end_row();
     return kept;

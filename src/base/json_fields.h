@@ -74,7 +74,7 @@ class JsonFields {
 
 /// Bytes of the longest row, and of whatever else stands between two rows; the values of a row take up to
 /// thirty times its bytes.
-inline constexpr std::size_t kLongestRow = std::size_t{1} << 20;
+inline constexpr std::size_t kMaxRowBytes = std::size_t{1} << 20;
 
 /// The file's JSON without what `keep` refuses, of which one value is in memory at a time; the rest of the
 /// file, and each of those values, is of `longest` bytes at most. InputError naming file and byte when it is
@@ -82,7 +82,7 @@ inline constexpr std::size_t kLongestRow = std::size_t{1} << 20;
 /// if a signal comes. Exceptions of `keep` pass.
 nlohmann::json read_json_parts(const std::filesystem::path& file, const std::string& fix,
                                const nlohmann::json::parser_callback_t& keep,
-                               std::size_t longest = kLongestRow);
+                               std::size_t longest = kMaxRowBytes);
 
 /// visit(i, row) for each element of the file's list, in its order: of the file itself (`list` is ""), or of
 /// the field of that name of the file's object. What stands beside the list is checked to be JSON and
@@ -90,7 +90,7 @@ nlohmann::json read_json_parts(const std::filesystem::path& file, const std::str
 /// such list. Exceptions of `visit` pass.
 void for_each_json_row(const std::filesystem::path& file, const std::string& list, const std::string& fix,
                        const std::function<void(std::size_t, const nlohmann::json&)>& visit,
-                       std::size_t longest = kLongestRow);
+                       std::size_t longest = kMaxRowBytes);
 
 // Settings as JSON, by their list of fields (base/fields.h): out, in, and the part of them that decides a
 // result.
@@ -298,7 +298,7 @@ constexpr std::size_t former_numbers() {
 }
 
 /// Entries that a list of a file may have.
-inline constexpr std::size_t kMostListed = 100'000'000;
+inline constexpr std::size_t kMaxListed = 100'000'000;
 
 /// Of read_fields.
 class JsonReader {
@@ -328,7 +328,7 @@ class JsonReader {
       value = T(json.numbers(name, as_size(value.size()), low, high).data());
     } else if constexpr (kIsList<T>) {
       value.clear();
-      for (const nlohmann::json& entry : json.list(name, kMostListed)) {
+      for (const nlohmann::json& entry : json.list(name, kMaxListed)) {
         const JsonFields inner = json.inner(name + "[" + std::to_string(value.size()) + "]", entry);
         JsonReader within(inner);
         visit_fields(within, value.emplace_back());
@@ -391,8 +391,8 @@ class JsonReader {
     constexpr std::size_t kFormer = former_numbers<T>();
     std::size_t most = numbers.size();
     if constexpr (kFormer > 0)
-      if (json.list(field.name, kMostListed).size() > most) least = most += kFormer;
-    auto read = json.numbers(field.name, most, -Range::kMost, Range::kMost, least);
+      if (json.list(field.name, kMaxListed).size() > most) least = most += kFormer;
+    auto read = json.numbers(field.name, most, -Range::kMax, Range::kMax, least);
     if constexpr (kFormer > 0)
       if (read.size() > numbers.size()) {
         named(field, [&] { inner.read_former(std::span(read).subspan(numbers.size())); });

@@ -48,11 +48,11 @@ void start_logging(bool quiet) {
   spdlog::set_default_logger(std::move(logger));
 }
 
-ProgressTo::ProgressTo(ProgressListener told) {
+ProgressListenerScope::ProgressListenerScope(ProgressListener told) {
   listener = std::move(told);
 }
 
-ProgressTo::~ProgressTo() {
+ProgressListenerScope::~ProgressListenerScope() {
   listener = nullptr;
 }
 

@@ -48,13 +48,13 @@ using ProgressListener =
 
 /// As long as it lives, progress is told to the listener, quiet or not, ten times a second at most, on the
 /// thread that does the work; nothing is printed. One at a time.
-class ProgressTo {
+class ProgressListenerScope {
  public:
   /// Sends progress to the listener from now on.
-  explicit ProgressTo(ProgressListener listener);
-  ~ProgressTo();
-  ProgressTo(const ProgressTo&) = delete;
-  ProgressTo& operator=(const ProgressTo&) = delete;
+  explicit ProgressListenerScope(ProgressListener listener);
+  ~ProgressListenerScope();
+  ProgressListenerScope(const ProgressListenerScope&) = delete;
+  ProgressListenerScope& operator=(const ProgressListenerScope&) = delete;
 };
 
 }  // namespace mirage

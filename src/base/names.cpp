@@ -19,9 +19,9 @@ Utf8Character first_character(std::string_view bytes) {
     if (next >> 6 != 0b10) return {};
     point = point << 6 | (next & 0x3fu);
   }
-  constexpr char32_t kSmallest[] = {0, 0, 0x80, 0x800, 0x10000};
+  constexpr char32_t kMinSize[] = {0, 0, 0x80, 0x800, 0x10000};
   const bool surrogate = point >= 0xd800 && point <= 0xdfff;
-  if (point < kSmallest[length] || point > 0x10ffff || surrogate) return {};
+  if (point < kMinSize[length] || point > 0x10ffff || surrogate) return {};
   return {length, point};
 }
 
@@ -109,8 +109,8 @@ std::string frame_id_problem(std::string_view id) {
   if (id.find('/') != std::string_view::npos) return "holds a separator";
   if (id.find('\0') != std::string_view::npos) return "holds a NUL";
   // As it will stand in the names of files.
-  if (const std::size_t bytes = escape_name(id).size(); bytes > kLongestFrameId)
-    return fmt::format("is {} bytes long (escaped), at most {} can be used", bytes, kLongestFrameId);
+  if (const std::size_t bytes = escape_name(id).size(); bytes > kMaxFrameIdLength)
+    return fmt::format("is {} bytes long (escaped), at most {} can be used", bytes, kMaxFrameIdLength);
   return "";
 }
 

@@ -31,7 +31,7 @@ std::string escape_name(std::string_view bytes);
 std::string unescape_name(std::string_view text);
 
 /// A frame's name: no separator, not "." or "..", and short enough that files can be named after it.
-inline constexpr std::size_t kLongestFrameId = 160;
+inline constexpr std::size_t kMaxFrameIdLength = 160;
 /// Why it can't be one; empty if it can.
 std::string frame_id_problem(std::string_view id);
 

@@ -42,11 +42,11 @@ std::vector<ShippedPlugin> read_shipped_plugins(const fs::path& folder, const st
 
 const std::vector<ShippedPlugin>& shipped_plugins(const std::string& kind) {
   static std::mutex mutex;
-  static std::map<std::string, std::vector<ShippedPlugin>> known;
+  static std::map<std::string, std::vector<ShippedPlugin>> shipped;
   const std::scoped_lock lock(mutex);
-  const auto place = known.find(kind);
-  if (place != known.end()) return place->second;
-  return known[kind] = read_shipped_plugins(built_file("plugins"), kind);
+  const auto place = shipped.find(kind);
+  if (place != shipped.end()) return place->second;
+  return shipped[kind] = read_shipped_plugins(built_file("plugins"), kind);
 }
 
 const ShippedPlugin* shipped_plugin(const std::string& kind, const std::string& word) {

@@ -55,14 +55,14 @@ auto call_plugin(const std::filesystem::path& file, const std::string& function,
 }
 
 /// Runs work(error), which returns 0 or writes its reason to error: Failure naming file and function, or
-/// InputError naming `given` when it returns 2: the file that the user gave to the plugin is to blame.
+/// InputError naming `weights` when it returns 2: the file that the user gave to the plugin is to blame.
 template <class Work>
 void run_plugin(const std::filesystem::path& file, const std::string& function, const Work& work,
-                const std::filesystem::path& given = {}) {
+                const std::filesystem::path& weights = {}) {
   char error[kPluginErrorSize] = "";
   const int status = call_plugin(file, function, [&] { return work(error); });
-  if (status == 2 && !given.empty())
-    throw InputError(given.string(), "", error[0] ? error : "no reason given", "check --weights");
+  if (status == 2 && !weights.empty())
+    throw InputError(weights.string(), "", error[0] ? error : "no reason given", "check --weights");
   if (status != 0)
     throw Failure(file.string(), function + " failed (" + (error[0] ? error : "no reason given") + ")",
                   "check the input, the weights and the free memory");
@@ -81,13 +81,13 @@ const Api* open_plugin(const std::filesystem::path& file, const std::string& ent
   void* symbol = plugin_symbol(file, entry, contract);
   const Api* api = call_plugin(file, entry, [&] { return reinterpret_cast<const Api* (*)()>(symbol)(); });
   if (!api) throw InputError(file.string(), entry, "the entry point returned nothing", "rebuild the plugin");
-  std::string known;
+  std::string supported;
   for (const std::uint32_t version : versions) {
     if (api->abi_version == version) return api;
-    known += (known.empty() ? "" : " and ") + std::to_string(version);
+    supported += (supported.empty() ? "" : " and ") + std::to_string(version);
   }
   throw InputError(file.string(), "abi_version",
-                   "is " + std::to_string(api->abi_version) + ", this program speaks " + known,
+                   "is " + std::to_string(api->abi_version) + ", this program speaks " + supported,
                    "rebuild the plugin against this version");
 }
 

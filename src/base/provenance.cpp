@@ -46,18 +46,18 @@ void Provenance::file(const std::string& name, const std::filesystem::path& path
   input(name, file_hash(path));
 }
 
-nlohmann::json Provenance::made_of() const {
+nlohmann::json Provenance::provenance() const {
   return {{"program", program_identity()}, {"inputs", inputs_}, {"settings", settings_}};
 }
 
 std::string Provenance::identity() const {
-  return content_hash(made_of().dump());
+  return content_hash(provenance().dump());
 }
 
 nlohmann::json Provenance::json() const {
-  nlohmann::json all = made_of();
+  nlohmann::json all = provenance();
   all.update({{"version", program_version()}, {"commit", program_commit()}, {"identity", identity()}});
-  all.update(told_);
+  all.update(records_);
   return all;
 }
 

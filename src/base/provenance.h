@@ -40,18 +40,18 @@ class Provenance {
   /// That input's hash; "" without one.
   std::string input(const std::string& name) const { return inputs_.value(name, ""); }
   /// What a reader wants to know and no result depends on: names and paths of inputs, date, command.
-  void tell(const std::string& name, nlohmann::json value) { told_[name] = std::move(value); }
+  void record(const std::string& name, nlohmann::json value) { records_[name] = std::move(value); }
 
   /// {program, inputs, settings}; keys are sorted.
-  nlohmann::json made_of() const;
-  /// Hash of made_of().
+  nlohmann::json provenance() const;
+  /// Hash of provenance().
   std::string identity() const;
-  /// Of result.json (src/README.md): made_of(), version, commit, identity, and what was told.
+  /// Of result.json (src/README.md): provenance(), version, commit, identity, and what was told.
   nlohmann::json json() const;
 
  private:
   friend class ProvenanceFields;
-  nlohmann::json settings_ = nlohmann::json::object(), inputs_ = settings_, told_ = settings_;
+  nlohmann::json settings_ = nlohmann::json::object(), inputs_ = settings_, records_ = settings_;
 };
 
 /// Of Provenance::add.

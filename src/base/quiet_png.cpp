@@ -16,7 +16,7 @@ using SetHandlers = void (*)(void* png, void* owner, ErrorHandler error, ErrorHa
 std::atomic<bool> silent{false};
 /// OpenImageIO's: its reader's and its writer's, which keep the message. A place for each, as libpng hands a
 /// handler nothing to tell it by.
-std::array<std::atomic<ErrorHandler>, 4> told{};
+std::array<std::atomic<ErrorHandler>, 4> handlers{};
 
 template <class Function>
 Function library(void* where, const char* name) {
@@ -24,20 +24,20 @@ Function library(void* where, const char* name) {
 }
 
 template <std::size_t K>
-void tell_and_leave(void* png, const char* message) {
-  if (const ErrorHandler handler = told[K]) handler(png, message);
+void report_and_jump(void* png, const char* message) {
+  if (const ErrorHandler handler = handlers[K]) handler(png, message);
   static const auto leave = library<void (*)(void*, int)>(RTLD_DEFAULT, "png_longjmp");
   leave(png, 1);
 }
 
-constexpr std::array<ErrorHandler, 4> kWrappers = {tell_and_leave<0>, tell_and_leave<1>, tell_and_leave<2>,
-                                                   tell_and_leave<3>};
+constexpr std::array<ErrorHandler, 4> kWrappers = {report_and_jump<0>, report_and_jump<1>, report_and_jump<2>,
+                                                   report_and_jump<3>};
 
 /// The wrapper of a handler; the handler itself where all places are taken.
 ErrorHandler wrapper_of(ErrorHandler handler) {
-  for (std::size_t k = 0; k < told.size(); ++k) {
+  for (std::size_t k = 0; k < handlers.size(); ++k) {
     ErrorHandler none = nullptr;
-    if (told[k].compare_exchange_strong(none, handler) || none == handler) return kWrappers[k];
+    if (handlers[k].compare_exchange_strong(none, handler) || none == handler) return kWrappers[k];
   }
   return handler;
 }

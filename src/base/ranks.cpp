@@ -15,7 +15,7 @@ namespace mirage {
 namespace {
 
 int own_rank = 0, ranks = 1, on_this_machine = 1;
-int alone = 0;  // AloneAmongRanks that live
+int alone = 0;  // SingleRankScope that live
 bool has_joined = false;
 
 /// What Open MPI, and PMI-based launchers (MPICH, Slurm), tell the processes that they start.
@@ -61,11 +61,11 @@ std::size_t ranks_here() {
   return as_size(on_this_machine);
 }
 
-AloneAmongRanks::AloneAmongRanks() {
+SingleRankScope::SingleRankScope() {
   ++alone;
 }
 
-AloneAmongRanks::~AloneAmongRanks() {
+SingleRankScope::~SingleRankScope() {
   --alone;
 }
 

@@ -27,12 +27,12 @@ std::size_t ranks_here();
 
 /// While one lives, this process counts as the only one: what it calls neither waits for other ranks nor
 /// sends them anything. For ranks that do different work side by side.
-class AloneAmongRanks {
+class SingleRankScope {
  public:
-  AloneAmongRanks();
-  ~AloneAmongRanks();
-  AloneAmongRanks(const AloneAmongRanks&) = delete;
-  AloneAmongRanks& operator=(const AloneAmongRanks&) = delete;
+  SingleRankScope();
+  ~SingleRankScope();
+  SingleRankScope(const SingleRankScope&) = delete;
+  SingleRankScope& operator=(const SingleRankScope&) = delete;
 };
 
 /// Returns once every rank has come here: what the first wrote before is there for all. A call of all ranks.

@@ -103,7 +103,7 @@ void visit_fields(Visitor& visit, S& s) {
 
 /// Learning rate at `progress` in [0, 1]: a linear rise over the first 5 %, then half a cosine down to 1 % of
 /// the peak.
-inline double one_cycle(double peak, double progress) {
+inline double one_cycle_rate(double peak, double progress) {
   constexpr double rise = 0.05, floor = 0.01;
   progress = std::clamp(progress, 0.0, 1.0);
   if (progress < rise) return peak * (0.05 + 0.95 * progress / rise);

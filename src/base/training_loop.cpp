@@ -17,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::int64_t kMostSteps = 1'000'000'000'000;
+constexpr std::int64_t kMaxSteps = 1'000'000'000'000;
 
 std::string weights_name(std::int64_t step) {
   return "checkpoint-" + std::to_string(step) + ".weights";
@@ -29,16 +29,16 @@ fs::path state_file(const fs::path& out) {
 
 }  // namespace
 
-TrainingState read_training_state(const fs::path& out, const RunIdentity& wanted) {
+TrainingState read_training_state(const fs::path& out, const RunIdentity& expected) {
   TrainingState state;
   const fs::path file = state_file(out);
   if (!fs::exists(file)) return state;
-  const nlohmann::json whole = read_json(file, kLargestRecord);
+  const nlohmann::json whole = read_json(file, kMaxRecordBytes);
   const JsonFields json(file, whole, "restore the file, or use another --out");
   json.object("options");
   nlohmann::json written = whole.at("options");
-  complete(written, wanted.lacking);
-  if (written != wanted.json)
+  complete(written, expected.lacking);
+  if (written != expected.json)
     throw InputError(file.string(), "options", "this folder holds a run with other options",
                      "use the same options to go on, or another --out");
   constexpr double kAny = std::numeric_limits<double>::max();
@@ -47,7 +47,7 @@ TrainingState read_training_state(const fs::path& out, const RunIdentity& wanted
         "{}: the steps so far were made by another program or on another processor; for a run of one start "
         "in another --out",
         file.string());
-  state.step = json.integer("step", 0, wanted.json.value("steps", kMostSteps));
+  state.step = json.integer("step", 0, expected.json.value("steps", kMaxSteps));
   state.seconds = json.number("seconds", 0, kAny);
   const auto losses = json.numbers("losses", state.losses.size(), -kAny, kAny);
   std::copy(losses.begin(), losses.end(), state.losses.begin());
@@ -59,11 +59,11 @@ TrainingState read_training_state(const fs::path& out, const RunIdentity& wanted
   return state;
 }
 
-void write_training_state(const fs::path& out, const nlohmann::json& wanted, TrainingState& state,
+void write_training_state(const fs::path& out, const nlohmann::json& expected, TrainingState& state,
                           const std::function<void(const fs::path&)>& save) {
   const fs::path weights = out / weights_name(state.step);
   save(weights);
-  write_json(state_file(out), {{"options", wanted},
+  write_json(state_file(out), {{"options", expected},
                                {"program", program_identity()},
                                {"step", state.step},
                                {"seconds", state.seconds},
@@ -76,9 +76,9 @@ void write_training_state(const fs::path& out, const nlohmann::json& wanted, Tra
 
 TrainingLog::TrainingLog(const fs::path& out, std::int64_t step) : file_(out / "training.jsonl") {
   if (step == 0 || !fs::exists(file_)) return;
-  std::istringstream lines(read_text(file_, kLargestJson));
+  std::istringstream lines(read_text(file_, kMaxJsonBytes));
   for (std::string line; std::getline(lines, line);) {
-    if (line.size() > kLargestRecord) continue;
+    if (line.size() > kMaxRecordBytes) continue;
     const auto json = nlohmann::json::parse(line, nullptr, false);
     const auto at = json.find("step");  // of an object
     if (at != json.end() && at->is_number_integer() && at->get<std::int64_t>() <= step) text_ += line + "\n";
@@ -124,7 +124,7 @@ double TrainingLoop::run(const TrainingWork& work) {
   {
     Progress shown(work.name, as_size(schedule_.steps), schedule_.quiet);
     while (progress() < 1) {
-      const double rate = one_cycle(schedule_.learning_rate, progress());
+      const double rate = one_cycle_rate(schedule_.learning_rate, progress());
       const std::array<double, 3> losses = work.learn(state_.step, rate);
       const double share = std::max(work.follow, 1.0 / static_cast<double>(state_.step + 1));
       for (std::size_t t = 0; t < losses.size(); ++t)
@@ -132,7 +132,7 @@ double TrainingLoop::run(const TrainingWork& work) {
       ++state_.step;
       state_.seconds = seconds_before + seconds_since(start);
       shown.update(as_size(state_.step), work.note());
-      if (state_.step % work.tell_every == 0) work.tell(rate);
+      if (state_.step % work.report_every == 0) work.report(rate);
       const bool stop = schedule_.stop();
       const bool validate =
           work.validate_every > 0 && state_.step % work.validate_every == 0 && state_.step < schedule_.steps;

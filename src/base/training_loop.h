@@ -24,13 +24,13 @@ struct TrainingState {
   std::filesystem::path weights;   ///< of the checkpoint; empty: none yet
 };
 
-/// The run in `out` (a fresh state when there is none). InputError if it is of other options than `wanted`,
+/// The run in `out` (a fresh state when there is none). InputError if it is of other options than `expected`,
 /// or unreadable.
-TrainingState read_training_state(const std::filesystem::path& out, const RunIdentity& wanted);
+TrainingState read_training_state(const std::filesystem::path& out, const RunIdentity& expected);
 
 /// save(file) writes the weights, then the state that names them is written, then the old weights go: a kill
 /// at any point leaves a pair.
-void write_training_state(const std::filesystem::path& out, const nlohmann::json& wanted,
+void write_training_state(const std::filesystem::path& out, const nlohmann::json& expected,
                           TrainingState& state,
                           const std::function<void(const std::filesystem::path&)>& save);
 
@@ -56,7 +56,7 @@ struct TrainingWork {
   const char* name = "train";  ///< of the progress line
   /// Share by which a step moves the running losses, but at the start 1 / (steps so far + 1).
   double follow = 0.02;
-  std::int64_t tell_every = 50;  ///< steps
+  std::int64_t report_every = 50;  ///< steps
   /// The update number `step`, from 0, at this rate; returns its three loss terms.
   std::function<std::array<double, 3>(std::int64_t step, double rate)> learn;
   /// Writes the weights and the optimiser's state, so that the next `learn` is the same after a start anew.
@@ -65,8 +65,8 @@ struct TrainingWork {
   std::function<void(std::int64_t step)> drop = {};
   /// What the progress line says of the losses.
   std::function<std::string()> note;
-  /// Tells of the step just done; every tell_every steps.
-  std::function<void(double rate)> tell;
+  /// Tells of the step just done; every report_every steps.
+  std::function<void(double rate)> report;
   /// Called every validate_every steps (0: never) before the last, after a checkpoint.
   std::int64_t validate_every = 0;
   std::function<void()> validate = {};
@@ -104,12 +104,13 @@ class TrainingLoop {
 
 /// Samples of a step, prepared by a thread of their own while the step before learns.
 template <class Samples>
-class SamplesAhead {
+class SamplePrefetcher {
  public:
   /// prepare(step) runs in one thread at a time, and at last for the step after the last one taken.
-  explicit SamplesAhead(std::function<Samples(std::int64_t step)> prepare) : prepare_(std::move(prepare)) {}
-  SamplesAhead(const SamplesAhead&) = delete;  // its thread knows it
-  SamplesAhead& operator=(const SamplesAhead&) = delete;
+  explicit SamplePrefetcher(std::function<Samples(std::int64_t step)> prepare)
+      : prepare_(std::move(prepare)) {}
+  SamplePrefetcher(const SamplePrefetcher&) = delete;  // its thread knows it
+  SamplePrefetcher& operator=(const SamplePrefetcher&) = delete;
   /// Those of `step`: of any, then of one after the other. Throws what prepare throws.
   Samples take(std::int64_t step) {
     if (!next_.valid()) begin(step);

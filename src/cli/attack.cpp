@@ -7,7 +7,7 @@
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/options.h"
-#include "frames/made_of.h"
+#include "frames/frame_provenance.h"
 #include "scene/data/read_frames.h"
 #include "validation/blender/blender_process.h"
 
@@ -36,9 +36,9 @@ std::shared_ptr<CyclesRenderer> make_renderer(const AttackOptions& options, cons
 void apply_rasteriser(const AttackOptions& options, SimulationSettings& settings) {
   QualityOption quality = options.quality;
   if (options.renderer != kRasterRenderer) {
-    const auto given = [&](const char* option) { return quality.given(option); };
-    if (!given("--quality") && std::ranges::none_of(kSoftOptions, given)) quality.name = "exact";
-    if (!quality.given("--light")) settings.light = LightModel::visible;
+    const auto is_set = [&](const char* option) { return quality.is_set(option); };
+    if (!is_set("--quality") && std::ranges::none_of(kSoftOptions, is_set)) quality.name = "exact";
+    if (!quality.is_set("--light")) settings.light = LightModel::visible;
   }
   quality.apply(settings);
 }
@@ -96,7 +96,7 @@ void add_options(CLI::App& app, AttackOptions& options) {
                 "m). 0: every step");
   add_defaulted(app, "--cycles-renew-texels", options.settings.renewal.texels,
                 "with --renderer cycles: render again when texels have changed by this (root mean square)");
-  tell_of_cache(app);
+  add_cache_note(app);
 }
 
 nlohmann::json run(const AttackOptions& options, const Common& common) {
@@ -114,12 +114,12 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   settings.renderer = cycles;
   const AttackResult result = run_attack(settings);
   if (rank() == 0) {
-    common.made_of->add(settings);
+    common.provenance->add(settings);
     if (settings.buildable.on)
-      common.made_of->input("gamut", content_hash(to_json(settings.buildable.gamut).dump()));
-    if (settings.renderer) common.made_of->set("renderer", settings.renderer->identity());
-    add_frames(*common.made_of, settings, list_frames(settings.data));
-    add_detector(*common.made_of, settings.detector);
+      common.provenance->input("gamut", content_hash(to_json(settings.buildable.gamut).dump()));
+    if (settings.renderer) common.provenance->set("renderer", settings.renderer->identity());
+    add_frames(*common.provenance, settings, list_frames(settings.data));
+    add_detector(*common.provenance, settings.detector);
   }
   // Whose iterations are all there takes none: a random mesh has none.
   const bool done = result.steps == 0 && result.iterations > 0;

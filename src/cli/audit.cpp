@@ -10,8 +10,8 @@
 #include "cli/options.h"
 #include "detection/detector_settings.h"
 #include "frames/data_check.h"
+#include "frames/frame_provenance.h"
 #include "frames/frame_store.h"
-#include "frames/made_of.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage::cli {
@@ -27,7 +27,7 @@ struct AuditOptions : FrameSource {
 /// The measured detectors that the file holds; none if there is no file.
 nlohmann::json read_claims(const std::filesystem::path& file) {
   if (!std::filesystem::exists(file)) return nlohmann::json::object();
-  nlohmann::json claims = read_json(file, kLargestRecord);
+  nlohmann::json claims = read_json(file, kMaxRecordBytes);
   if (!claims.is_object())
     throw InputError(file.string(), "", "is no object of measured detectors",
                      "name another file with --claim");
@@ -61,7 +61,7 @@ void add_options(CLI::App& app, AuditOptions& options) {
   app.add_option("--claim", options.claim,
                  "put the gate's answer under the weights' name into this file "
                  "(plugins/detectors/fusion/weights/reliance.json is what the tests check)");
-  tell_of_cache(app);
+  add_cache_note(app);
 }
 
 /// What is lost as what is won.
@@ -72,13 +72,13 @@ Interval less(const Interval& lost) {
 nlohmann::json run(const AuditOptions& options, const Common& common) {
   make_output_folder(common.out);
   if (!options.claim.empty()) read_claims(options.claim);  // now, not after the work
-  const DetectorOptions asked = with_common(options.detector, common, options);
+  const DetectorOptions detector_options = with_common(options.detector, common, options);
   check_data(options.data, options.rig, UnitUse::reads_sweeps);
   const std::vector<std::string> ids = spread_evenly(list_frames(options.data), options.frames);
   const LabelCensus census = count_labels(options.data, ids, options.classes);
   require_cars(census, "an audit");
   if (rank() == 0) warn_of_labels(census);
-  const DetectorPool pool = load_detector_pool(asked, static_cast<int>(ids.size()));
+  const DetectorPool pool = load_detector_pool(detector_options, static_cast<int>(ids.size()));
   std::vector<Detector*> detectors;
   for (const auto& detector : pool) detectors.push_back(detector.get());
   const Capabilities can = detectors.front()->capabilities();
@@ -87,16 +87,16 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
     std::erase_if(changes, [](const AuditChange& change) { return change.input() == AuditInput::picture; });
   Audit audit;
   if (!changes.empty())
-    audit =
-        run_audit(detectors, recorded_frames(options, detector_identity(asked, can.version), "audit"), ids,
-                  changes, lidar_of(options.data, options.rig), common.seed, progress_of("audit", common));
+    audit = run_audit(
+        detectors, recorded_frames(options, detector_identity(detector_options, can.version), "audit"), ids,
+        changes, lidar_of(options.data, options.rig), common.seed, progress_of("audit", common));
   if (rank() > 0) return nlohmann::json::object();  // the first tells
-  add_detector(*common.made_of, asked);
-  common.made_of->set("classes", options.classes);
-  common.made_of->input("sensors", sensors_identity(options.sensors));
-  add_data(*common.made_of, options.data, ids, options.cameras);
+  add_detector(*common.provenance, detector_options);
+  common.provenance->set("classes", options.classes);
+  common.provenance->input("sensors", sensors_identity(options.sensors));
+  add_data(*common.provenance, options.data, ids, options.cameras);
   const Reliance reliance = can.reads_image ? reliance_of(audit) : no_camera();
-  if (!options.claim.empty()) write_claim(options.claim, asked, options.data, reliance);
+  if (!options.claim.empty()) write_claim(options.claim, detector_options, options.data, reliance);
   nlohmann::json result = to_json(audit);
   result["detector"] = detectors.front()->name();
   result["reliance"] = to_json(reliance);

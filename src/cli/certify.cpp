@@ -8,7 +8,7 @@
 #include "cli/command.h"
 #include "cli/options.h"
 #include "defense/certificate.h"
-#include "frames/made_of.h"
+#include "frames/frame_provenance.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage::cli {
@@ -90,7 +90,7 @@ void add_options(CLI::App& app, CertifyOptions& options) {
   add_fields(app, settings);
   add_score_option(app, settings.evaluation.score_threshold);
   options.effects.add(app);
-  tell_of_cache(app);
+  add_cache_note(app);
 }
 
 nlohmann::json run(const CertifyOptions& options, const Common& common) {
@@ -105,17 +105,18 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
   const LidarModel lidar = lidar_of(options.data, options.rig);
   options.effects.apply(settings.simulation, lidar, recorded_lidar_effects(options.data), common.seed);
   FrameStore store(options);
-  const DetectorOptions asked = with_common(options.detector, common, options);
-  if (asked.locality > 0)
-    throw InputError("--locality", fmt::format("{}", asked.locality),
+  const DetectorOptions detector_options = with_common(options.detector, common, options);
+  if (detector_options.locality > 0)
+    throw InputError("--locality", fmt::format("{}", detector_options.locality),
                      "is an approximation, and proves nothing", "leave it out");
   std::vector<std::string> frames = list_frames(options.data);
   if (options.frames > 0 && frames.size() > options.frames) frames.resize(options.frames);
   const LabelCensus census = count_labels(options.data, frames, options.classes, options.cameras);
   require_cars(census, "a certificate");
   if (rank() == 0) warn_of_labels(census);
-  const DetectorPool detectors = load_detector_pool(asked, static_cast<int>(frames.size()));
-  settings.evaluation.detector_identity = detector_identity(asked, detectors.front()->capabilities().version);
+  const DetectorPool detectors = load_detector_pool(detector_options, static_cast<int>(frames.size()));
+  settings.evaluation.detector_identity =
+      detector_identity(detector_options, detectors.front()->capabilities().version);
   require_shared(store.cache(), "certify", settings.evaluation.detector_identity);
   const std::vector<HostId> hosts = host_ids(find_all_hosts(
       store, frames, detectors.front()->region(), settings.simulation, options.min_view, common.quiet));
@@ -124,19 +125,19 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
                      "give more frames or lower --min-view");
   const CertificateResult result = certify(detectors, store, hosts, lidar, settings);
   if (rank() > 0) return nlohmann::json::object();  // the first tells
-  common.made_of->add(settings.simulation);
-  add_frames(*common.made_of, options, frames);
-  add_detector(*common.made_of, asked);
-  add_objects(*common.made_of, objects);
+  common.provenance->add(settings.simulation);
+  add_frames(*common.provenance, options, frames);
+  add_detector(*common.provenance, detector_options);
+  add_objects(*common.provenance, objects);
   print_shares(result, settings);
   nlohmann::json json = to_json(result, settings);
   json["data"] = options.data.string();
   json["depth"] = escape_name(options.depth);
   json["rooftop"] = escape_name(options.rooftop);
   json["sun"] = options.sun;
-  json["detector"] = asked.detector;
-  json["weights"] = asked.weights.string();
-  json["defense"] = asked.defense;
+  json["detector"] = detector_options.detector;
+  json["weights"] = detector_options.weights.string();
+  json["defense"] = detector_options.defense;
   return json;
 }
 

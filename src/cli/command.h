@@ -33,7 +33,7 @@ struct Common {
   std::filesystem::path out;
   bool quiet = false;
   /// What the result is made of: options are in it; commands add what these stand for.
-  std::shared_ptr<Provenance> made_of = std::make_shared<Provenance>();
+  std::shared_ptr<Provenance> provenance = std::make_shared<Provenance>();
 };
 
 /// Every x_command() returns command_of<XOptions>({.name = …, .help = …, .example = …}).
@@ -58,14 +58,14 @@ struct Command {
 /// const Common&) and, where there is one, afterwards(const Options&, const Common&): overloads, in a unity
 /// build.
 template <class Options>
-Command command_of(Command told) {
+Command command_of(Command command) {
   const auto options = std::make_shared<Options>();  // lives as long as the command
-  if (told.default_out.empty()) told.default_out = "out/" + told.name;
-  told.options = [options](CLI::App& app) { add_options(app, *options); };
-  told.run = [options](const Common& common) -> nlohmann::json { return run(*options, common); };
+  if (command.default_out.empty()) command.default_out = "out/" + command.name;
+  command.options = [options](CLI::App& app) { add_options(app, *options); };
+  command.run = [options](const Common& common) -> nlohmann::json { return run(*options, common); };
   if constexpr (requires(const Common& common) { afterwards(*options, common); })
-    told.afterwards = [options](const Common& common) { afterwards(*options, common); };
-  return told;
+    command.afterwards = [options](const Common& common) { afterwards(*options, common); };
+  return command;
 }
 
 /// An option whose help tells its default: `value` as it stands.
@@ -181,10 +181,10 @@ inline Rows picture_rows(const Reliance& reliance) {
 /// The page that a Python program makes beside OUT/result.json, one self-contained file
 /// (validation/report/command_page.py). A warning in its place where Python or jinja2 is missing.
 inline void write_page(const std::filesystem::path& out) {
-  std::string said;
-  if (run_script("validation/report/command_page.py", out, &said) != 0)
+  std::string output;
+  if (run_script("validation/report/command_page.py", out, &output) != 0)
     spdlog::warn("no page beside {}: {}", (out / "result.json").string(),
-                 said.empty() ? "install python3-jinja2 and python3-pil" : said);
+                 output.empty() ? "install python3-jinja2 and python3-pil" : output);
 }
 
 }  // namespace mirage::cli

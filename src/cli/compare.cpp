@@ -41,7 +41,7 @@ void print_comparison(const Comparison& result) {
   for (const ComparedPart& part : result.parts) show(part);
   if (result.own) show(*result.own);
   print_columns(parts);
-  Rows rows = {{"second is easier to fool", to_string(told(all.difference))},
+  Rows rows = {{"second is easier to fool", to_string(classify(all.difference))},
                {"smallest difference that would show",
                 fmt::format("{:.1f} points, in 80 % of such sets", 100 * result.detectable)}};
   for (const auto& [difference, vehicles] : result.needed)
@@ -81,7 +81,7 @@ void add_options(CLI::App& app, CompareOptions& options) {
          "exit code 1 if the second detector is worse by more than this many points beyond the interval")
       ->check(within({0, 100}));
   add_trust_option(app, request.trust);
-  tell_of_cache(app);
+  add_cache_note(app);
 }
 
 nlohmann::json run(CompareOptions& options, const Common& common) {
@@ -98,7 +98,7 @@ nlohmann::json run(CompareOptions& options, const Common& common) {
     detector.defense = of_two(options.defenses, which, "defense", "none");
     request.detectors.push_back(detector);
   }
-  const Comparison result = compare(request, common.made_of.get());
+  const Comparison result = compare(request, common.provenance.get());
   if (rank() > 0) return nlohmann::json::object();  // the first tells
   if (!common.quiet) print_comparison(result);
   options.worse = 100 * result.parts.front().difference.low;

@@ -4,7 +4,7 @@
 #include "cli/options.h"
 #include "defense/adversarial_training.h"
 #include "detection/detector_settings.h"
-#include "frames/made_of.h"
+#include "frames/frame_provenance.h"
 
 namespace mirage::cli {
 namespace {
@@ -20,8 +20,8 @@ nlohmann::json run(const DefendOptions& options, const Common& common) {
   take_common(settings, common);
   settings.detector = with_common(settings.detector, common, settings);
   const DefenseResult result = train_defended(settings);
-  common.made_of->add(settings);
-  add_detector(*common.made_of, settings.detector);
+  common.provenance->add(settings);
+  add_detector(*common.provenance, settings.detector);
   Rows rows = {{"hosts", std::to_string(result.hosts)},
                {"updates", std::to_string(result.steps)},
                {"seconds an update", fmt::format("{:.2f}", result.seconds_per_step)},

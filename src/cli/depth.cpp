@@ -100,8 +100,8 @@ nlohmann::json run(const DepthOptions& options, const Common& common) {
   for (const std::string& name : listed_words(options.backends))
     backends.push_back(load_depth_completion({name, options.weights, false, common.seed, common.threads}));
   for (const std::string& name : listed_words(options.backends))
-    common.made_of->input("backend_" + escape_name(name),
-                          depth_identity({name, options.weights, false, common.seed, common.threads}));
+    common.provenance->input("backend_" + escape_name(name),
+                             depth_identity({name, options.weights, false, common.seed, common.threads}));
   if (backends.empty()) throw InputError("--backends", "", "names none", "try ip-basic,guided");
   const auto scores = score_depth(score, backends, initial_adversary(), progress_of("depth", common));
   if (!common.quiet) print_scores(scores, score.hidden > 0);

@@ -17,8 +17,8 @@
 #include "cli/options.h"
 #include "detection/process_detector.h"
 #include "frames/data_check.h"
+#include "frames/frame_provenance.h"
 #include "frames/frame_store.h"
-#include "frames/made_of.h"
 #include "scene/data/read_frames.h"
 #include "validation/report/pages.h"
 
@@ -125,7 +125,7 @@ void add_options(CLI::App& app, DetectOptions& options) {
       ->check(CLI::Range(1, 1000));
   app.add_option("--kitti", options.kitti,
                  "also write KITTI result files ID.txt into this folder (heights come from the sweep)");
-  tell_of_cache(app);
+  add_cache_note(app);
 }
 
 nlohmann::json run(const DetectOptions& options, const Common& common) {
@@ -162,10 +162,10 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
       detectors, recorded_frames(options, detector_identity(detector_options, can.version), "detect"),
       options.frames, progress_of("detect", common), seen);
   if (rank() > 0) return nlohmann::json::object();  // the first tells
-  add_detector(*common.made_of, detector_options);
-  common.made_of->set("classes", options.classes);
-  common.made_of->input("sensors", sensors_identity(options.sensors));
-  add_data(*common.made_of, options.data, frames, options.cameras);
+  add_detector(*common.provenance, detector_options);
+  common.provenance->set("classes", options.classes);
+  common.provenance->input("sensors", sensors_identity(options.sensors));
+  add_data(*common.provenance, options.data, frames, options.cameras);
   write_json(common.out / "detections.json", detections_json(run, can));
   std::vector<ScoredStratum> parts(1);
   parts[0].stratum.name = "all";
@@ -180,7 +180,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   if (can.finds_picture) ways.push_back(kInPicture);
   const nlohmann::json by_kit = kitti_ap_json(kitti, ways);
   const ClusterCount clusters = clusters_of(run.frames);
-  const FoundClean found = judge_clean(clean, run.matching);
+  const CleanPerformance found = clean_performance(clean, run.matching);
   const bool any_truth = run.at50.boxes > 0;
   if (!common.quiet) {
     std::printf("frames %zu   %.3f s a frame   AP by Mirage's rules, %s\n", run.ids.size(),

@@ -25,13 +25,13 @@
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/help.h"
-#include "frames/made_of.h"
+#include "frames/frame_provenance.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage::cli {
 namespace {
 
-constexpr int kMostThreads = 1024;
+constexpr int kMaxThreads = 1024;
 
 std::vector<Command> all_commands() {
   return {demo_command(),      generate_command(), simulate_command(), fit_command(),    train_command(),
@@ -45,7 +45,7 @@ void add_common(CLI::App& app, Common& common, const std::string& default_out) {
   common.out = default_out;
   add_defaulted(app, "--seed", common.seed, "seed of every random stream");
   add_defaulted(app, "--threads", common.threads, "threads at most; 0: all cores")
-      ->check(within({0, kMostThreads}));
+      ->check(within({0, kMaxThreads}));
   add_defaulted(app, "--out", common.out, "output folder");
   app.add_flag("--quiet", common.quiet, "print warnings only");
   app.add_option("--config",
@@ -62,10 +62,10 @@ void check_names(const std::vector<std::string>& arguments, const CLI::App& comm
     const std::string name = arguments[i].substr(0, arguments[i].find('='));
     const CLI::Option* option = command.get_option_no_throw(name);
     if (!option) {
-      std::vector<std::string> known;
+      std::vector<std::string> long_names;
       for (const CLI::Option* other : command.get_options())
-        for (const std::string& its : other->get_lnames()) known.push_back("--" + its);
-      throw InputError(command.get_name(), name, "no such option", use_one_of(name, known));
+        for (const std::string& its : other->get_lnames()) long_names.push_back("--" + its);
+      throw InputError(command.get_name(), name, "no such option", use_one_of(name, long_names));
     }
     if (name.size() == arguments[i].size())  // its values follow
       i += as_size(std::max(0, option->get_items_expected_min()));
@@ -74,33 +74,33 @@ void check_names(const std::vector<std::string>& arguments, const CLI::App& comm
 
 /// InputError for a first argument that is no command.
 void check_command(const std::vector<std::string>& arguments, const std::vector<CLI::App*>& commands) {
-  std::vector<std::string> known;
-  for (const CLI::App* command : commands) known.push_back(command->get_name());
+  std::vector<std::string> command_names;
+  for (const CLI::App* command : commands) command_names.push_back(command->get_name());
   if (arguments.empty())
     throw InputError("command", "", "is missing",
-                     use_one_of("", known) + "; mirage --help tells what they do");
+                     use_one_of("", command_names) + "; mirage --help tells what they do");
   const std::string& word = arguments.front();
   const std::vector<std::string> options = {"--help", "--version", "--completion"};
   const bool dashes = word.starts_with("-");
   if (word == "-h" || std::find(options.begin(), options.end(), word) != options.end() ||
-      std::find(known.begin(), known.end(), word) != known.end())
+      std::find(command_names.begin(), command_names.end(), word) != command_names.end())
     return;
-  throw InputError(
-      word, "", dashes ? "no such option" : "no such command",
-      dashes ? use_one_of(word, options, "a command first, such as mirage attack") : use_one_of(word, known));
+  throw InputError(word, "", dashes ? "no such option" : "no such command",
+                   dashes ? use_one_of(word, options, "a command first, such as mirage attack")
+                          : use_one_of(word, command_names));
 }
 
 /// InputError for a value that can be no path, nor anything else that an option takes.
 void check_lengths(const CLI::App& app) {
-  constexpr std::size_t kLongestName = 255, kLongestPath = 3800;  // Linux's, less what is added to it
+  constexpr std::size_t kMaxNameLength = 255, kMaxPathLength = 3800;  // Linux's, less what is added to it
   for (const CLI::Option* option : app.get_options())
     for (const std::string& text : option->results()) {
       std::size_t longest = 0;
       for (const auto& part : std::filesystem::path(text)) longest = std::max(longest, part.native().size());
-      if (longest > kLongestName || text.size() > kLongestPath)
+      if (longest > kMaxNameLength || text.size() > kMaxPathLength)
         throw InputError(
             option->get_name(), text.substr(0, 40) + "…", "is too long",
-            fmt::format("names of files have {} bytes at most, paths {}", kLongestName, kLongestPath));
+            fmt::format("names of files have {} bytes at most, paths {}", kMaxNameLength, kMaxPathLength));
     }
 }
 
@@ -154,7 +154,7 @@ constexpr auto kDataOptions =
 /// All options of a command with what they stand at, given or not, but for those that name a place for
 /// results or cost time alone. Files, run folders and earlier results count by content; data sets are the
 /// command's to add, or add_data_sets'.
-void add_options(Provenance& made_of, const CLI::App& command) {
+void add_options(Provenance& provenance, const CLI::App& command) {
   const std::set<std::string> beside = {"help", "out", "threads", "quiet", "config", "kitti", "claim"};
   for (const CLI::Option* option : command.get_options()) {
     std::string name = option->get_lnames().empty() ? option->get_name() : option->get_lnames().front();
@@ -168,16 +168,16 @@ void add_options(Provenance& made_of, const CLI::App& command) {
     if (text.empty()) continue;
     try {
       if (std::filesystem::is_regular_file(file, none))
-        made_of.file(name, file);
+        provenance.file(name, file);
       else if (std::filesystem::is_regular_file(file / "run.json", none))
-        made_of.input(name, run_hash(file));
+        provenance.input(name, run_hash(file));
       else if (std::ranges::find(kDataOptions, name) !=
                kDataOptions.end())  // beside generated frames lies a result.json, too
         continue;
       else if (std::filesystem::is_regular_file(file / "result.json", none))
-        made_of.input(name, result_hash(file / "result.json"));
+        provenance.input(name, result_hash(file / "result.json"));
       else if (!std::filesystem::is_directory(file, none))
-        made_of.set(name, typed(text));
+        provenance.set(name, typed(text));
     } catch (const InputError&) {  // the command itself says what is wrong with the file
     }
   }
@@ -185,21 +185,21 @@ void add_options(Provenance& made_of, const CLI::App& command) {
 
 /// Folders of options that the command has not added itself: of a data set its first --frames frames, of
 /// others the files in them.
-void add_data_sets(Provenance& made_of, const CLI::App& command) {
+void add_data_sets(Provenance& provenance, const CLI::App& command) {
   const CLI::Option* frames = command.get_option_no_throw("--frames");
   for (const char* name : kDataOptions) {
     const CLI::Option* option = command.get_option_no_throw(std::string("--") + name);
-    if (!option || option->count() == 0 || !made_of.input(name).empty()) continue;
+    if (!option || option->count() == 0 || !provenance.input(name).empty()) continue;
     const std::filesystem::path folder = option->results().back();
     try {
       std::vector<std::string> ids = list_frames(folder);
       if (std::string(name) != "data") {
-        made_of.input(name, frames_hash(folder, ids));
+        provenance.input(name, frames_hash(folder, ids));
         continue;
       }
       if (const auto most = frames && frames->count() > 0 ? frames->as<std::size_t>() : 0; most > 0)
         ids.resize(std::min(ids.size(), most));
-      add_data(made_of, folder, ids);
+      add_data(provenance, folder, ids);
     } catch (const InputError&) {
       std::map<std::string, std::string> files;
       std::error_code none;
@@ -207,14 +207,14 @@ void add_data_sets(Provenance& made_of, const CLI::App& command) {
         if (entry.is_regular_file(none)) files[entry.path().filename()] = file_hash(entry.path());
       std::string all;
       for (const auto& [file, hash] : files) all += escape_name(file) + " " + hash + "\n";
-      made_of.input(name, content_hash(all));
+      provenance.input(name, content_hash(all));
     }
   }
 }
 
 /// Runs one command line; returns CLI11's own exit code for --help, throws for errors. What result.json holds
-/// also goes to `told`, if that is not null.
-int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullptr) {
+/// also goes to `result_out`, if that is not null.
+int run(const std::vector<std::string>& arguments, nlohmann::json* result_out = nullptr) {
   CLI::App app("Mirage: differentiable multi-sensor simulation for attacks on camera + LiDAR detectors",
                "mirage");
   app.require_subcommand(1);
@@ -264,7 +264,7 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
   } catch (const CLI::Success& help) {
     return app.exit(help);
   } catch (const CLI::ParseError& error) {
-    const Complaint complaint = complaint_of(error, chosen == subcommands.end() ? app : **chosen);
+    const UsageError complaint = usage_error(error, chosen == subcommands.end() ? app : **chosen);
     if (!complaint.option.empty() && complaint.problem != "is missing")
       throw InputError(complaint.option, "", complaint.problem, complaint.fix);
     throw InputError(arguments.front(), complaint.option, complaint.problem, complaint.fix);
@@ -293,21 +293,21 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
     std::optional<FolderLock> lock;
     if (rank() == 0)  // the only one that writes; what lies in folders beside a page is not the page's
       lock.emplace(folder, commands[i].page.empty() ? kFoldersBelow : 0);
-    Provenance& made_of = *commons[i].made_of;
+    Provenance& provenance = *commons[i].provenance;
     std::string line = "mirage";
     for (const std::string& argument : arguments) line += " " + quoted(argument);
-    made_of.tell("command", written_text(line));
-    made_of.tell("date", fmt::format("{:%FT%TZ}", fmt::gmtime(std::time(nullptr))));
-    made_of.tell("seed", commons[i].seed);
-    add_options(made_of, *subcommands[i]);
+    provenance.record("command", written_text(line));
+    provenance.record("date", fmt::format("{:%FT%TZ}", fmt::gmtime(std::time(nullptr))));
+    provenance.record("seed", commons[i].seed);
+    add_options(provenance, *subcommands[i]);
     nlohmann::json result = with_options([&] { return commands[i].run(commons[i]); });
     if (rank() == 0) {
-      add_data_sets(made_of, *subcommands[i]);
-      result["provenance"] = made_of.json();
+      add_data_sets(provenance, *subcommands[i]);
+      result["provenance"] = provenance.json();
       write_json(result_file, result);
     }
     if (rank() == 0 && commands[i].afterwards) with_options([&] { commands[i].afterwards(commons[i]); });
-    if (told) *told = std::move(result);
+    if (result_out) *result_out = std::move(result);
   }
   return 0;
 }

@@ -12,7 +12,7 @@
 #include "cli/command.h"
 #include "cli/options.h"
 #include "detection/detector_settings.h"
-#include "frames/made_of.h"
+#include "frames/frame_provenance.h"
 #include "validation/blender/blender_process.h"
 
 namespace mirage::cli {
@@ -20,7 +20,7 @@ namespace {
 
 struct DriveOptions {
   std::filesystem::path run, mesh;
-  Overrides asked;
+  Overrides overrides;
   TrustRun trust = TrustRun::no;
   DetectorOptions detector = detector_of_the_run();
   QualityOption quality;
@@ -88,12 +88,12 @@ void add_options(CLI::App& app, DriveOptions& options) {
   app.add_option("--run", options.run, "run folder of mirage attack: its adversary is the object");
   app.add_option("--mesh", options.mesh, "object in place of a run's, in metres (.glb, .gltf, .obj or .ply)");
   add_trust_option(app, options.trust);
-  add_overrides<FrameSource>(app, options.asked);
+  add_overrides<FrameSource>(app, options.overrides);
   app.get_option("--data")->required();
   add_fields(app, options.part);
   add_fields(app, options.detector);
   options.quality.add(app, "the run's settings");
-  add_overrides<SimulationSettings>(app, options.asked, {"light", "camera_effects"});
+  add_overrides<SimulationSettings>(app, options.overrides, {"light", "camera_effects"});
   options.effects.add(app, "the run's");
   add_fields(app, options.settings);
   app.add_option("--tracker", options.tracker,
@@ -105,7 +105,7 @@ void add_options(CLI::App& app, DriveOptions& options) {
   add_defaulted(app, "--cycles-samples", options.blender.samples, "with --cycles: samples a pixel")
       ->check(within({1, 4096}));
   add_score_option(app, options.score);
-  tell_of_cache(app);
+  add_cache_note(app);
 }
 
 /// The user's tracker; null: none.
@@ -134,18 +134,18 @@ nlohmann::json in_cycles(const DriveOptions& options, const Common& common, cons
   request.renderer = &renderer;
   request.only = worst;
   request.folder = common.out / "vehicles-cycles";
-  request.made_of.add(physical);
-  request.made_of.set("renderer", renderer.identity());
+  request.provenance.add(physical);
+  request.provenance.set("renderer", renderer.identity());
   return by_renderer(judge_drive(detectors, store, request), result);
 }
 
 nlohmann::json run(const DriveOptions& options, const Common& common) {
   Run run = run_of(options);
   options.effects.check();
-  Overrides asked = options.asked;
-  options.quality.ask(asked);
-  options.effects.ask(asked);
-  override_settings(run, asked, common.seed, true);
+  Overrides overrides = options.overrides;
+  options.quality.add_to(overrides);
+  options.effects.add_to(overrides);
+  override_settings(run, overrides, common.seed, true);
   if (const Victim victim = run.settings.placement.victim;
       victim == Victim::neighbour || victim == Victim::object)
     throw FieldError("placement", text_of(run.settings.placement),
@@ -175,18 +175,18 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   const DetectorPool detectors = load_detector_pool(detector, static_cast<int>(frames.size()));
   request.evaluation.detector_identity =
       detector_identity(detector, detectors.front()->capabilities().version);
-  common.made_of->add(run.settings);
-  common.made_of->add(options.settings);
-  add_frames(*common.made_of, run.settings, frames);
-  add_detector(*common.made_of, detector);
-  common.made_of->input("moments", moments_hash(request.sequences));
-  request.made_of = *common.made_of;
+  common.provenance->add(run.settings);
+  common.provenance->add(options.settings);
+  add_frames(*common.provenance, run.settings, frames);
+  add_detector(*common.provenance, detector);
+  common.provenance->input("moments", moments_hash(request.sequences));
+  request.provenance = *common.provenance;
   if (options.cycles > 0 && !detectors.front()->capabilities().reads_image)
     throw FieldError("cycles", std::to_string(options.cycles),
                      detector.detector + " does not read the picture", "leave it out");
   const std::unique_ptr<Detector> tracker = tracker_of(options, common);
   request.tracker = tracker.get();
-  if (tracker) request.made_of.set("tracker", options.tracker);
+  if (tracker) request.provenance.set("tracker", options.tracker);
   const DriveResult result = judge_drive(detectors, store, request);
   nlohmann::json drive = to_json(result);
   if (options.cycles > 0 && rank() == 0)
@@ -195,7 +195,7 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   return {{"drive", drive},
           {"data", run.settings.data.string()},
           {"object", (options.run.empty() ? options.mesh : options.run).string()},
-          {"asked", asked},  // in place of the run's, for mirage view
+          {"asked", overrides},  // in place of the run's, for mirage view
           {"detector", detector.detector},
           {"tracker", options.tracker},
           {"weights", detector.weights.string()},

@@ -1,13 +1,13 @@
 #include <cstdio>
 
+#include "attack/eot.h"
 #include "attack/evaluate_run.h"
-#include "attack/expectation.h"
 #include "attack/host_outcome.h"
 #include "base/fields.h"
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/options.h"
-#include "frames/made_of.h"
+#include "frames/frame_provenance.h"
 #include "validation/report/pages.h"
 
 namespace mirage::cli {
@@ -48,19 +48,20 @@ void print_arms(const RunEvaluation& evaluation) {
                     percent(of.rates.fp_asr), percent(of.rates.asr)});
   };
   if (evaluation.each.empty()) shares("learned mesh", evaluation.learned);
-  for (const ObjectArm& arm : evaluation.each) shares(arm.name, arm.evaluation);
-  for (const BaselineArm& arm : evaluation.baselines) shares(describe(arm.kind), arm.evaluation);
+  for (const ObjectEvaluation& entry : evaluation.each) shares(entry.name, entry.evaluation);
+  for (const BaselineEvaluation& entry : evaluation.baselines) shares(describe(entry.kind), entry.evaluation);
   const auto by_grown = [&](const std::string& name, const Evaluation& of) {
     if (!of.against_grown.empty()) shares(name + ", grown box", summarize(of.against_grown, of.meshes));
   };
   if (evaluation.each.empty()) by_grown("learned mesh", evaluation.learned);
-  for (const ObjectArm& arm : evaluation.each) by_grown(arm.name, arm.evaluation);
-  for (const BaselineArm& arm : evaluation.baselines) by_grown(describe(arm.kind), arm.evaluation);
+  for (const ObjectEvaluation& entry : evaluation.each) by_grown(entry.name, entry.evaluation);
+  for (const BaselineEvaluation& entry : evaluation.baselines)
+    by_grown(describe(entry.kind), entry.evaluation);
   if (!evaluation.baselines.empty())
     rows.push_back({evaluation.each.empty() ? "learned less, points:" : "object less, points:"});
-  for (const BaselineArm& arm : evaluation.baselines) {
-    const NetSuccess& net = arm.net;
-    rows.push_back({"  " + describe(arm.kind), signed_points(net.vanished), signed_points(net.fn),
+  for (const BaselineEvaluation& entry : evaluation.baselines) {
+    const NetSuccess& net = entry.net;
+    rows.push_back({"  " + describe(entry.kind), signed_points(net.vanished), signed_points(net.fn),
                     signed_points(picture ? net.iou50 : *net.distance2m), signed_points(net.false_positive),
                     signed_points(net.asr)});
   }
@@ -70,8 +71,8 @@ void print_arms(const RunEvaluation& evaluation) {
 /// What can be excluded of each object, and of all of them together.
 void print_bounds(const RunEvaluation& evaluation) {
   Rows rows;
-  for (const ObjectArm& arm : evaluation.each)
-    rows.push_back({arm.name, describe(hidden_bound(arm.evaluation.hosts))});
+  for (const ObjectEvaluation& entry : evaluation.each)
+    rows.push_back({entry.name, describe(hidden_bound(entry.evaluation.hosts))});
   if (evaluation.each.size() != 1)
     rows.push_back({evaluation.each.empty() ? "learned mesh" : "any of them",
                     describe(hidden_bound(evaluation.learned.hosts))});
@@ -93,8 +94,8 @@ void print_seen(const std::vector<StratumSuccess>& parts) {
 void print_strata(const RunEvaluation& evaluation) {
   if (evaluation.stage.settings.placement.victim == Victim::object)
     return print_seen(evaluation.learned.strata);
-  const BaselineArm* control = evaluation.baselines.empty() ? nullptr : &evaluation.baselines.back();
-  if (const BaselineArm* sized = evaluation.arm(Baseline::sized)) control = sized;
+  const BaselineEvaluation* control = evaluation.baselines.empty() ? nullptr : &evaluation.baselines.back();
+  if (const BaselineEvaluation* sized = evaluation.baseline(Baseline::sized)) control = sized;
   Columns rows = {{"part", "vehicles", "FN ASR", "FP ASR", "ASR (95 %)"}};
   if (control) rows.front().push_back(describe(control->kind) + "'s ASR");
   const auto& parts = evaluation.learned.strata;
@@ -119,18 +120,18 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
   app.add_option("--hosts-of", request.hosts_of,
                  "another run folder: judge on its test hosts, data set and detector (black-box "
                  "transfer)");
-  add_overrides<FrameSource>(app, request.asked);
+  add_overrides<FrameSource>(app, request.overrides);
   add_fields(app, request.detector, {"precision", "locality"});
   add_overrides<DetectorOptions>(app, options.computed, {"precision", "locality"});
   options.quality.add(app, "the run's settings");
-  add_overrides<SimulationSettings>(app, request.asked, {"light", "camera_effects"});
-  add_overrides<AttackSettings>(app, request.asked, {"min_view"});
+  add_overrides<SimulationSettings>(app, request.overrides, {"light", "camera_effects"});
+  add_overrides<AttackSettings>(app, request.overrides, {"min_view"});
   options.effects.add(app, "the run's");
   add_defaulted(app, "--expect", options.expect,
                 "environment to sample for each vehicle, the same for every object on it: words as of mirage "
                 "attack --expect, for example shape:0.02,colour for what a workshop makes of it");
   add_trust_option(app, request.trust);
-  tell_of_cache(app);
+  add_cache_note(app);
   app.add_option("--hosts", request.hosts,
                  "hosts of the run to judge on: test, train or all (default: test)");
   add_defaulted(app, "--random-meshes", request.random_meshes,
@@ -158,15 +159,15 @@ nlohmann::json run(const EvaluateOptions& options, const Common& common) {
   require_judged(request.settings.expectation);
   request.settings.expectation_seed = common.seed;
   options.effects.check();
-  options.quality.ask(request.asked);
-  options.effects.ask(request.asked);
+  options.quality.add_to(request.overrides);
+  options.effects.add_to(request.overrides);
   const RunEvaluation evaluation = evaluate_run(request);
   if (rank() > 0) return nlohmann::json::object();  // the first tells
-  common.made_of->add(evaluation.stage.settings);
-  add_frames(*common.made_of, evaluation.stage.settings, evaluation.hosts);
-  if (!evaluation.objects.empty()) add_objects(*common.made_of, evaluation.objects);
-  add_detector(*common.made_of, evaluation.detector);
-  common.made_of->set("expect", options.expect);
+  common.provenance->add(evaluation.stage.settings);
+  add_frames(*common.provenance, evaluation.stage.settings, evaluation.hosts);
+  if (!evaluation.objects.empty()) add_objects(*common.provenance, evaluation.objects);
+  add_detector(*common.provenance, evaluation.detector);
+  common.provenance->set("expect", options.expect);
   print_head(evaluation);
   print_arms(evaluation);
   print_bounds(evaluation);

@@ -14,8 +14,8 @@
 #include "cli/options.h"
 #include "exchange/gltf.h"
 #include "exchange/mesh_files.h"
+#include "frames/frame_provenance.h"
 #include "frames/hosts.h"
-#include "frames/made_of.h"
 #include "geometry/mesh.h"
 #include "validation/blender/blender_process.h"
 #include "validation/fidelity/validate.h"
@@ -25,7 +25,7 @@ namespace {
 
 struct ExportOptions {
   std::filesystem::path run;
-  Overrides asked;
+  Overrides overrides;
   TrustRun trust = TrustRun::no;
   int frames = 1;
   bool fbx = false, obj = false, kit = false;
@@ -70,11 +70,11 @@ nlohmann::json write_kit(const ExportOptions& options, const Run& run, BlenderWo
                                    {"sheet", options.sheet},
                                    {"parts", cut.at("parts")},
                                    {"judged_shape_m", run.settings.expectation.shape}});
-  std::string said;
-  const int status = run_script("validation/report/kit_sheets.py", out, &said);
-  if (status == 3) throw FieldError("sheet", options.sheet, said, "use a larger one");
+  std::string output;
+  const int status = run_script("validation/report/kit_sheets.py", out, &output);
+  if (status == 3) throw FieldError("sheet", options.sheet, output, "use a larger one");
   if (status != 0)
-    throw Failure("kit", said.empty() ? "no sheets were made" : said,
+    throw Failure("kit", output.empty() ? "no sheets were made" : output,
                   "install python3-matplotlib and python3-pil");
   return read_json(out / "kit.json");
 }
@@ -92,7 +92,7 @@ Rows kit_rows(const nlohmann::json& kit) {
 
 nlohmann::json run(const ExportOptions& options, const Common& common) {
   Run run = read_run(options.run, options.trust);
-  override_settings(run, options.asked, common.seed);
+  override_settings(run, options.overrides, common.seed);
   std::optional<BlenderWorker> blender;  // first: where it is missing, say so now
   if (options.fbx || options.kit) {
     require_text_path(common.out);
@@ -102,13 +102,13 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
   std::vector<HostId> hosts = shown_hosts(run, options.frames);
   run.settings.cameras = Cameras::all;  // labels keep their numbers
   FrameStore store(run.settings);
-  if (options.asked.contains("placement")) {
-    const HostsLeftOut left_out = leave_out(store, hosts);
+  if (options.overrides.contains("placement")) {
+    const SkippedHosts left_out = leave_out(store, hosts);
     if (hosts.empty()) refuse_left_out(store.place(), left_out);
     warn_of_left_out(store.place(), left_out);
   }
-  common.made_of->add(run.settings);
-  add_frames(*common.made_of, run.settings, hosts);
+  common.provenance->add(run.settings);
+  add_frames(*common.provenance, run.settings, hosts);
   RoofCount rooftops;
   Progress progress("export", hosts.size(), common.quiet);
   auto files = nlohmann::json::array({"adversary.glb"});
@@ -133,8 +133,8 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
                      "give --frames N, which goes on with those that it learned on");
   for (const HostId& id : hosts) {
     throw_if_interrupted("the files written so far are complete");
-    const auto held = store.get(id.frame);
-    const PreparedFrame& prepared = *held;
+    const auto frame_handle = store.get(id.frame);
+    const PreparedFrame& prepared = *frame_handle;
     const Placement placement = store.placement(id);
     rooftops.add(placement.carrier->from_box);
     const std::string name = host_name(id);
@@ -166,7 +166,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
 
 void add_options(CLI::App& app, ExportOptions& options) {
   app.add_option("--run", options.run, "folder of a finished mirage attack")->required();
-  add_overrides<FrameSource>(app, options.asked);
+  add_overrides<FrameSource>(app, options.overrides);
   add_trust_option(app, options.trust);
   add_defaulted(app, "--frames", options.frames,
                 "export N frames of the run, test frames first. 0: all test frames")

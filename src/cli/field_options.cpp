@@ -43,14 +43,14 @@ std::vector<std::string> option_names(const CLI::App& command) {
 /// has no such option.
 std::optional<std::string> value_of(const std::string& name, const std::vector<std::string>& arguments,
                                     const nlohmann::json& table, const CLI::App& command) {
-  const CLI::Option* known = command.get_option_no_throw("--" + name);
-  if (!known) return std::nullopt;
+  const CLI::Option* existing = command.get_option_no_throw("--" + name);
+  if (!existing) return std::nullopt;
   for (std::size_t i = 0; i < arguments.size(); ++i) {
     if (arguments[i] == "--" + name && i + 1 < arguments.size()) return arguments[i + 1];
     if (arguments[i].starts_with("--" + name + "=")) return arguments[i].substr(name.size() + 3);
   }
   if (table.contains(name)) return text_of(table.at(name));
-  return known->get_default_str();
+  return existing->get_default_str();
 }
 
 /// Whether one of the words, which commas part, is a path of a plugin.
@@ -113,7 +113,7 @@ std::string option_of(const CLI::App& app, const std::string& field) {
 }
 
 CLI::Validator within(const Range& range) {
-  const bool any = range.low <= -Range::kMost && range.high >= Range::kMost;
+  const bool any = range.low <= -Range::kMax && range.high >= Range::kMax;
   const std::string words = any ? "" : range.words();
   return {[range](const std::string& text) -> std::string {
             double value = 0;
@@ -158,7 +158,7 @@ void check_numbers(CLI::App& app) {
   }
 }
 
-Complaint complaint_of(const CLI::ParseError& error, const CLI::App& app) {
+UsageError usage_error(const CLI::ParseError& error, const CLI::App& app) {
   std::string text = error.what();
   const std::string help = "see mirage " + app.get_name() + " --help";
   const auto part = [&](const std::string& mark) {  // takes what stands before it off the text
@@ -196,7 +196,7 @@ Complaint complaint_of(const CLI::ParseError& error, const CLI::App& app) {
 
 std::vector<std::string> apply_config(const std::vector<std::string>& arguments, const CLI::App& command) {
   std::string file;
-  std::vector<std::string> given;
+  std::vector<std::string> set_options;
   for (std::size_t i = 0; i < arguments.size(); ++i) {
     const std::string& argument = arguments[i];
     const bool here = argument.starts_with("--config=");
@@ -204,7 +204,7 @@ std::vector<std::string> apply_config(const std::vector<std::string>& arguments,
     if (argument == "--config" && i + 1 < arguments.size()) file = arguments[i + 1];
     if (file.empty() && (here || argument == "--config"))
       throw InputError("--config", "", "names no file", "give a .toml file with options");
-    if (argument.starts_with("--")) given.push_back(argument.substr(0, argument.find('=')));
+    if (argument.starts_with("--")) set_options.push_back(argument.substr(0, argument.find('=')));
   }
   if (file.empty()) return arguments;
   const nlohmann::json table = read_toml(file);
@@ -212,13 +212,13 @@ std::vector<std::string> apply_config(const std::vector<std::string>& arguments,
   std::vector<std::string> result = arguments;
   for (const auto& [key, written] : table.items()) {
     const std::string option = "--" + key;
-    const auto* known = command.get_option_no_throw(option);
-    if (!known || option == "--config" || option == "--help")
+    const auto* existing = command.get_option_no_throw(option);
+    if (!existing || option == "--config" || option == "--help")
       throw InputError(file, key, "unknown key for mirage " + command.get_name(),
                        use_one_of(key, option_names(command)));
     if (written.is_structured() || written.is_null())
       throw InputError(file, key, "must be a single value", "write key = value");
-    if (std::find(given.begin(), given.end(), option) != given.end()) continue;
+    if (std::find(set_options.begin(), set_options.end(), option) != set_options.end()) continue;
     const std::string text = text_of(written);
     if (const std::string code = code_in(key, text, value); !code.empty())
       throw InputError(
@@ -234,10 +234,10 @@ std::vector<std::string> arguments_of(const NamedSettings& settings, const CLI::
   std::vector<std::string> arguments;
   for (const auto& [name, value] : settings) {
     const std::string option = option_called(name);
-    const CLI::Option* known = is_setting(option) ? command.get_option_no_throw(option) : nullptr;
-    if (!known) throw InputError(where, name, "unknown setting", use_one_of(name, setting_names(command)));
+    const CLI::Option* existing = is_setting(option) ? command.get_option_no_throw(option) : nullptr;
+    if (!existing) throw InputError(where, name, "unknown setting", use_one_of(name, setting_names(command)));
     std::string text = value;
-    if (known->get_expected_max() <= 1) std::replace(text.begin(), text.end(), kListSeparator, ',');
+    if (existing->get_expected_max() <= 1) std::replace(text.begin(), text.end(), kListSeparator, ',');
     std::istringstream parts(text);
     for (std::string part; std::getline(parts, part, kListSeparator);)
       arguments.push_back(option + "=" + part);
@@ -253,7 +253,7 @@ void parse_settings(CLI::App& command, const NamedSettings& settings, const std:
   try {
     command.parse(std::move(arguments));
   } catch (const CLI::ParseError& error) {
-    const Complaint complaint = complaint_of(error, command);
+    const UsageError complaint = usage_error(error, command);
     throw InputError(where, complaint.option, complaint.problem, complaint.fix);
   }
 }

@@ -30,10 +30,10 @@ struct OptionType {
 OptionType type_of(const CLI::Option& option);
 
 /// What CLI11 complains of: the option ("--size"; may be empty), what is wrong and how to mend it.
-struct Complaint {
+struct UsageError {
   std::string option, problem, fix;
 };
-Complaint complaint_of(const CLI::ParseError& error, const CLI::App& app);
+UsageError usage_error(const CLI::ParseError& error, const CLI::App& app);
 
 /// Of add_fields.
 class FieldOptions {
@@ -111,7 +111,7 @@ class OverrideOptions {
     if (name.empty() || (!only.empty() && !only.contains(field.name))) return;
     name_option(field);
     app.add_option_function<std::string>(
-        "--" + name, [to = &asked, key = field.name](const std::string& text) { (*to)[key] = text; },
+        "--" + name, [to = &overrides, key = field.name](const std::string& text) { (*to)[key] = text; },
         std::string(field.help) + "; default: " + otherwise);
   }
   template <class T>
@@ -126,17 +126,17 @@ class OverrideOptions {
       visit_fields(*this, inner);
   }
   CLI::App& app;
-  std::map<std::string, std::string>& asked;  ///< by field (attack/run.h, Overrides)
+  std::map<std::string, std::string>& overrides;  ///< by field (attack/run.h, Overrides)
   std::set<std::string> only;
   std::string otherwise;
 };
 
 /// Options that ask for other values of S's fields (of `only` those, if any are named) than `otherwise`,
-/// which their help names; `asked` lives as long as the command.
+/// which their help names; `overrides` lives as long as the command.
 template <class S>
-void add_overrides(CLI::App& app, std::map<std::string, std::string>& asked, std::set<std::string> only = {},
-                   std::string otherwise = "the run's") {
-  OverrideOptions options{app, asked, std::move(only), std::move(otherwise)};
+void add_overrides(CLI::App& app, std::map<std::string, std::string>& overrides,
+                   std::set<std::string> only = {}, std::string otherwise = "the run's") {
+  OverrideOptions options{app, overrides, std::move(only), std::move(otherwise)};
   const S fields;
   visit_fields(options, fields);
 }

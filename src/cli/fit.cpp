@@ -29,8 +29,8 @@
 namespace mirage::cli {
 namespace {
 
-constexpr std::size_t kMostVehicles = 100'000;  // of a frame
-constexpr double kMostLabelNoise = 10;          // beyond 13 times a drawn size could be negative
+constexpr std::size_t kMaxVehicles = 100'000;  // of a frame
+constexpr double kMaxLabelNoise = 10;          // beyond 13 times a drawn size could be negative
 
 struct FitOptions {
   std::filesystem::path data, model, build_model, meshes;
@@ -102,7 +102,7 @@ struct FitWork {
   const LidarModel& lidar;
   const FitFrameSettings& settings;
   const std::optional<generator::StreetSource>& source;
-  Provenance made_of;  ///< but for the frame
+  Provenance provenance;  ///< but for the frame
 
   std::filesystem::path file_of(const std::string& id) const {
     return out / "frames" / (escape_name(id) + ".json");
@@ -113,7 +113,7 @@ struct FitWork {
 
   /// What to_json says of the frame's vehicles.
   nlohmann::json fit(const std::string& id) const {
-    Provenance of_frame = made_of;
+    Provenance of_frame = provenance;
     of_frame.input("frame", frame_hash(options.data, id));
     const std::string key = of_frame.identity();
     if (auto stored = stored_fits(id, key)) return std::move(*stored);
@@ -132,10 +132,10 @@ struct FitWork {
   }
 
  private:
-  /// None as of read_kept, and where a mesh is missing.
+  /// None as of read_cached, and where a mesh is missing.
   std::optional<nlohmann::json> stored_fits(const std::string& id, const std::string& key) const {
-    return read_kept(file_of(id), key, [&](const JsonFields& fields) -> std::optional<nlohmann::json> {
-      const nlohmann::json& rows = fields.list("vehicles", kMostVehicles);
+    return read_cached(file_of(id), key, [&](const JsonFields& fields) -> std::optional<nlohmann::json> {
+      const nlohmann::json& rows = fields.list("vehicles", kMaxVehicles);
       for (const nlohmann::json& row : rows) {
         const FittedVehicle v = read_fitted_vehicle(fields.inner("vehicles", row));
         if (options.format != "none" && v.fit.fitted && !std::filesystem::exists(mesh_of(v.frame, v.label)))
@@ -149,15 +149,15 @@ struct FitWork {
 Provenance made_of_fit(const FitOptions& options, const std::filesystem::path& model, const LidarModel& lidar,
                        const FitFrameSettings& settings,
                        const std::optional<generator::StreetSource>& source) {
-  Provenance made_of;
-  made_of.file("model", model);
-  made_of.input("lidar", lidar_identity(lidar));
-  made_of.set("min_points", options.min_points);
-  made_of.set("types", settings.types);
-  made_of.set("label_noise", settings.label_noise);
-  made_of.set("seed", settings.seed);
-  if (source) made_of.set("street", {source->seed, name_of(source->look)});
-  return made_of;
+  Provenance provenance;
+  provenance.file("model", model);
+  provenance.input("lidar", lidar_identity(lidar));
+  provenance.set("min_points", options.min_points);
+  provenance.set("types", settings.types);
+  provenance.set("label_noise", settings.label_noise);
+  provenance.set("seed", settings.seed);
+  if (source) provenance.set("street", {source->seed, name_of(source->look)});
+  return provenance;
 }
 
 nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
@@ -207,15 +207,15 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   write_json(common.out / "vehicles.json", {{"vehicles", std::move(rows)}});
   const FitReport report = summarise_fits(all);
   print_report(report);
-  nlohmann::json said = to_json(report);
-  said.update({{"frames", ids.size()},
-               {"vehicles", report.all.vehicles},
-               {"fitted", report.all.fitted},
-               {"from_box", report.all.vehicles - report.all.fitted},
-               {"model", model_file.string()},
-               {"truth_known", source.has_value()},
-               {"label_noise", frame_settings.label_noise}});
-  return said;
+  nlohmann::json summary = to_json(report);
+  summary.update({{"frames", ids.size()},
+                  {"vehicles", report.all.vehicles},
+                  {"fitted", report.all.fitted},
+                  {"from_box", report.all.vehicles - report.all.fitted},
+                  {"model", model_file.string()},
+                  {"truth_known", source.has_value()},
+                  {"label_noise", frame_settings.label_noise}});
+  return summary;
 }
 
 void add_options(CLI::App& app, FitOptions& options) {
@@ -231,7 +231,7 @@ void add_options(CLI::App& app, FitOptions& options) {
   add_defaulted(app, "--types", options.frame.types, "labels to fit: Car, Van");
   add_defaulted(app, "--label-noise", options.frame.label_noise,
                 "disturb labels first, by this times 7 cm (x, y), 5 cm (z), 0.02 rad and 3 % of the size")
-      ->check(within({0, kMostLabelNoise}));
+      ->check(within({0, kMaxLabelNoise}));
   add_defaulted(app, "--min-points", options.min_points, "vehicles with fewer returns use their labelled box")
       ->check(within(kFromOne));
   add_defaulted(app, "--mesh-format", options.format, "meshes written: ply, glb or none")

@@ -53,8 +53,8 @@ nlohmann::json run(const GenerateOptions& options, const Common& common) {
   Rig rig = read_rig(rig_file(options.rig));
   if (!options.lidar.empty()) rig = with_lidar(rig, options.lidar);
   if (!options.look.empty()) rig = with_look(rig, parse_look(options.look, "generate", "--look"));
-  common.made_of->file("rig", rig_file(options.rig));
-  common.made_of->input("lidar", lidar_identity(rig.lidar));
+  common.provenance->file("rig", rig_file(options.rig));
+  common.provenance->input("lidar", lidar_identity(rig.lidar));
   const auto start = Clock::now();
   if (options.drives > 0 && !rig.others.empty())
     throw InputError("--drives", options.rig, "the rig has several cameras, and drives are seen by one",
@@ -64,26 +64,26 @@ nlohmann::json run(const GenerateOptions& options, const Common& common) {
                      "leave it out: a drive's truth is in training/motion_02");
   const int frames = options.drives > 0 ? options.drives * frames_of_drive(options.seconds) : options.frames;
   Progress progress("generate", as_size(frames), common.quiet);
-  const auto tell = [&](std::size_t done) { progress.update(done); };
+  const auto on_progress = [&](std::size_t done) { progress.update(done); };
   const auto first = static_cast<std::uint64_t>(options.start);
   const DatasetSummary sum =
       options.drives > 0
-          ? generate_drives(rig, common.seed, first, options.drives, options.seconds, common.out, tell)
-          : generate_dataset(rig, common.seed, first, options.frames, common.out, tell,
+          ? generate_drives(rig, common.seed, first, options.drives, options.seconds, common.out, on_progress)
+          : generate_dataset(rig, common.seed, first, options.frames, common.out, on_progress,
                              options.truth   ? Truth::all
                              : options.depth ? Truth::depth
                                              : Truth::none);
   const double seconds = seconds_since(start);
   if (!common.quiet) {
-    fmt::print("frames written   {:6}   (kept from before: {})\n", sum.written, sum.kept);
+    fmt::print("frames written   {:6}   (kept from before: {})\n", sum.written, sum.existing);
     fmt::print("cars labelled    {:6}   (other objects: {})\n", sum.cars, sum.others);
     fmt::print("points a frame   {:6.0f}\n",
-               static_cast<double>(sum.points) / std::max(1, sum.written + sum.kept));
+               static_cast<double>(sum.points) / std::max(1, sum.written + sum.existing));
     fmt::print("seconds          {:6.1f}   ({})\n", seconds, printable(common.out.string()));
   }
-  return nlohmann::json{{"frames", sum.written + sum.kept},
+  return nlohmann::json{{"frames", sum.written + sum.existing},
                         {"written", sum.written},
-                        {"kept", sum.kept},
+                        {"kept", sum.existing},
                         {"cars", sum.cars},
                         {"others", sum.others},
                         {"points", sum.points},

@@ -90,7 +90,7 @@ std::vector<std::string> words_in(const std::string& braces) {
 }
 
 /// Whether a description names all the words.
-bool told(const std::string& description, const std::string& braces) {
+bool names_all(const std::string& description, const std::string& braces) {
   const auto words = words_in(braces);
   return std::all_of(words.begin(), words.end(),
                      [&](const std::string& word) { return description.find(word) != std::string::npos; });
@@ -123,9 +123,9 @@ class Formatter : public CLI::Formatter {
     std::string name = "  " + make_option_name(option, is_positional);
     if (takes && !is_positional) name += " " + placeholder(type, limits);
     std::vector<std::string> more;
-    for (const std::string& said : {type, limits})
-      if (said.starts_with('{') && !told(option->get_description(), said))
-        more.push_back(fmt::format("{}", fmt::join(words_in(said), ", ")));
+    for (const std::string& word : {type, limits})
+      if (word.starts_with('{') && !names_all(option->get_description(), word))
+        more.push_back(fmt::format("{}", fmt::join(words_in(word), ", ")));
     if (!limits.empty() && !limits.starts_with('{')) more.push_back(limits);
     if (option->get_required()) more.emplace_back("required");
     if (const std::string standing = option->get_default_str();
@@ -317,12 +317,12 @@ void add_example(CLI::App& app, const std::string& example) {
 }
 
 bool print_completion(const CLI::App& app, const std::string& what) {
-  const std::map<std::string, std::string> said = {
+  const std::map<std::string, std::string> texts = {
       {"bash", bash_completion(app)},
       {"zsh", "autoload -Uz compinit bashcompinit && compinit && bashcompinit\n" + bash_completion(app)},
       {"commands", command_list(app)}};
-  if (!said.contains(what)) return false;
-  std::fputs(said.at(what).c_str(), stdout);
+  if (!texts.contains(what)) return false;
+  std::fputs(texts.at(what).c_str(), stdout);
   return true;
 }
 

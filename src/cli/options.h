@@ -21,9 +21,9 @@ namespace mirage::cli {
 
 /// `data`: the data set that the detector is to see; its rig (or `rig`, if given) chooses the shipped
 /// weights.
-inline DetectorOptions with_common(const DetectorOptions& given, const Common& common,
+inline DetectorOptions with_common(const DetectorOptions& from, const Common& common,
                                    const FrameSource& source) {
-  DetectorOptions options = for_data(given, source);
+  DetectorOptions options = for_data(from, source);
   options.seed = common.seed;
   options.threads = common.threads;
   return options;
@@ -72,16 +72,16 @@ struct QualityOption {
     if (otherwise.empty()) option->capture_default_str();
   }
   /// In place of a run's.
-  void ask(Overrides& asked) const {
-    if (!name.empty()) asked["quality"] = name;
+  void add_to(Overrides& overrides) const {
+    if (!name.empty()) overrides["quality"] = name;
   }
   /// Whether the user gave the option.
-  bool given(const char* option) const {
+  bool is_set(const char* option) const {
     const auto* known = app->get_option_no_throw(option);
     return known && known->count() > 0;
   }
   void apply(SimulationSettings& settings) const {
-    apply_quality(name, settings, [this](const char* option) { return given(option); });
+    apply_quality(name, settings, [this](const char* option) { return is_set(option); });
   }
 };
 
@@ -99,8 +99,8 @@ struct LidarEffectsOption {
     if (otherwise.empty()) option->capture_default_str();
   }
   /// In place of a run's.
-  void ask(Overrides& asked) const {
-    if (!words.empty()) asked["lidar_effects"] = words;
+  void add_to(Overrides& overrides) const {
+    if (!words.empty()) overrides["lidar_effects"] = words;
   }
   /// Those of the unit, or `recorded` (scene/data/data_rig.h) where those of the sweeps are asked for; drawn
   /// by `seed`.
@@ -117,7 +117,7 @@ struct LidarEffectsOption {
 };
 
 /// For the commands that keep what frames cost to prepare (frames/frame_cache.h).
-inline void tell_of_cache(CLI::App& app) {
+inline void add_cache_note(CLI::App& app) {
   app.footer(
       "Completed depth, fitted roofs, hosts in view and detections are kept on disk by content, in the "
       "folder that the environment variable MIRAGE_CACHE names (default: $XDG_CACHE_HOME/mirage or "

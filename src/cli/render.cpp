@@ -91,9 +91,9 @@ nlohmann::json run(const RenderOptions& options, const Common& common) {
     width = size[0];
     height = size[1];
     if (width < 1 || height < 1 ||
-        static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height) > kMostPixels)
+        static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height) > kMaxPixels)
       throw InputError("--size", options.size, "is no image size",
-                       fmt::format("give at most {} pixels in all", kMostPixels));
+                       fmt::format("give at most {} pixels in all", kMaxPixels));
   }
   RenderScene scene = read_scene(options.scene, width, height);
   if (!options.camera.empty()) choose_camera(scene, options.camera);
@@ -123,7 +123,7 @@ nlohmann::json run(const RenderOptions& options, const Common& common) {
   const auto drawing = Clock::now();
   const SceneImage image = draw(scene, background, settings, common.out);
   nlohmann::json covered = {{scene.name, image.covered}};
-  std::string told = std::to_string(image.covered);
+  std::string counts = std::to_string(image.covered);
   RenderScene seen = scene;
   for (const SceneCamera& other : scene.others) {
     static_cast<SceneCamera&>(seen) = other;
@@ -131,11 +131,11 @@ nlohmann::json run(const RenderOptions& options, const Common& common) {
     const int pixels =
         draw(seen, background_of(other, options, recorded), settings, common.out, "-" + other.name).covered;
     covered[other.name] = pixels;
-    told += fmt::format(", {} {}", other.name, pixels);
+    counts += fmt::format(", {} {}", other.name, pixels);
   }
   const double seconds = seconds_since(drawing);
   print_table({{"meshes", fmt::format("{} with {} faces", scene.things.size(), image.faces)},
-               {"pixels covered", told},
+               {"pixels covered", counts},
                {"seconds", fmt::format("{:.3f}", seconds)},
                {"picture", (common.out / "image.png").string()}});
   nlohmann::json result = {{"renderer", options.renderer},
@@ -161,9 +161,9 @@ void add_options(CLI::App& app, RenderOptions& options) {
   app.add_option("--scene", options.scene, "scene as mirage export writes it (.glb)")->required();
   add_defaulted(app, "--renderer", options.renderer, "soft: soft rasteriser; traced: ray-traced camera")
       ->check(one_of({"soft", "traced"}));
-  add_defaulted(app, "--sigma", options.sigma, kSigmaHelp)->check(within({kHardSigma, kLargestSigma}));
+  add_defaulted(app, "--sigma", options.sigma, kSigmaHelp)->check(within({kHardSigma, kMaxSigma}));
   app.add_option("--gamma", options.gamma, std::string(kGammaHelp) + " (default: 3 cm of it)")
-      ->check(within({kSmallestSigma, kLargestGamma}));
+      ->check(within({kMinSigma, kMaxGamma}));
   add_defaulted(app, "--samples", options.samples, "samples a pixel along each side")->check(within({1, 32}));
   app.add_option(
       "--from", options.camera,

@@ -8,7 +8,7 @@
 #include "cli/field_options.h"
 #include "cli/options.h"
 #include "defense/certificate.h"
-#include "frames/made_of.h"
+#include "frames/frame_provenance.h"
 
 namespace mirage::cli {
 namespace {
@@ -21,8 +21,8 @@ struct ScoreOptions {
 
 void add_options(CLI::App& app, ScoreOptions& options) {
   ScoreRequest& request = options.request;
-  add_overrides<FrameSource>(app, request.asked, {"data"}, "frames that are generated");
-  add_overrides<FrameSource>(app, request.asked, {"rig", "depth", "rooftop", "placement", "sun"},
+  add_overrides<FrameSource>(app, request.overrides, {"data"}, "frames that are generated");
+  add_overrides<FrameSource>(app, request.overrides, {"rig", "depth", "rooftop", "placement", "sun"},
                              "that of mirage attack");
   add_fields(app, request.detector);
   add_defaulted(app, "--frames", request.frames, "generated frames to judge on");
@@ -43,14 +43,14 @@ void add_options(CLI::App& app, ScoreOptions& options) {
                "also bracket the share of cars that no object of these sizes can hide (mirage certify)");
   app.add_option("--board", options.board,
                  "in place of scoring: OUT/board.html of these results of mirage score");
-  tell_of_cache(app);
+  add_cache_note(app);
 }
 
 std::string cell_text(const ScoreCell& cell) {
   const HiddenBound& bound = cell.bound;
   if (bound.vehicles == 0) return "no cars";
-  if (cell.held == Held::fails) return "does not hold: ≥ " + percent(bound.share.low);
-  if (cell.held == Held::holds) return "holds: ≤ " + percent(bound.share.high);
+  if (cell.status == CellStatus::fails) return "does not hold: ≥ " + percent(bound.share.low);
+  if (cell.status == CellStatus::holds) return "holds: ≤ " + percent(bound.share.high);
   return "≤ " + percent(bound.share.high) + (cell.needed ? fmt::format(", wants {} cars", *cell.needed) : "");
 }
 
@@ -129,12 +129,12 @@ nlohmann::json run(const ScoreOptions& options, const Common& common) {
   nlohmann::json certificates;
   if (options.certify) certificates = certified(request, result.evaluation);
   if (rank() > 0) return nlohmann::json::object();  // the first tells
-  Provenance& made_of = *common.made_of;
+  Provenance& provenance = *common.provenance;
   const AttackSettings& judged = result.evaluation.stage.settings;
-  add_frames(made_of, judged, result.evaluation.hosts);
-  add_objects(made_of, result.evaluation.objects);
-  add_detector(made_of, result.evaluation.detector);
-  made_of.set("simulation", to_json(judged.simulation));
+  add_frames(provenance, judged, result.evaluation.hosts);
+  add_objects(provenance, result.evaluation.objects);
+  add_detector(provenance, result.evaluation.detector);
+  provenance.set("simulation", to_json(judged.simulation));
   nlohmann::json json = to_json(result);
   if (options.certify) json["certified"] = certificates;
   print_score(result);

@@ -10,8 +10,8 @@
 #include "cli/options.h"
 #include "exchange/mesh_files.h"
 #include "frames/data_check.h"
+#include "frames/frame_provenance.h"
 #include "frames/hosts.h"
-#include "frames/made_of.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
@@ -65,49 +65,50 @@ nlohmann::json cameras_json(const Frame& frame, const Simulated& simulated) {
 }
 
 /// "31", or of several cameras "CAM_BACK 31, CAM_BACK_LEFT 5".
-std::string pixels_told(const Frame& frame, const Simulated& simulated) {
+std::string pixel_counts(const Frame& frame, const Simulated& simulated) {
   if (frame.others.empty()) return std::to_string(simulated.adversary_pixels);
-  std::string told;
+  std::string counts;
   for (std::size_t k = 0; k < frame.cameras(); ++k)
     if (const int pixels = simulated.sight(k).adversary_pixels; pixels > 0)
-      told += fmt::format("{}{} {}", told.empty() ? "" : ", ", frame.name_of(k), pixels);
-  return told.empty() ? "0" : told;
+      counts += fmt::format("{}{} {}", counts.empty() ? "" : ", ", frame.name_of(k), pixels);
+  return counts.empty() ? "0" : counts;
 }
 
 nlohmann::json run(const SimulateOptions& options, const Common& common) {
-  InsertionOptions asked = options.insertion;
-  asked.apply();
-  const SunChoice sun = parse_sun(asked.sun);
+  InsertionOptions settings = options.insertion;
+  settings.apply();
+  const SunChoice sun = parse_sun(settings.sun);
   const TexturedMesh adversary = read_object(options.mesh);
-  const LidarModel lidar = lidar_of(asked.data, asked.rig);
-  check_data(asked.data, asked.rig, UnitUse::casts_rays);
-  const auto depth = load_depth_completion({asked.depth});
-  const auto finder = make_roof_finder(asked.rooftop, lidar);
-  Frame frame = read_frame(asked.data, options.frame, asked.cameras);
+  const LidarModel lidar = lidar_of(settings.data, settings.rig);
+  check_data(settings.data, settings.rig, UnitUse::casts_rays);
+  const auto depth = load_depth_completion({settings.depth});
+  const auto finder = make_roof_finder(settings.rooftop, lidar);
+  Frame frame = read_frame(settings.data, options.frame, settings.cameras);
   frame.lighting = with_sun(frame, sun);
-  seek(classes_of(asked.classes), frame.labels);
-  const auto sensors = load_sensors(asked.sensors);
-  record(sensors, asked.data, frame);
+  seek(classes_of(settings.classes), frame.labels);
+  const auto sensors = load_sensors(settings.sensors);
+  record(sensors, settings.data, frame);
   PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
   prepared.measured_by.assign(sensors.begin(), sensors.end());
   const Label& host = vehicle_of(prepared.frame, options.vehicle, "--vehicle");
   const Box3& box = host.box;
   const Carrier carrier = finder->find(prepared.frame, host);
   const Transform& roof = carrier.velo_from_roof;
-  const Placement placement = placement_of(asked.placement, carrier, prepared.frame.labels);
+  const Placement placement = placement_of(settings.placement, carrier, prepared.frame.labels);
   if (placement.left_out != LeftOut::no)
     spdlog::warn("vehicle {}: {}; an attack would leave it out", options.vehicle,
-                 why_left_out(asked.placement, placement.left_out));
-  warn_of_volume(asked.placement, bounds(adversary.mesh).sizes(), options.mesh.string());
+                 why_left_out(settings.placement, placement.left_out));
+  warn_of_volume(settings.placement, bounds(adversary.mesh).sizes(), options.mesh.string());
   const Vec3d at = placement.velo_from_adversary.translation();
   const Vec3d& to_sun = prepared.frame.lighting.to_sun_velo;
   const double over_box = roof.translation().z() - box.bottom - box.height;
   const auto start = Clock::now();
-  const Simulated simulated = simulate(
-      prepared, placement, adversary, asked.for_unit(lidar, recorded_lidar_effects(asked.data), common.seed));
+  const Simulated simulated =
+      simulate(prepared, placement, adversary,
+               settings.for_unit(lidar, recorded_lidar_effects(settings.data), common.seed));
   const double seconds = seconds_since(start);
-  common.made_of->add(asked.simulation);
-  add_frames(*common.made_of, asked, {&options.frame, 1});
+  common.provenance->add(settings.simulation);
+  add_frames(*common.provenance, settings, {&options.frame, 1});
   write_sights(prepared, simulated, common.out);
   write_sweep(common.out / "sweep.bin", simulated.sweep);
   for (const Measurement& measured : simulated.measurements)
@@ -120,7 +121,7 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
                {"adversary stands",
                 fmt::format("{} at ({:.2f}, {:.2f}, {:.2f}) m",
                             placement.support == Support::roof ? "on it" : "free", at.x(), at.y(), at.z())},
-               {"pixels on the adversary", pixels_told(prepared.frame, simulated)},
+               {"pixels on the adversary", pixel_counts(prepared.frame, simulated)},
                {"returns on the adversary", std::to_string(simulated.adversary_points)},
                {"returns hidden by the scene", std::to_string(simulated.occluded_points)},
                {"returns that the adversary hides", std::to_string(simulated.removed_points)},
@@ -140,14 +141,14 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
         {"velo", {roof(0, 3), roof(1, 3), roof(2, 3)}},
         {"heading_rad", std::atan2(roof(1, 0), roof(0, 0))},
         {"over_box_m", over_box}}},
-      {"placement", text_of(asked.placement)},
-      {"placed", to_json(asked.placement)},
+      {"placement", text_of(settings.placement)},
+      {"placed", to_json(settings.placement)},
       {"lost_points", simulated.lost_points},
       {"sweep_points", prepared.frame.sweep.size()},
       {"sweep_rays_assigned", prepared.index.assigned_share()},
       {"sweep_firings", prepared.index.firing_count()},
       {"sun", {{"choice", sun.word}, {"to_sun_velo", {to_sun.x(), to_sun.y(), to_sun.z()}}}},
-      {"simulation", to_json(asked.simulation)},
+      {"simulation", to_json(settings.simulation)},
       {"seconds", seconds}};
   for (std::size_t k = 0; k < simulated.measurements.size(); ++k) {
     const Measurement &recorded = prepared.frame.measurements[k], &with = simulated.measurements[k];

@@ -12,7 +12,7 @@ namespace {
 
 struct TradeoffOptions : TradeoffSettings {};
 
-std::string in_words(const TradeoffPoint& point) {
+std::string describe(const TradeoffPoint& point) {
   const SimulationSettings& s = point.drawing.value();
   const std::string drawing =
       s.exact_coverage ? "exact areas"
@@ -26,10 +26,10 @@ void print_result(const TradeoffResult& result) {
   Rows rows = {{"vehicles", fmt::format("{} in {} frames", result.hosts.size(), result.frames)},
                {"points", std::to_string(result.points.size())}};
   for (const Recommendation& advice : result.recommended()) {
-    rows.push_back({advice.name + ", shipped", in_words(*advice.shipped)});
+    rows.push_back({advice.name + ", shipped", describe(*advice.shipped)});
     if (advice.name != "default")
       rows.push_back({advice.name + ", by these points",
-                      advice.point ? in_words(*advice.point) : "no point satisfies the rule"});
+                      advice.point ? describe(*advice.point) : "no point satisfies the rule"});
   }
   for (const TimedAttack& attack : result.attacks)
     rows.push_back({fmt::format("attack, {}", attack.name),
@@ -41,7 +41,7 @@ void print_result(const TradeoffResult& result) {
 }
 
 void add_options(CLI::App& app, TradeoffOptions& options) {
-  add_overrides<FrameSource>(app, options.asked, {}, "the run's, or as mirage attack has it");
+  add_overrides<FrameSource>(app, options.overrides, {}, "the run's, or as mirage attack has it");
   app.add_option("--run", options.run,
                  "finished mirage attack, for its adversary and hosts (default: a random mesh)");
   add_trust_option(app, options.trust);
@@ -58,7 +58,7 @@ nlohmann::json run(const TradeoffOptions& options, const Common& common) {
   settings.detector.threads = common.threads;
   if (settings.cycles) require_text_path(common.out);
   const TradeoffResult result = tradeoff(settings, [](const auto& out) { return start_blender(out); });
-  common.made_of->add(settings);
+  common.provenance->add(settings);
   print_result(result);
   return to_json(result);
 }

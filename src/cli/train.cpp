@@ -19,10 +19,11 @@ struct TrainOptions {
   DepthLearning depth;
 };
 
-nlohmann::json train_depth_command(const TrainOptions& given, const Common& common) {
-  if (!given.detector.validation.empty())
+nlohmann::json train_depth_command(const TrainOptions& command, const Common& common) {
+  if (!command.detector.validation.empty())
     throw InputError("--validation", "", "is for detectors", "score the result with mirage depth --weights");
-  const DepthTrainingOptions options{given.detector, given.depth, given.detector.data, given.detector.start};
+  const DepthTrainingOptions options{command.detector, command.depth, command.detector.data,
+                                     command.detector.start};
   const DepthTrainingResult result = train_depth(options);
   if (!common.quiet)
     std::printf("steps %lld   %.3f s a step   loss %.4f (depth %.4f, presence %.4f)   weights %s\n",
@@ -68,7 +69,7 @@ nlohmann::json run(TrainOptions& options, const Common& common) {
   take_common(options.detector, common);
   for (const auto& data : {options.detector.data, options.detector.validation})
     if (!data.empty()) check_data(data, options.detector.rig, UnitUse::reads_sweeps);
-  common.made_of->add(options.detector);
+  common.provenance->add(options.detector);
   return options.what == "depth" ? train_depth_command(options, common)
                                  : train_detector_command(options.detector, common);
 }

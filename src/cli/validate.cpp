@@ -55,13 +55,13 @@ void add_attack(const FooledSummary& attack, Rows& rows) {
 }
 
 /// "; -5.9 points (-20.0 to 8.2): cannot be told", after the rate of an arm that is not the first.
-std::string against_first(const Compared<VerdictArm>& arm) {
-  if (!arm.difference) return "";
-  const Interval& gap = *arm.difference;
-  if (arm.flips == 0)
-    return fmt::format("; none flips of {} (at most {:.1f} points)", arm.vehicles, 100 * gap.high);
+std::string against_first(const Compared<VerdictCondition>& condition) {
+  if (!condition.difference) return "";
+  const Interval& gap = *condition.difference;
+  if (condition.flips == 0)
+    return fmt::format("; none flips of {} (at most {:.1f} points)", condition.vehicles, 100 * gap.high);
   return fmt::format("; {:+.1f} points ({:.1f} to {:.1f}): {}", 100 * gap.value, 100 * gap.low,
-                     100 * gap.high, to_string(told(gap)));
+                     100 * gap.high, to_string(classify(gap)));
 }
 
 /// `sees`: else who drew the object says nothing about the attack.
@@ -73,14 +73,17 @@ void add_verdict(const Verdict& verdict, bool sees, Rows& rows) {
         rows.push_back(
             {fmt::format("FN | ASR, {}, {} (95 %)", title, variant.name),
              fmt::format("{} | {} of {}", percent(variant.fn_asr), percent(variant.asr), variant.vehicles)});
-  for (const auto& arm : verdict.judged().arms) {
-    if (!sees && (arm.look.light == ArmLight::visible || arm.look.light == ArmLight::cycles)) continue;
-    rows.push_back({fmt::format("ASR, {}, {} returns", to_word(arm.look.light), to_word(arm.look.returns)),
-                    fmt::format("{} of {}{}", percent(arm.asr), arm.vehicles, against_first(arm))});
+  for (const auto& condition : verdict.judged().conditions) {
+    if (!sees &&
+        (condition.key.light == ConditionLight::visible || condition.key.light == ConditionLight::cycles))
+      continue;
+    rows.push_back(
+        {fmt::format("ASR, {}, {} returns", to_word(condition.key.light), to_word(condition.key.returns)),
+         fmt::format("{} of {}{}", percent(condition.asr), condition.vehicles, against_first(condition))});
   }
   rows.push_back({"intervals over", to_string(verdict.judged().clusters)});
   for (const auto& control : verdict.controls)
-    rows.push_back({fmt::format("control: {}, {}", to_word(control.look.channel), control.look.control),
+    rows.push_back({fmt::format("control: {}, {}", to_word(control.key.channel), control.key.control),
                     fmt::format("{} outcomes of {} change, logits by {:.2f}", control.flips, control.vehicles,
                                 control.mean_delta_logit)});
   for (const auto& [channel, what] :
@@ -117,7 +120,7 @@ void print_fidelity(const Validation& result) {
 void add_options(CLI::App& app, ValidateOptions& options) {
   ValidationSettings& settings = options.settings;
   app.add_option("--run", settings.run, "folder of a finished mirage attack")->required();
-  add_overrides<FrameSource>(app, settings.asked);
+  add_overrides<FrameSource>(app, settings.overrides);
   app.add_option("--detector", settings.detector.detector, "detector (default: the run's)");
   app.add_option("--weights", settings.detector.weights, "the detector's weights (default: the run's)");
   app.add_option("--defense", settings.detector.defense, "the detector's defence (default: the run's)");
@@ -147,7 +150,7 @@ void add_options(CLI::App& app, ValidateOptions& options) {
                 "with --budget: share C of unseen scenes that keep it; needs C/(1 - C) groups of frames")
       ->check(within({0.5, 0.99}));
   options.quality.add(app, "the run's");
-  add_overrides<SimulationSettings>(app, settings.asked, {"light"});
+  add_overrides<SimulationSettings>(app, settings.overrides, {"light"});
   app.add_option("--evaluation", settings.evaluation,
                  "result.json (or folder) of mirage evaluate, for the report");
   app.add_option("--tradeoff", settings.tradeoff,
@@ -159,12 +162,12 @@ void add_options(CLI::App& app, ValidateOptions& options) {
 
 nlohmann::json run(ValidateOptions& options, const Common& common) {
   ValidationSettings& settings = options.settings;
-  options.quality.ask(settings.asked);
+  options.quality.add_to(settings.overrides);
   settings.out = common.out;
   settings.seed = common.seed;
   settings.quiet = common.quiet;
   settings.detector.seed = common.seed;
-  settings.made_of = common.made_of;
+  settings.provenance = common.provenance;
   const Validation result = validate(settings, [](const auto& out) {
     return start_blender(out, rank() == 0 ? "blender.log" : fmt::format("blender-{}.log", rank()));
   });

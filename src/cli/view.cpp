@@ -43,7 +43,7 @@ void add_options(CLI::App& app, ViewOptions& options) {
                  "with --run: the detector's defence (default: the run's)");
   for (const char* other : {"--frames", "--no-detector", "--detector", "--weights", "--defense"})
     drive->excludes(app.get_option(other));
-  add_overrides<FrameSource>(app, settings.asked, {"depth", "rig", "placement", "cameras"});
+  add_overrides<FrameSource>(app, settings.overrides, {"depth", "rig", "placement", "cameras"});
   add_trust_option(app, settings.trust);
   add_defaulted(app, "--size", settings.size, "largest page, MB; beyond it returns are thinned")
       ->check(within({0.1, 2000.0}));

@@ -158,17 +158,17 @@ std::map<std::string, nlohmann::json> judge(const std::vector<std::filesystem::p
                                             const Common& common) {
   EvaluationRequest request;
   request.meshes = files;
-  request.asked["data"] = data.string();
+  request.overrides["data"] = data.string();
   request.detector.detector = detector;
   request.detector.seed = common.seed;
   request.detector.threads = common.threads;
   request.settings.quiet = common.quiet;
   const RunEvaluation evaluation = evaluate_run(request);
   std::map<std::string, nlohmann::json> shares;
-  for (const ObjectArm& arm : evaluation.each) {
-    nlohmann::json& share = shares[std::filesystem::path(arm.name).stem().string()];
-    share = fields_json(arm.evaluation.hiding.vanished);
-    share["clusters"] = to_json(arm.evaluation.clusters);
+  for (const ObjectEvaluation& entry : evaluation.each) {
+    nlohmann::json& share = shares[std::filesystem::path(entry.name).stem().string()];
+    share = fields_json(entry.evaluation.hiding.vanished);
+    share["clusters"] = to_json(entry.evaluation.clusters);
     share["detector"] = detector;
   }
   return shares;

@@ -87,7 +87,7 @@ class DefenseTraining {
     const LabelCensus census = count_labels(settings.data, frames);
     require_cars(census, "adversarial training");
     warn_of_labels(census);
-    HostsLeftOut left_out;
+    SkippedHosts left_out;
     hosts_ = find_all_hosts(store_, frames, region, attack_.simulation, attack_.min_view, true, &left_out);
     warn_of_left_out(store_.place(), left_out);
     if (hosts_.empty())
@@ -177,15 +177,15 @@ const std::vector<std::string>& defense_methods() {
 }
 
 void set_method(const std::string& word, DefenseSettings& settings) {
-  const auto known = std::find_if(methods().begin(), methods().end(),
+  const auto match = std::find_if(methods().begin(), methods().end(),
                                   [&](const Method& method) { return word == method.word; });
-  if (known == methods().end())
+  if (match == methods().end())
     throw FieldError(
         "method", word, "unknown",
         use_one_of(word, defense_methods()) +
             " (jpeg:QUALITY, ceiling:HEIGHT, consistency and shadows need no training: --defense)");
-  settings.detector.parts = known->parts;
-  known->set(settings);
+  settings.detector.parts = match->parts;
+  match->set(settings);
 }
 
 TexturedMesh random_load(std::uint64_t seed, std::uint64_t index, const AdversaryLimits& limits) {
@@ -212,8 +212,8 @@ DefenseResult train_defended(const DefenseSettings& settings) {
   check_parts(settings, *pool.front());
   make_output_folder(settings.out);
   DefenseTraining training(settings, pool.front()->region());
-  const RunIdentity wanted = identity(settings, training.attack(), training.hosts());
-  TrainingLoop loop(settings, wanted);
+  const RunIdentity run_identity = identity(settings, training.attack(), training.hosts());
+  TrainingLoop loop(settings, run_identity);
   AttackState adversary = fresh_state(training.attack());
   DefenseResult result;
   const auto score = [&](const char* when) {
@@ -233,7 +233,8 @@ DefenseResult train_defended(const DefenseSettings& settings) {
     load.weights = loop.state().weights;
     load.parts.clear();
     pool = shared_pool(load, settings.adversary_batch);
-    adversary = read_checkpoint(adversary_file(settings.out, loop.state().step), wanted, training.attack());
+    adversary =
+        read_checkpoint(adversary_file(settings.out, loop.state().step), run_identity, training.attack());
   }
 
   const AttackStepper stepper(training.attack(), pool, training.store(), training.host_list(),
@@ -243,7 +244,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
   TrainingWork work;
   work.name = "defend";
   work.follow = 0.05;
-  work.tell_every = 10;
+  work.report_every = 10;
   work.learn = [&](std::int64_t step, double rate) {
     if (settings.carried == Carried::adversary)
       for (int k = 0; k < settings.adversary_updates; ++k) row = stepper.step(adversary);
@@ -252,7 +253,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
     return std::array{loss.total, loss.score, loss.box};
   };
   work.save = [&](const fs::path& file) {
-    write_checkpoint(adversary_file(settings.out, loop.state().step), adversary, wanted.json);
+    write_checkpoint(adversary_file(settings.out, loop.state().step), adversary, run_identity.json);
     pool.front()->save(file, true);
   };
   work.drop = [&](std::int64_t step) {
@@ -263,7 +264,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
     return fmt::format("model {:.3f}, adversary {:.3f} (hide {:.3f}, false positives {:.3f})", losses[0],
                        row.loss(), row.hide, row.false_positive);
   };
-  work.tell = [&](double rate) {
+  work.report = [&](double rate) {
     loop.log({{"rate", rate},
               {"loss", losses[0]},
               {"score_loss", losses[1]},

@@ -25,16 +25,16 @@ void check_certificate(const CertificateSettings& settings) {
   check_fields(settings);
   if (settings.sizes.empty()) throw FieldError("sizes", "", "are missing", "name one at least");
   for (const double size : settings.sizes)
-    check_number({.name = "sizes", .range = {kSmallestSize, kLargestSize}}, size);
+    check_number({.name = "sizes", .range = {kMinAdversarySize, kMaxAdversarySize}}, size);
 }
 
 /// A frame before the detector, with what every mask of it needs.
-struct Sight {
+struct MaskedView {
   Detector& detector;
   const PreparedFrame& prepared;
   EvaluationSettings by;  ///< down to the scores that AP asks for
   std::vector<Detection> clean;
-  std::optional<CleanView> recorded;  ///< where the detector computes only what a mask changes
+  std::optional<UnchangedInput> recorded;  ///< where the detector computes only what a mask changes
   std::vector<HostTruth> hosts = {};
   std::vector<Placement> roofs = {};
 
@@ -106,8 +106,8 @@ void for_each_number(FrameWork& work, std::vector<CertifiedHost>& hosts, std::si
     CertifiedHost& host = hosts[place];
     host.sizes.resize(sizes);
     use(host.track), use(host.range), use(host.clean_iou), use(host.control_iou);
-    for (auto& [known, lattice, attacked, survived, covered, removed, hidden] : host.sizes) {
-      for (double* iou : {&known, &lattice, &attacked, &survived}) use(*iou);
+    for (auto& [with_roof, lattice, attacked, survived, covered, removed, hidden] : host.sizes) {
+      for (double* iou : {&with_roof, &lattice, &attacked, &survived}) use(*iou);
       use(covered), use(removed), use(hidden);
     }
   }
@@ -134,11 +134,11 @@ class Certifier {
                       [&](const auto& number) { answers.numbers.push_back(static_cast<double>(number)); });
       return answers;
     };
-    if (!kept_on_disk(store_, settings_.evaluation)) {
+    if (!is_cached_on_disk(store_, settings_.evaluation)) {
       now();
       return;
     }
-    FrameAnswers answers = store_.cache().answers("certified", made_of(work, hosts), now);
+    FrameAnswers answers = store_.cache().answers("certified", provenance(work, hosts), now);
     work.clean = std::move(answers.found.back());
     answers.found.pop_back();
     work.united = std::move(answers.found);
@@ -149,37 +149,37 @@ class Certifier {
   }
 
  private:
-  Provenance made_of(const FrameWork& work, const std::vector<CertifiedHost>& hosts) const {
-    Provenance made_of = store_.made_of(hosts[work.hosts.front()].id);
+  Provenance provenance(const FrameWork& work, const std::vector<CertifiedHost>& hosts) const {
+    Provenance provenance = store_.provenance(hosts[work.hosts.front()].id);
     nlohmann::json all;
     for (const std::size_t place : work.hosts) {
       const HostId& id = hosts[place].id;
       all.push_back(
           {host_name(id), settings_.adversaries.empty() ? std::vector<double>() : attacked_.at(id)});
     }
-    made_of.set("hosts", std::move(all));
-    made_of.add(settings_);
-    made_of.set("sizes", settings_.sizes);
-    made_of.set("seed", settings_.seed);
-    made_of.set("roof_low", settings_.lattice.roof_low);
-    made_of.set("roof_high", settings_.lattice.roof_high);
-    made_of.set("simulation", to_json(settings_.simulation));
-    made_of.set("adversaries", adversaries_);
-    made_of.set("score_threshold", settings_.evaluation.score_threshold);
-    made_of.input("detector", settings_.evaluation.detector_identity);
-    return made_of;
+    provenance.set("hosts", std::move(all));
+    provenance.add(settings_);
+    provenance.set("sizes", settings_.sizes);
+    provenance.set("seed", settings_.seed);
+    provenance.set("roof_low", settings_.lattice.roof_low);
+    provenance.set("roof_high", settings_.lattice.roof_high);
+    provenance.set("simulation", to_json(settings_.simulation));
+    provenance.set("adversaries", adversaries_);
+    provenance.set("score_threshold", settings_.evaluation.score_threshold);
+    provenance.input("detector", settings_.evaluation.detector_identity);
+    return provenance;
   }
 
   void certify_frame(Detector& detector, FrameWork& work, std::vector<CertifiedHost>& hosts) const {
-    const auto held = store_.get(work.id);
-    const PreparedFrame& prepared = *held;
+    const auto frame_handle = store_.get(work.id);
+    const PreparedFrame& prepared = *frame_handle;
     const Frame& frame = prepared.frame;
     require_first_sensors(detector.capabilities(), frame, "certificate");
     EvaluationSettings by = settings_.evaluation;
     by.matching = detector.capabilities().matching();
     by.score_threshold = std::min(kScoreThresholdForAp, settings_.evaluation.score_threshold);
-    Sight sight{detector, prepared, by, detections(detector, view_of(frame), by), std::nullopt};
-    if (detector.capabilities().why_whole.empty()) sight.recorded = clean_view(prepared, {});
+    MaskedView sight{detector, prepared, by, detections(detector, view_of(frame), by), std::nullopt};
+    if (detector.capabilities().why_whole.empty()) sight.recorded = unchanged_input(prepared, {});
     const double score = settings_.evaluation.score_threshold;
     work.clean = sight.clean;
     work.violations.assign(limits_.size(), 0);
@@ -204,7 +204,7 @@ class Certifier {
         certificate.removed = recorded.removed;
         certificate.hidden_share = static_cast<double>(recorded.hidden.width()) * recorded.hidden.height() /
                                    (static_cast<double>(frame.image.width) * frame.image.height);
-        certificate.known_iou = best_iou(sight.found(recorded), sight.hosts[h], score);
+        certificate.with_roof_iou = best_iou(sight.found(recorded), sight.hosts[h], score);
         certificate.attacked_iou = host.clean_iou;
         for_those_in(limits_[s], host.id, [&](const TexturedMesh&, double iou) {
           certificate.attacked_iou = std::min(certificate.attacked_iou, iou);
@@ -216,10 +216,10 @@ class Certifier {
   }
 
   /// For every adversary that stays in the box: what is found of the host under it.
-  template <class Look>
-  void for_those_in(const AdversaryLimits& limits, const HostId& id, const Look& look) const {
+  template <class Visitor>
+  void for_those_in(const AdversaryLimits& limits, const HostId& id, const Visitor& visitor) const {
     for (std::size_t i = 0; i < settings_.adversaries.size(); ++i)
-      if (fits(settings_.adversaries[i], limits)) look(settings_.adversaries[i], attacked_.at(id)[i]);
+      if (fits(settings_.adversaries[i], limits)) visitor(settings_.adversaries[i], attacked_.at(id)[i]);
   }
 
   /// How many objects change something that the mask leaves: random ones, and the adversaries in the box.
@@ -238,7 +238,7 @@ class Certifier {
     return count;
   }
 
-  void look_through_lattice(Sight& sight, std::size_t s, FrameWork& work,
+  void look_through_lattice(MaskedView& sight, std::size_t s, FrameWork& work,
                             std::vector<CertifiedHost>& hosts) const {
     const double score = settings_.evaluation.score_threshold;
     std::vector<Box3> objects;
@@ -250,10 +250,10 @@ class Certifier {
     for (const Box3& mask : masks) {
       throw_if_interrupted(how_to_go_on(store_, settings_.evaluation));
       const auto holds = [&](const Box3& object) { return covers(mask, object); };
-      bool asked = settings_.whole_lattice;  // else of cars that no mask before has certified
-      for (std::size_t h = 0; h < objects.size() && !asked; ++h)
-        asked = hosts[work.hosts[h]].sizes[s].lattice_iou <= kStrictest && holds(objects[h]);
-      if (!asked) continue;
+      bool needs_lattice = settings_.whole_lattice;  // else of cars that no mask before has certified
+      for (std::size_t h = 0; h < objects.size() && !needs_lattice; ++h)
+        needs_lattice = hosts[work.hosts[h]].sizes[s].lattice_iou <= kStrictest && holds(objects[h]);
+      if (!needs_lattice) continue;
       const auto proposals = sight.found(sight.behind(mask, margin_));
       for (std::size_t h = 0; h < objects.size(); ++h) {
         Certificate& certificate = hosts[work.hosts[h]].sizes[s];
@@ -286,7 +286,7 @@ class Certifier {
 
   /// The best IoU with the host under the adversary behind a mask that does not hold its roof, or `best`;
   /// nearest masks first, and no further than to kStrictest.
-  double attacked_through(Sight& sight, std::size_t h, const HostId& id, const TexturedMesh& adversary,
+  double attacked_through(MaskedView& sight, std::size_t h, const HostId& id, const TexturedMesh& adversary,
                           std::vector<Box3> masks, const Box3& object, double best) const {
     const PreparedFrame& prepared = sight.prepared;
     const Simulated attacked = simulate(prepared, sight.roofs[h], adversary, settings_.simulation);
@@ -332,15 +332,15 @@ CertifiedShares shares_of(const std::vector<CertifiedHost>& hosts, std::size_t s
   const auto clean = [](const CertifiedHost& host) { return host.clean_iou; };
   const auto control = [](const CertifiedHost& host) { return host.control_iou; };
   const auto attacked = of_size([](const Certificate& of) { return of.attacked_iou; });
-  const auto known = of_size([](const Certificate& of) { return of.known_iou; });
+  const auto with_roof = of_size([](const Certificate& of) { return of.with_roof_iou; });
   const auto by_lattice = of_size([](const Certificate& of) { return of.lattice_iou; });
   const auto with_or_without =
-      of_size([](const Certificate& of) { return std::max(of.known_iou, of.attacked_iou); });
+      of_size([](const Certificate& of) { return std::max(of.with_roof_iou, of.attacked_iou); });
   const auto survived = of_size([](const Certificate& of) { return of.survived_iou; });
   shares.clean70 = above(clean, kStrictest), shares.clean50 = above(clean, 0.5);
   shares.control70 = above(control, kStrictest), shares.control50 = above(control, 0.5);
   shares.attacked70 = above(attacked, kStrictest), shares.attacked50 = above(attacked, 0.5);
-  shares.known70 = above(known, kStrictest), shares.known50 = above(known, 0.5);
+  shares.known70 = above(with_roof, kStrictest), shares.known50 = above(with_roof, 0.5);
   shares.lattice70 = above(by_lattice, kStrictest), shares.lattice50 = above(by_lattice, 0.5);
   for (const CertifiedHost& host : hosts) shares.covered += host.sizes[s].covered;
   for (std::size_t b = 0; b < shares.bands.size(); ++b) {
@@ -349,8 +349,8 @@ CertifiedShares shares_of(const std::vector<CertifiedHost>& hosts, std::size_t s
     band.nearest = nearest, band.farthest = farthest;
     band.hosts = static_cast<int>(std::ranges::count_if(
         hosts, [&](const CertifiedHost& host) { return host.range >= nearest && host.range < farthest; }));
-    band.known70 = {above(known, kStrictest), above(with_or_without, kStrictest)};
-    band.known50 = {above(known, 0.5), above(with_or_without, 0.5)};
+    band.known70 = {above(with_roof, kStrictest), above(with_or_without, kStrictest)};
+    band.known50 = {above(with_roof, 0.5), above(with_or_without, 0.5)};
     band.lattice70 = {above(by_lattice, kStrictest), above(survived, kStrictest)};
     band.lattice50 = {above(by_lattice, 0.5), above(survived, 0.5)};
   }
@@ -366,7 +366,7 @@ AttackedIou attacked_iou(const DetectorPool& detectors, FrameStore& store, const
   std::span<const HostOutcome> outcomes = settings.attacked;
   if (outcomes.empty()) {
     EvaluationSettings by = settings.evaluation;
-    by.told = true;  // on every rank
+    by.reports_outcomes = true;  // on every rank
     by.matching = detectors.front()->capabilities().matching();
     own = evaluate(detectors, store, hosts, clean_detections(detectors, store, hosts, by),
                    settings.adversaries, settings.simulation, by)
@@ -532,7 +532,7 @@ nlohmann::json to_json(const CertificateResult& result, const CertificateSetting
     auto certificates = nlohmann::json::array();
     for (const Certificate& c : host.sizes) {
       certificates.push_back(
-          {{"known_iou", c.known_iou}, {"removed", c.removed}, {"hidden_share", c.hidden_share}});
+          {{"known_iou", c.with_roof_iou}, {"removed", c.removed}, {"hidden_share", c.hidden_share}});
       if (!settings.adversaries.empty()) certificates.back()["attacked_iou"] = c.attacked_iou;
       if (settings.with_lattice)
         certificates.back().update({{"lattice_iou", c.lattice_iou}, {"covered", c.covered}});

@@ -91,7 +91,7 @@ void visit_fields(Visitor& visit, S& s) {
 
 /// One car at one size.
 struct Certificate {
-  double known_iou = 0;  ///< best IoU with the car of what is found under its own roof's mask
+  double with_roof_iou = 0;  ///< best IoU with the car of what is found under its own roof's mask
   /// The best over the lattice's masks that cover the roof, but for `whole_lattice` no further than to one
   /// over 0.7; 0 without one.
   double lattice_iou = 0;

@@ -12,9 +12,9 @@ constexpr double kNear = 0.1;  // m; a box with a corner nearer to the camera's 
 constexpr int kRing = 8;       // pixels around the hidden rectangle whose mean fills it
 
 /// The box grown by `metres`, with its frame.
-class GrownBox {
+class DilatedBox {
  public:
-  GrownBox(const Box3& box, const MaskMargin& margin)
+  DilatedBox(const Box3& box, const MaskMargin& margin)
       : box_from_velo_(velo_from_box(box).inverse()),
         low_(-box.bev.length / 2, -box.bev.width / 2, 0),
         high_(box.bev.length / 2, box.bev.width / 2, box.height),
@@ -130,7 +130,7 @@ Box3 object_box(const Transform& velo_from_adversary, const AdversaryLimits& lim
 }
 
 bool passes_through(const Vec3d& point_velo, const Box3& box, const MaskMargin& margin) {
-  return GrownBox(box, margin).is_met_on_the_way_to(point_velo);
+  return DilatedBox(box, margin).is_met_on_the_way_to(point_velo);
 }
 
 MaskedFrame masked(const ImageF& image, std::span<const LidarPoint> sweep, const Calibration& calibration,
@@ -139,7 +139,7 @@ MaskedFrame masked(const ImageF& image, std::span<const LidarPoint> sweep, const
   result.image = image;
   result.hidden = hidden_pixels(calibration, box, margin.pixels);
   if (!result.hidden.empty()) fill(result.image, result.hidden);
-  const GrownBox grown(box, margin);
+  const DilatedBox grown(box, margin);
   result.sweep.reserve(sweep.size());
   for (const LidarPoint& point : sweep)
     if (!grown.is_met_on_the_way_to(point.position().cast<double>())) result.sweep.push_back(point);

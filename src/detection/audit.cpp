@@ -36,7 +36,7 @@ constexpr double kSameCar = 0.1;  // IoU
 /// The detector's answers to one view of a frame.
 struct Answers {
   ScoredFrame scored;
-  std::vector<Detection> cars;  ///< of each labelled car: its speaker
+  std::vector<Detection> cars;  ///< of each labelled car: its matching_proposal
   std::vector<char> found;      ///< of each labelled car
 };
 
@@ -52,7 +52,7 @@ ViewAnswers answers_to(Detector& detector, const SensorView& view, const GroundT
   const std::vector<Detection> proposals = detector.forward(view, kFaintScore, false);
   ViewAnswers found = {suppress(scored_over(proposals, kScoreThresholdForAp), matching), {}};
   for (const ObjectBoxes& car : scored({}, truth, 0, matching).truth.boxes)
-    found[1].push_back(speaker(proposals, car, matching));
+    found[1].push_back(matching_proposal(proposals, car, matching));
   return found;
 }
 
@@ -327,8 +327,8 @@ std::string notices(const Audit& audit, Kind kind, const char* what) {
   const AuditRow* harmless = nullptr;
   for (const AuditRow& row : audit.rows) {
     if (row.change.kind != kind || !row.refused.empty()) continue;
-    if (told(row.drop) == Told::same && !weakest) harmless = &row;
-    if (!weakest && told(row.drop) == Told::more) weakest = &row;
+    if (classify(row.drop) == DifferenceVerdict::same && !weakest) harmless = &row;
+    if (!weakest && classify(row.drop) == DifferenceVerdict::more) weakest = &row;
   }
   std::string text;
   if (weakest) text = fmt::format("{} {} costs {}.", what, weakest->change.text(), points_of(weakest->drop));
@@ -417,7 +417,7 @@ std::vector<PicturePair> pair_pictures(const fs::path& data, const std::vector<s
   return pairs;
 }
 
-Detection speaker(std::span<const Detection> proposals, const ObjectBoxes& car, Matching matching) {
+Detection matching_proposal(std::span<const Detection> proposals, const ObjectBoxes& car, Matching matching) {
   Detection best{{}, std::log(kFaintScore / (1 - kFaintScore))};
   for (const Detection& proposal : proposals)
     if (proposal.logit > best.logit && matching.overlap(proposal, car) >= kSameCar) best = proposal;
@@ -425,9 +425,9 @@ Detection speaker(std::span<const Detection> proposals, const ObjectBoxes& car, 
 }
 
 InputUse input_use(const Interval& drop, const Interval& delta_logit, int vehicles) {
-  if (drop.low > 0 && delta_logit.value >= kLeastDeltaLogit) return InputUse::used;
+  if (drop.low > 0 && delta_logit.value >= kMinDeltaLogit) return InputUse::used;
   if (vehicles > 0 && drop.value < kSameWithin &&
-      (drop.high < kSameWithin || delta_logit.high < kLeastDeltaLogit))
+      (drop.high < kSameWithin || delta_logit.high < kMinDeltaLogit))
     return InputUse::ignored;
   return InputUse::unclear;
 }
@@ -451,29 +451,29 @@ Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& sour
   const bool tells = rank() == 0;  // the others fill what is kept
   const std::vector<std::size_t> order = order_among_ranks(pairs.size());
   hand_out(detectors.size(), pairs.size(), [&](std::size_t worker, std::size_t k) {
-    throw_if_interrupted(source.kept_views ? "run it again: it goes on" : "the audit is measured anew");
+    throw_if_interrupted(source.cached_views ? "run it again: it goes on" : "the audit is measured anew");
     Detector& detector = *detectors[worker];
     const std::size_t f = order[k];
     const Capabilities can = detector.capabilities();
     const Lazy<Shown> shown([&] { return read_shown(source, pairs[f].frame, detector.region()); });
-    const auto told = [&](ViewAnswers found) {
+    const auto with_cars = [&](ViewAnswers found) {
       return answers(std::move(found), shown.get().truth, shown.get().frame.calibration.camera.fy,
                      can.matching());
     };
-    const auto kept = [&](const ShownView& view, const std::function<ViewAnswers()>& compute) {
-      return source.kept_views ? source.kept_views(view, compute) : compute();
+    const auto cached = [&](const ShownView& view, const std::function<ViewAnswers()>& compute) {
+      return source.cached_views ? source.cached_views(view, compute) : compute();
     };
-    ViewAnswers found = kept({{pairs[f].frame}, "none"}, [&] {
+    ViewAnswers found = cached({{pairs[f].frame}, "none"}, [&] {
       const Frame& frame = shown.get().frame;
       return answers_to(detector, view_of(frame, frame.image, shown.get().points), shown.get().truth);
     });
     if (tells)
-      frames[f].right = told(std::move(found));
+      frames[f].right = with_cars(std::move(found));
     else
       frames[f].right.scored.detections = std::move(found.at(0));
     frames[f].changed.resize(changes.size());
     for (std::size_t c = 0; c < changes.size(); ++c) {
-      const auto look = [&]() -> ViewAnswers {
+      const auto answer = [&]() -> ViewAnswers {
         const Scene scene{*set, pairs[f], f, shown.get().frame, shown.get().points, can, lidar, seed};
         const std::unique_ptr<ChangedView> changed = changed_view(changes[c], scene);
         if (!changed) return {};
@@ -485,7 +485,7 @@ Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& sour
         refused[c] = error.what();
       };
       try {
-        found = kept(shown_view(changes[c], *set, pairs[f], f, seed), look);
+        found = cached(shown_view(changes[c], *set, pairs[f], f, seed), answer);
       } catch (const Failure& error) {
         refuse(error);
         continue;
@@ -493,7 +493,7 @@ Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& sour
         refuse(error);
         continue;
       }
-      if (tells && !found.empty()) frames[f].changed[c] = told(std::move(found));
+      if (tells && !found.empty()) frames[f].changed[c] = with_cars(std::move(found));
     }
     const std::lock_guard lock(mutex);
     if (progress) progress(++done, pairs.size());

@@ -30,7 +30,7 @@
 namespace mirage {
 
 /// Below this mean |Δlogit| of the cars a detector does not use an input, whatever its AP does.
-inline constexpr double kLeastDeltaLogit = 0.5;
+inline constexpr double kMinDeltaLogit = 0.5;
 
 /// The inputs of a detector; calibration: the camera's pose against the other sensors.
 enum class AuditInput { picture, points, calibration };
@@ -93,13 +93,13 @@ std::vector<PicturePair> pair_pictures(const std::filesystem::path& data,
 
 /// Of the proposals that overlap the car by 0.1 or more, before suppression, the one of the largest logit;
 /// without one over kFaintScore, a proposal of that score.
-Detection speaker(std::span<const Detection> proposals, const ObjectBoxes& car, Matching matching);
+Detection matching_proposal(std::span<const Detection> proposals, const ObjectBoxes& car, Matching matching);
 
 /// What changes of an input say of its use; `unclear`: the frames are too few for either.
 enum class InputUse { used, ignored, unclear };
 /// The rule of the gate. Used: the wrong input costs AP 0.7 beyond the interval (`drop`), and the cars'
-/// logits move by kLeastDeltaLogit on average. Ignored: AP falls by less than kSameWithin, and that it does,
-/// or that the logits move by less than kLeastDeltaLogit, is beyond the interval.
+/// logits move by kMinDeltaLogit on average. Ignored: AP falls by less than kSameWithin, and that it does,
+/// or that the logits move by less than kMinDeltaLogit, is beyond the interval.
 InputUse input_use(const Interval& drop, const Interval& delta_logit, int vehicles);
 
 /// What one change costs, over the frames that have it.
@@ -145,7 +145,7 @@ struct Audit {
 /// A changed picture is that of every camera that the detector reads; a changed calibration is the first's.
 /// What takes an input away is `refused` if the detector fails on any frame without it. Its other errors come
 /// through, and those of read_frame; Interrupted between frames. A call of all ranks (base/ranks.h), who
-/// share the frames through RecordedFrames::kept_views; all but the first get nothing.
+/// share the frames through RecordedFrames::cached_views; all but the first get nothing.
 Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& source,
                 const std::vector<std::string>& ids, const std::vector<AuditChange>& changes,
                 const std::optional<LidarModel>& lidar = {}, std::uint64_t seed = 0,

@@ -18,8 +18,8 @@ struct Source {
 };
 
 /// A logit of one of the members.
-struct Voice {
-  double logit = kSilentLogit;
+struct Vote {
+  double logit = kNoDetectionLogit;
   Source source;
 };
 
@@ -33,22 +33,22 @@ struct Blend {
 std::vector<std::size_t> speaking(const std::vector<Detection>& proposals) {
   std::vector<std::size_t> order;
   for (std::size_t i = 0; i < proposals.size(); ++i)
-    if (proposals[i].logit > kSilentLogit) order.push_back(i);
+    if (proposals[i].logit > kNoDetectionLogit) order.push_back(i);
   std::stable_sort(order.begin(), order.end(),
                    [&](std::size_t a, std::size_t b) { return proposals[a].logit > proposals[b].logit; });
   return order;
 }
 
 /// What the camera network says of boxes that are known from above.
-class PictureWitness {
+class CameraVotes {
  public:
-  PictureWitness(const SensorView& view, const std::vector<Detection>& boxes)
+  CameraVotes(const SensorView& view, const std::vector<Detection>& boxes)
       : boxes_(boxes), order_(speaking(boxes)), returns_(floats_of(view.points)) {
     if (!view.image || view.image->empty() || !view.calibration) return;
     width_ = view.image->width, height_ = view.image->height;
     projection_ = pixel_from_velo(*view.calibration);
   }
-  Voice of(const BevBox& box) const {
+  Vote of(const BevBox& box) const {
     if (width_ == 0) return {};
     const auto seen = car_in_picture(box, returns_.ground(box), projection_, width_, height_);
     if (!seen) return {};
@@ -66,24 +66,24 @@ class PictureWitness {
   int width_ = 0, height_ = 0;
 };
 
-class ConsistentDetector : public DetectorAround {
+class ConsistentDetector : public DetectorWrapper {
  public:
   ConsistentDetector(std::unique_ptr<Detector> fused, std::unique_ptr<Detector> lidar,
                      std::unique_ptr<Detector> camera)
-      : DetectorAround(std::move(fused)),
+      : DetectorWrapper(std::move(fused)),
         lidar_(std::move(lidar)),
         camera_(std::move(camera)),
         members_{inner_.get(), lidar_.get(), camera_.get()} {}
 
   Capabilities capabilities() const override {
-    Capabilities known = inner_->capabilities();
-    known.reads_image = known.reads_points = true;
+    Capabilities combined = inner_->capabilities();
+    combined.reads_image = combined.reads_points = true;
     for (const Detector* member : members_) {
       const Capabilities its = member->capabilities();
-      if (its.reads_points) known.knows_presence = known.knows_presence && its.knows_presence;
-      if (known.why_whole.empty()) known.why_whole = its.why_whole;
+      if (its.reads_points) combined.knows_presence = combined.knows_presence && its.knows_presence;
+      if (combined.why_whole.empty()) combined.why_whole = its.why_whole;
     }
-    return known;
+    return combined;
   }
 
   std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
@@ -91,11 +91,11 @@ class ConsistentDetector : public DetectorAround {
     const bool no_picture = !view.image || view.image->empty();
     for (std::size_t m = 0; m < members_.size(); ++m) {
       if (m == Source::camera && no_picture) continue;  // says nothing
-      found[m] = members_[m]->forward(view, speaking_score(score_threshold), keep_graph);
+      found[m] = members_[m]->forward(view, reporting_threshold(score_threshold), keep_graph);
     }
     for (std::size_t m = 0; m < members_.size(); ++m) counts_[m] = found[m].size();
-    const PictureWitness picture(view, found[Source::camera]);
-    const std::vector<std::size_t> alone = speaking(found[Source::lidar]);
+    const CameraVotes picture(view, found[Source::camera]);
+    const std::vector<std::size_t> lidar_order = speaking(found[Source::lidar]);
     std::vector<Detection> result;
     blends_.clear();
     const auto add = [&](Detection proposal, double logit, const Blend& blend) {
@@ -108,44 +108,43 @@ class ConsistentDetector : public DetectorAround {
       const Detection& proposal = found[Source::fused][i];
       const Source own{Source::fused, i};
       double cap = proposal.logit;
-      Voice witness;
-      if (proposal.logit > kFaintLogit) {
-        witness = picture.of(proposal.box.bev);
-        for (const std::size_t j : alone) {
+      Vote vote;
+      if (proposal.logit > kMinVotingLogit) {
+        vote = picture.of(proposal.box.bev);
+        for (const std::size_t j : lidar_order) {
           const Detection& other = found[Source::lidar][j];
-          if (other.logit <= witness.logit) break;  // as are all that follow
+          if (other.logit <= vote.logit) break;  // as are all that follow
           if (!same_place(proposal.box.bev, other.box.bev)) continue;
-          witness = {other.logit, {Source::lidar, j}};
+          vote = {other.logit, {Source::lidar, j}};
           break;
         }
-        cap = witness.logit + kWitnessMargin;
+        cap = vote.logit + kVoteMargin;
       }
       if (cap < proposal.logit)
-        add(proposal, (1 - kWitnessLeak) * cap + kWitnessLeak * proposal.logit,
-            {witness.source, own, kWitnessLeak});
+        add(proposal, (1 - kVoteLeak) * cap + kVoteLeak * proposal.logit, {vote.source, own, kVoteLeak});
       else
         add(proposal, proposal.logit, {own, {}, 0});
     }
-    for (const std::size_t j : alone) {
+    for (const std::size_t j : lidar_order) {
       const Detection& proposal = found[Source::lidar][j];
-      if (proposal.logit <= kFaintLogit) break;
-      Voice low = picture.of(proposal.box.bev), high{proposal.logit, {Source::lidar, j}};
+      if (proposal.logit <= kMinVotingLogit) break;
+      Vote low = picture.of(proposal.box.bev), high{proposal.logit, {Source::lidar, j}};
       if (low.source.member == Source::nobody) continue;
       if (high.logit < low.logit) std::swap(low, high);
-      add(proposal, (1 - kWitnessLeak) * low.logit + kWitnessLeak * high.logit,
-          {low.source, high.source, kWitnessLeak});
+      add(proposal, (1 - kVoteLeak) * low.logit + kVoteLeak * high.logit,
+          {low.source, high.source, kVoteLeak});
     }
     return result;
   }
 
   SensorGradient backward(std::span<const double> d_logits) override {
     std::array<std::vector<double>, 3> parts;
-    std::array<bool, 3> asked{};
+    std::array<bool, 3> contributes{};
     for (std::size_t m = 0; m < members_.size(); ++m) parts[m].assign(counts_[m], 0.0);
     const auto give = [&](const Source& source, double d_logit) {
       if (source.member == Source::nobody || d_logit == 0) return;
       parts[source.member][source.index] += d_logit;
-      asked[source.member] = true;
+      contributes[source.member] = true;
     };
     for (std::size_t i = 0; i < d_logits.size(); ++i) {
       const Blend& blend = blends_.at(i);
@@ -154,7 +153,7 @@ class ConsistentDetector : public DetectorAround {
     }
     SensorGradient sum = inner_->backward(parts[Source::fused]);
     for (const auto member : {Source::lidar, Source::camera})
-      if (asked[member]) add(sum, members_[member]->backward(parts[member]));
+      if (contributes[member]) add(sum, members_[member]->backward(parts[member]));
     return sum;
   }
 
@@ -187,13 +186,13 @@ class ConsistentDetector : public DetectorAround {
 
 }  // namespace
 
-std::unique_ptr<Detector> with_witnesses(std::unique_ptr<Detector> fused, std::unique_ptr<Detector> lidar,
-                                         std::unique_ptr<Detector> camera) {
+std::unique_ptr<Detector> with_consistency(std::unique_ptr<Detector> fused, std::unique_ptr<Detector> lidar,
+                                           std::unique_ptr<Detector> camera) {
   if (!fused->capabilities().finds_bev)
     throw FieldError("defense", kConsistency, fused->name() + " finds no boxes from above",
                      "use it with lidar, painted, fusion, late or refined");
   if (!lidar->capabilities().finds_bev || !camera->capabilities().finds_picture)
-    throw FieldError("defense", kConsistency, "its witnesses do not find boxes",
+    throw FieldError("defense", kConsistency, "its single-sensor detectors do not find boxes",
                      "give a LiDAR and a camera detector");
   return std::make_unique<ConsistentDetector>(std::move(fused), std::move(lidar), std::move(camera));
 }

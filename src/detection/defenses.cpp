@@ -34,10 +34,10 @@ struct Below {
   std::vector<std::size_t> kept, kept_watched;  ///< their indices in the frame
 };
 
-class CeilingDetector : public DetectorAround {
+class CeilingDetector : public DetectorWrapper {
  public:
   CeilingDetector(std::unique_ptr<Detector> inner, double height, double unit_height)
-      : DetectorAround(std::move(inner)), height_(height), unit_height_(unit_height) {}
+      : DetectorWrapper(std::move(inner)), height_(height), unit_height_(unit_height) {}
 
   std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
     below_ = {}, clean_below_ = {};
@@ -109,7 +109,7 @@ class CeilingDetector : public DetectorAround {
   double height_, unit_height_;
   // Of the last forward: what the inner detector looks at until its backward pass is done.
   Below below_, clean_below_;
-  CleanView clean_;
+  UnchangedInput clean_;
   std::size_t count_ = 0, watched_count_ = 0;
   std::optional<Calibration> calibration_;  ///< if it had a picture
 };
@@ -123,21 +123,21 @@ struct Answer {
 /// What a body makes of a logit: continuous and rising.
 Answer raised(std::size_t from, double logit) {
   if (logit >= kBodyLogit) return {from, logit, 1};
-  const double lifted = logit + kBodyLift, level = kBodyLogit + kBodySlope * (logit - kBodyLogit);
-  return lifted < level ? Answer{from, lifted, 1} : Answer{from, level, kBodySlope};
+  const double lifted = logit + kBodyLift, level = kBodyLogit + kSaturatedSlope * (logit - kBodyLogit);
+  return lifted < level ? Answer{from, lifted, 1} : Answer{from, level, kSaturatedSlope};
 }
 
 Answer sunk(std::size_t from, double logit) {
   if (logit <= kThroughLogit) return {from, logit, 1};
-  return {from, kThroughLogit + kBodySlope * (logit - kThroughLogit), kBodySlope};
+  return {from, kThroughLogit + kSaturatedSlope * (logit - kThroughLogit), kSaturatedSlope};
 }
 
-class ShadowDetector : public DetectorAround {
+class ShadowDetector : public DetectorWrapper {
  public:
-  using DetectorAround::DetectorAround;
+  using DetectorWrapper::DetectorWrapper;
 
   std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
-    const auto found = inner_->forward(view, speaking_score(score_threshold), keep_graph);
+    const auto found = inner_->forward(view, reporting_threshold(score_threshold), keep_graph);
     count_ = found.size();
     const BodyEvidence evidence(view.points);
     const std::vector<BevBox> bodies = evidence.bodies();
@@ -209,15 +209,15 @@ void check(int status, const TurboJpeg& handle) {
     throw Failure("libjpeg-turbo", tjGetErrorStr2(handle.get()), "check the picture and the free memory");
 }
 
-class JpegDetector : public DetectorAround {
+class JpegDetector : public DetectorWrapper {
  public:
   JpegDetector(std::unique_ptr<Detector> inner, int quality)
-      : DetectorAround(std::move(inner)), quality_(quality) {}
+      : DetectorWrapper(std::move(inner)), quality_(quality) {}
 
   Capabilities capabilities() const override {
-    Capabilities known = inner_->capabilities();
-    known.why_whole = "the pictures that it sees are compressed";
-    return known;
+    Capabilities combined = inner_->capabilities();
+    combined.why_whole = "the pictures that it sees are compressed";
+    return combined;
   }
 
   std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
@@ -302,7 +302,7 @@ RoadSurface::RoadSurface(std::span<const LidarPoint> points)
     : lowest_(floats_of(points), -4) {  // m; below it mirrored returns
   // Least squares over what lies near the plane of before, more of it below than above.
   for (const double reach : {1.0, 0.5, 0.3, 0.3, 0.3}) {
-    constexpr int kFewest = 20;
+    constexpr int kMinCount = 20;
     Eigen::Matrix3d squares = Vec3d(1e-3, 10, 10).asDiagonal();  // level where little is seen
     Vec3d products = Vec3d::Zero();
     int used = 0;
@@ -316,7 +316,7 @@ RoadSurface::RoadSurface(std::span<const LidarPoint> points)
         products += at * z;
         ++used;
       }
-    if (used < kFewest) break;
+    if (used < kMinCount) break;
     plane_ = squares.ldlt().solve(products);
   }
 }
@@ -373,9 +373,9 @@ RayCount BodyEvidence::rays(const BevBox& box) const {
 
 std::vector<BevBox> BodyEvidence::bodies() const {
   constexpr double kCell = 0.25, kLow = 0.3, kHigh = 1.4, kTall = 1.0, kFar = 45;  // m
-  constexpr double kLargest = 6.5, kSmallest = 0.9;                                // m, of what is joined
-  constexpr std::size_t kFewest = 10;
-  constexpr int kFewestStopped = 20, kPassedShare = 10;  // nine of ten are stopped
+  constexpr double kMaxSize = 6.5, kMinSize = 0.9;                                 // m, of what is joined
+  constexpr std::size_t kMinCount = 10;
+  constexpr int kMinStopped = 20, kPassedShare = 10;  // nine of ten are stopped
   // Cells that returns touch, joined where they are neighbours but one.
   cv::Mat1b touched(static_cast<int>(kRows / kCell), static_cast<int>(kColumns / kCell), std::uint8_t{0});
   cv::Mat1i number;
@@ -392,28 +392,28 @@ std::vector<BevBox> BodyEvidence::bodies() const {
     touched(cell_of(low.back().first)) = 1;
   }
   cv::dilate(touched, touched, cv::Mat());
-  struct Joined {
+  struct Region {
     std::vector<Vec2d> places;
     double tallest = 0;
     Eigen::AlignedBox2d around;
   };
   // By number, in the order of their first cells; 0 is what no return touches.
-  std::vector<Joined> joined(as_size(cv::connectedComponents(touched, number, 8, CV_32S, cv::CCL_WU)));
+  std::vector<Region> regions(as_size(cv::connectedComponents(touched, number, 8, CV_32S, cv::CCL_WU)));
   for (const auto& [place, over] : low) {
-    Joined& its = joined[as_size(number(cell_of(place)))];
+    Region& its = regions[as_size(number(cell_of(place)))];
     its.places.push_back(place);
     its.tallest = std::max(its.tallest, over);
     its.around.extend(place);
   }
   std::vector<BevBox> found;
-  for (const Joined& one : joined) {
+  for (const Region& one : regions) {
     const double across = one.around.isEmpty() ? 0 : one.around.diagonal().norm();
-    if (one.places.size() < kFewest || one.tallest < kTall || across > kLargest || across < kSmallest)
+    if (one.places.size() < kMinCount || one.tallest < kTall || across > kMaxSize || across < kMinSize)
       continue;
     const auto box = car_seen_as(closest_rectangle(one.places));
     if (!box || std::hypot(box->x, box->y) > kFar) continue;
     const RayCount count = rays(*box);
-    if (count.stopped > kFewestStopped && kPassedShare * count.passed <= count.stopped + count.passed)
+    if (count.stopped > kMinStopped && kPassedShare * count.passed <= count.stopped + count.passed)
       found.push_back(*box);
   }
   return found;

@@ -18,10 +18,10 @@ namespace mirage {
 
 /// A detector within: whatever a defence does not override is the inner detector's own. What it hands on in
 /// forward() must live until backward() is done.
-class DetectorAround : public Detector {
+class DetectorWrapper : public Detector {
  public:
   /// Stands around `inner`, which is not null.
-  explicit DetectorAround(std::unique_ptr<Detector> inner) : inner_(std::move(inner)) {}
+  explicit DetectorWrapper(std::unique_ptr<Detector> inner) : inner_(std::move(inner)) {}
 
   std::string name() const override { return inner_->name(); }
   std::array<double, 4> region() const override { return inner_->region(); }
@@ -41,11 +41,12 @@ class DetectorAround : public Detector {
 };
 
 /// What counts for a place of which a detector says nothing.
-inline constexpr double kSilentLogit = -8;
+inline constexpr double kNoDetectionLogit = -8;
 
-/// The threshold that lets a detector say all that is above kSilentLogit, and no less than it is asked for.
-inline double speaking_score(double asked) {
-  return std::min(asked, Detection{BevBox(), kSilentLogit}.score());
+/// The score threshold at which a detector reports all that is above kNoDetectionLogit, and all that is over
+/// `threshold`.
+inline double reporting_threshold(double threshold) {
+  return std::min(threshold, Detection{BevBox(), kNoDetectionLogit}.score());
 }
 
 /// Whether two boxes are of one vehicle: IoU above 0.1, as non-maximum suppression has it.
@@ -77,7 +78,7 @@ std::unique_ptr<Detector> under_ceiling(std::unique_ptr<Detector> inner, double 
 //
 //     a body stands there      its proposals, and the body's own box, are raised by kBodyLift up to
 //     kBodyLogit;
-//                              beyond, with the slope kBodySlope: the better of two stays the better
+//                              beyond, with the slope kSaturatedSlope: the better of two stays the better
 //     rays go through there    a proposal above kThroughLogit sinks to it, but for the same slope: five rays
 //     or
 //                              more, and more than are stopped
@@ -89,7 +90,7 @@ std::unique_ptr<Detector> under_ceiling(std::unique_ptr<Detector> inner, double 
 /// finds by itself, since every other body of a car's size is none (look-alikes, vans, what stands in
 /// gardens).
 inline constexpr double kBodyLogit = -0.5;
-inline constexpr double kBodyLift = 4, kBodySlope = 0.05, kThroughLogit = -2;
+inline constexpr double kBodyLift = 4, kSaturatedSlope = 0.05, kThroughLogit = -2;
 inline constexpr int kThroughRays = 5;
 
 /// FieldError naming defense if `detector` finds no boxes from above or reads no returns. Training and saving

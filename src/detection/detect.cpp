@@ -57,12 +57,12 @@ void check_readable(std::span<const Detection> detections, Matching matching, co
 }
 
 /// A frame's detections, and what they took, s.
-struct Look {
+struct TimedDetections {
   std::vector<Detection> detections;
   double seconds = 0;
 };
 
-Look look_at(Detector& detector, const Frame& frame, Matching matching) {
+TimedDetections timed_forward(Detector& detector, const Frame& frame, Matching matching) {
   using Clock = std::chrono::steady_clock;
   const std::vector<LidarPoint> points = RecordedFrames::points(frame);
   const auto start = Clock::now();
@@ -288,8 +288,8 @@ DetectionRun detect_data_set(
   double seconds = 0;
   std::mutex mutex;
   std::size_t done = 0, looked = 0;
-  const auto look = [&](Detector& detector, const Frame& frame) {
-    Look at = look_at(detector, frame, run.matching);
+  const auto detect_frame = [&](Detector& detector, const Frame& frame) {
+    TimedDetections at = timed_forward(detector, frame, run.matching);
     const std::lock_guard lock(mutex);
     seconds += at.seconds;
     ++looked;
@@ -298,16 +298,16 @@ DetectionRun detect_data_set(
   parallel_for(detectors.size(), [&](std::size_t worker) {
     Detector& detector = *detectors[worker];
     for (Reading reading = take(); reading.place < order.size();) {
-      throw_if_interrupted(frames.kept ? "run it again: it goes on" : "no results were written yet");
+      throw_if_interrupted(frames.cached ? "run it again: it goes on" : "no results were written yet");
       const std::size_t i = reading.place;
       std::optional<Frame> frame;
       if (tells) frame = reading.frame.get();
       Reading ahead = take();
       const auto now = [&] {
         if (!frame) frame = reading.frame.get();
-        return look(detector, *frame);
+        return detect_frame(detector, *frame);
       };
-      std::vector<Detection> detections = frames.kept ? frames.kept(run.ids[i], now) : now();
+      std::vector<Detection> detections = frames.cached ? frames.cached(run.ids[i], now) : now();
       check_readable(detections, run.matching, detector.name() + ", frame " + run.ids[i]);
       const std::lock_guard lock(mutex);
       if (tells) {
@@ -322,8 +322,8 @@ DetectionRun detect_data_set(
   if (!tells) return run;
   if (looked == 0 && !run.ids.empty()) {  // all was kept; a network's first pass is slower than others
     const Frame frame = frames.read(run.ids.front());
-    look_at(*detectors.front(), frame, run.matching);
-    look(*detectors.front(), frame);
+    timed_forward(*detectors.front(), frame, run.matching);
+    detect_frame(*detectors.front(), frame);
   }
   run.at50 = average_precision(run.frames, 0.5);
   run.at70 = average_precision(run.frames, 0.7);

@@ -69,9 +69,9 @@ struct RecordedFrames {
   /// What the detector at hand finds in a frame as recorded, down to kScoreThresholdForAp: what is kept, or
   /// else compute()'s, which is then kept (frames/frame_store.h). Empty: nothing is.
   std::function<std::vector<Detection>(const std::string& id, const std::function<std::vector<Detection>()>&)>
-      kept = {};
+      cached = {};
   /// The same of answers to other views of them.
-  std::function<ViewAnswers(const ShownView& view, const std::function<ViewAnswers()>&)> kept_views = {};
+  std::function<ViewAnswers(const ShownView& view, const std::function<ViewAnswers()>&)> cached_views = {};
 
   /// The frame, whole, its labels marked.
   Frame read(const std::string& id) const;
@@ -86,7 +86,7 @@ std::vector<std::string> first_frames(const std::filesystem::path& data, std::si
 /// there is more than one thread. `detectors`: instances of it, at least one; each works on a thread of its
 /// own. `progress(done, total)` and `seen(place of the frame, it, its detections)` may be empty; one call at
 /// a time. Throws Interrupted between frames. A call of all ranks (base/ranks.h), who share the frames
-/// through RecordedFrames::kept; all but the first get the frames' ids alone.
+/// through RecordedFrames::cached; all but the first get the frames' ids alone.
 DetectionRun detect_data_set(
     std::span<Detector* const> detectors, const RecordedFrames& frames, std::size_t limit = 0,
     const std::function<void(std::size_t, std::size_t)>& progress = {},

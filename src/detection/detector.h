@@ -59,7 +59,7 @@ struct Capabilities {
 
 /// The frame without the object: what a detector made of it may be kept, and only what the object changes
 /// is computed anew. The answers and the gradient are those of the whole pass up to rounding.
-struct CleanView {
+struct UnchangedInput {
   const ImageF* image = nullptr;
   std::span<const LidarPoint> points;
   std::uint64_t key = 0;  ///< the same for the same image, points and calibration
@@ -88,7 +88,7 @@ struct SensorView {
   const Calibration* calibration = nullptr;
   /// If given, backward() gives the gradient of the changed pixels and of the points that are not in the
   /// clean sweep, and may give zero elsewhere. The calibration is the same.
-  const CleanView* clean = nullptr;
+  const UnchangedInput* clean = nullptr;
   /// Places (m, `velo`) where a return may come or go: backward() of a detector that knows_presence says what
   /// one more there would change. The answers are the same with and without.
   std::span<const LidarPoint> watched = {};
@@ -309,10 +309,11 @@ void visit_fields(Visitor& visit, S& s) {
 /// Errors as load_detector's.
 std::filesystem::path weights_file(const DetectorOptions& options);
 
-/// What load_detector loads beside the detector, as options of their own: the witnesses of "consistency" and
-/// the picture network of "clusters", for everybody else none. Witnesses are the rig's shipped ones, those
-/// fine-tuned on real frames for the word kRealWeights where there are any. Errors as weights_file's.
-std::vector<DetectorOptions> witnesses(const DetectorOptions& options);
+/// What load_detector loads beside the detector, as options of their own: the single-sensor detectors of
+/// "consistency", the picture network of "clusters", for everybody else none. The former are the rig's
+/// shipped ones; for the word kRealWeights those fine-tuned on real frames, where there are any.
+/// Errors as weights_file's.
+std::vector<DetectorOptions> auxiliary_detectors(const DetectorOptions& options);
 
 /// Of the content of all weights that load_detector would read; of a detector that has none, of its plugin.
 /// Errors as weights_file's.

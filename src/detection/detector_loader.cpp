@@ -36,9 +36,9 @@ std::string branch_weights(const fs::path& file, const char* option) {
   return file.string();
 }
 
-void tell_licence_of_real_weights() {
-  static std::once_flag told;
-  std::call_once(told, [] {
+void log_licence_of_real_weights() {
+  static std::once_flag warned;
+  std::call_once(warned, [] {
     spdlog::warn("weights \"{}\" were fine-tuned on KITTI (CC BY-NC-SA 3.0): for non-commercial use only",
                  kRealWeights);
   });
@@ -47,9 +47,9 @@ void tell_licence_of_real_weights() {
 /// The host program's own detector, or another program. InputError where there is none, or for what only
 /// plugins have.
 std::unique_ptr<Detector> load_outside_detector(const DetectorOptions& options) {
-  const GivenDetector* given = given_detector(options);
+  const InProcessDetector* in_process = in_process_detector(options);
   const bool program = is_program(options.detector);
-  if (!given && !program)
+  if (!in_process && !program)
     throw FieldError(
         "detector", options.detector, "stands for a network inside a Python program",
         "call mirage.attack or mirage.evaluate there, with detector=…, or name another detector");
@@ -61,40 +61,40 @@ std::unique_ptr<Detector> load_outside_detector(const DetectorOptions& options) 
     throw FieldError("defense", options.defense,
                      "chooses shipped weights, which a detector of your own has not",
                      "use none, jpeg:QUALITY, ceiling:HEIGHT or shadows");
-  return program ? start_program(options) : given->make();
+  return program ? start_program(options) : in_process->make();
 }
 
 /// A detector whose boxes are compared as asked, and of whose classes those alone are looked at that answer
 /// for what is sought.
-class AskedDetector : public DetectorAround {
+class MatchingOverride : public DetectorWrapper {
  public:
-  AskedDetector(std::unique_ptr<Detector> inner, MatchBy matching, std::vector<std::string> asked)
-      : DetectorAround(std::move(inner)), by_(matching), asked_(std::move(asked)) {
+  MatchingOverride(std::unique_ptr<Detector> inner, MatchBy matching, std::vector<std::string> classes)
+      : DetectorWrapper(std::move(inner)), by_(matching), classes_(std::move(classes)) {
     for (const std::string& type : inner_->capabilities().types) {
-      const auto place = std::find(asked_.begin(), asked_.end(), type);
-      types_.push_back(place == asked_.end() ? -1 : static_cast<int>(place - asked_.begin()));
+      const auto place = std::find(classes_.begin(), classes_.end(), type);
+      types_.push_back(place == classes_.end() ? -1 : static_cast<int>(place - classes_.begin()));
     }
   }
 
   Capabilities capabilities() const override {
     Capabilities can = inner_->capabilities();
     can.judged_by = by_;
-    can.types = asked_;
+    can.types = classes_;
     return can;
   }
   std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
     const std::vector<Detection> found = inner_->forward(view, score_threshold, keep_graph);
-    std::vector<Detection> asked;
+    std::vector<Detection> renamed;
     places_.clear();
     count_ = found.size();
     for (std::size_t i = 0; i < count_; ++i) {
       const int type = types_.at(as_size(found[i].type));
       if (type < 0) continue;
       places_.push_back(i);
-      asked.push_back(found[i]);
-      asked.back().type = type;
+      renamed.push_back(found[i]);
+      renamed.back().type = type;
     }
-    return asked;
+    return renamed;
   }
   SensorGradient backward(std::span<const double> d_logits) override {
     std::vector<double> all(count_, 0.0);
@@ -103,13 +103,13 @@ class AskedDetector : public DetectorAround {
   }
   std::unique_ptr<Detector> share() override {
     auto other = inner_->share();
-    return other ? std::make_unique<AskedDetector>(std::move(other), by_, asked_) : nullptr;
+    return other ? std::make_unique<MatchingOverride>(std::move(other), by_, classes_) : nullptr;
   }
 
  private:
   MatchBy by_;
-  std::vector<std::string> asked_;
-  std::vector<int> types_;           ///< of each of the inner detector's: its place in asked_, -1: none
+  std::vector<std::string> classes_;
+  std::vector<int> types_;           ///< of each of the inner detector's: its place in classes_, -1: none
   std::vector<std::size_t> places_;  ///< of the last forward's answers
   std::size_t count_ = 0;            ///< of all that it found
 };
@@ -119,12 +119,12 @@ class AskedDetector : public DetectorAround {
 std::unique_ptr<Detector> judged_by(std::unique_ptr<Detector> detector, MatchBy by,
                                     const std::string& classes) {
   const Capabilities can = detector->capabilities();
-  const std::vector<std::string> asked =
+  const std::vector<std::string> types =
       classes == kEveryClass ? can.types : answering_types(can.types, classes_of(classes));
-  if (asked.empty())
+  if (types.empty())
     throw FieldError("detector", detector->name(), "finds nothing of class " + classes,
                      fmt::format("use one that does; it finds {}", fmt::join(can.types, ", ")));
-  if (by == MatchBy::own && can.types == asked) return detector;
+  if (by == MatchBy::own && can.types == types) return detector;
   const auto demand = [&](bool finds, const char* what, const char* fix) {
     if (!finds)
       throw FieldError("matching", Matching{by}.name(), detector->name() + " finds no " + what, fix);
@@ -135,7 +135,7 @@ std::unique_ptr<Detector> judged_by(std::unique_ptr<Detector> detector, MatchBy 
     demand(can.finds_bev, "boxes in space", "use picture, or leave it out");
     if (by == MatchBy::space) demand(can.finds_heights, "heights of its boxes", "use bev or centre");
   }
-  return std::make_unique<AskedDetector>(std::move(detector), by, asked);
+  return std::make_unique<MatchingOverride>(std::move(detector), by, types);
 }
 
 /// The picture network that a detector without weights of its own is given.
@@ -156,8 +156,8 @@ std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const Det
     if (word == kShadows) {
       detector = with_shadows(std::move(detector));
     } else if (word == kConsistency) {
-      const auto others = witnesses(options);
-      detector = with_witnesses(std::move(detector), load_detector(others[0]), load_detector(others[1]));
+      const auto others = auxiliary_detectors(options);
+      detector = with_consistency(std::move(detector), load_detector(others[0]), load_detector(others[1]));
     } else if (const double height = ceiling_height(word); height > 0) {
       const LidarModel unit = read_lidar_model(shipped_file("scenes/rigs/" + options.rig + ".toml"));
       detector = under_ceiling(std::move(detector), height, unit.height);
@@ -168,7 +168,7 @@ std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const Det
   return judged_by(std::move(detector), options.matching, options.classes);
 }
 
-// Which weights a detector is loaded with, and those of the witnesses beside it.
+// Which weights a detector is loaded with, and those of its auxiliary detectors.
 
 /// "-" and the word that shipped weights of a trained defence carry, or those fine-tuned on real frames;
 /// empty for the plain ones. InputError for what can be no such word.
@@ -238,10 +238,10 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
             : "install mirage_weights, the wheel beside this one, or name a file with --weights");
   if (options.weights.empty()) {
     const std::string defense = word.substr(1);
-    std::vector<std::string> known = untrained_defenses();
-    for (const std::string& trained : shipped_defenses(options, plugin)) known.push_back(trained);
+    std::vector<std::string> defenses = untrained_defenses();
+    for (const std::string& trained : shipped_defenses(options, plugin)) defenses.push_back(trained);
     throw FieldError("defense", options.defense, missing + " with the defence " + defense,
-                     use_one_of(defense, known, "--weights with a file of mirage defend"));
+                     use_one_of(defense, defenses, "--weights with a file of mirage defend"));
   }
   const std::string name = options.weights.string();
   throw InputError(file.string(), "", "no such weights file",
@@ -283,14 +283,14 @@ fs::path plugin_file(const DetectorOptions& options) {
   }
   const ShippedPlugin* plugin = shipped_plugin(kDetectorPlugins, options.detector);
   if (plugin && fs::exists(plugin->file)) return plugin->file;
-  std::vector<std::string> known;
+  std::vector<std::string> words;
   for (const ShippedPlugin& shipped : shipped_plugins(kDetectorPlugins))
-    known.insert(known.end(), shipped.words.begin(), shipped.words.end());
-  if (plugin || known.empty())
+    words.insert(words.end(), shipped.words.begin(), shipped.words.end());
+  if (plugin || words.empty())
     throw InputError(
         plugin ? plugin->file.string() : built_file("plugins").string(), "", "the detector plugin is missing",
         "build it with MIRAGE_DETECTORS=ON (make build); onnx takes Debian 13's libonnxruntime-dev");
-  throw unknown_word("detector", options.detector, known, "a plugin (*.so)");
+  throw unknown_word("detector", options.detector, words, "a plugin (*.so)");
 }
 
 int default_clean_memory() {
@@ -300,7 +300,7 @@ int default_clean_memory() {
 std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {
   DetectorOptions options = given_options;
   if (options.clean_memory_mb < 0) options.clean_memory_mb = default_clean_memory();
-  options.clean_memory_mb /= 1 + static_cast<int>(witnesses(options).size());
+  options.clean_memory_mb /= 1 + static_cast<int>(auxiliary_detectors(options).size());
   if (is_outside(options)) {
     auto detector = load_outside_detector(options);
     return defended(std::move(detector), options);
@@ -318,7 +318,7 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {
   if (const auto file = branch_weights(options.camera, "--camera"); !file.empty()) settings["camera"] = file;
   if (const auto file = branch_weights(options.lidar, "--lidar"); !file.empty()) settings["lidar"] = file;
   const fs::path weights = weights_file(options);
-  if (!options.fresh && options.weights == kRealWeights) tell_licence_of_real_weights();
+  if (!options.fresh && options.weights == kRealWeights) log_licence_of_real_weights();
   auto detector = open_detector(plugin, by_path ? "" : options.detector, settings.dump(), weights);
   if (const Capabilities can = detector->capabilities(); !can.finds_bev && !can.finds_picture)
     throw InputError(plugin.string(), "capabilities", "the detector finds no boxes",
@@ -332,7 +332,7 @@ fs::path weights_file(const DetectorOptions& options) {
   return options.fresh ? fs::path() : find_weights(options, plugin_file(options));
 }
 
-std::vector<DetectorOptions> witnesses(const DetectorOptions& options) {
+std::vector<DetectorOptions> auxiliary_detectors(const DetectorOptions& options) {
   std::vector<DetectorOptions> all;
   const auto picture = picture_of(options);
   if (!is_consistent(options)) return picture ? std::vector{*picture} : all;
@@ -356,7 +356,7 @@ std::vector<DetectorOptions> witnesses(const DetectorOptions& options) {
 std::string weights_hash(const DetectorOptions& options) {
   const fs::path weights = weights_file(options);
   std::string hash = file_hash(weights.empty() ? plugin_file(options) : weights);
-  const std::vector<DetectorOptions> others = witnesses(options);
+  const std::vector<DetectorOptions> others = auxiliary_detectors(options);
   for (const DetectorOptions& other : others) hash += file_hash(weights_file(other));
   return others.empty() ? hash : content_hash(hash);
 }

@@ -25,12 +25,12 @@ void check_precision(const std::string& word) {
   place_of(word, "precision", kWords.data(), kWords.size());
 }
 
-std::string usable_precision(const std::string& asked, bool has_bfloat16) {
-  check_precision(asked);
-  if (asked != kBfloat16 || has_bfloat16) return asked;
-  static std::once_flag told;
+std::string usable_precision(const std::string& precision, bool has_bfloat16) {
+  check_precision(precision);
+  if (precision != kBfloat16 || has_bfloat16) return precision;
+  static std::once_flag warned;
   std::call_once(
-      told, [] { spdlog::warn("this processor has no instructions for bfloat16: --precision is float"); });
+      warned, [] { spdlog::warn("this processor has no instructions for bfloat16: --precision is float"); });
   return kFloat;
 }
 

@@ -21,9 +21,9 @@ bool multiplies_bfloat16();
 /// FieldError for a word that is no precision.
 void check_precision(const std::string& word);
 
-/// `asked`, or "float" where the processor has no instructions for bfloat16: elsewhere they are emulated,
+/// `precision`, or "float" where the processor has no instructions for bfloat16: elsewhere they are emulated,
 /// slower than float. Says so, once. Errors as check_precision's.
-std::string usable_precision(const std::string& asked, bool has_bfloat16 = multiplies_bfloat16());
+std::string usable_precision(const std::string& precision, bool has_bfloat16 = multiplies_bfloat16());
 
 // The words of DetectorOptions::defense: what a detector is defended by, joined by '+'.
 //

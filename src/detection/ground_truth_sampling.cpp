@@ -40,11 +40,11 @@ void cut_pixels(CutOut& car, const ImageF& image, const Image<std::uint16_t>& in
 
 constexpr std::size_t kCutOutMemory = std::size_t{256} << 20;  // bytes of cut-outs kept
 constexpr int kAttempts = 8;                                   // for each vehicle wanted
-constexpr double kMostHidden = 0.3;                            // share of the car's points
-constexpr double kSmallestLift = 0.05, kLargestLift = 0.2;     // m
+constexpr double kMaxHiddenShare = 0.3;                        // share of the car's points
+constexpr double kMinLift = 0.05, kMaxLift = 0.2;              // m
 constexpr double kClearance = 0.3;                             // m between boxes
 constexpr double kNearer = 0.3;                                // m by which a return must be nearer to hide
-constexpr double kMostCovered = 0.5;                           // share of another car's box in the picture
+constexpr double kMaxCoveredShare = 0.5;                       // share of another car's box in the picture
 constexpr double kOffGround = 0.15;  // m: lower returns are the road's and hide nothing
 
 /// A direction seen from the unit's origin: rad, m.
@@ -123,7 +123,7 @@ Site look_at_site(const std::vector<LidarPoint>& points, const Box3& box) {
     site.ground = lower_quantile(heights, 0.1);
   }
   Box3 body = box;
-  if (site.known && std::abs(site.ground - box.bottom) <= kLargestLift) body.bottom = site.ground;
+  if (site.known && std::abs(site.ground - box.bottom) <= kMaxLift) body.bottom = site.ground;
   body.bottom += 0.3;
   body.height -= 0.3;
   int inside = 0;
@@ -195,7 +195,7 @@ void paste_picture_box(CompactFrame& frame, const CutOut& car, int rows) {
   truth.ignore = frame.truth.picture.ignore;
   const TruthBoxes& before = frame.truth.picture;
   for (std::size_t i = 0; i < before.boxes.size(); ++i) {
-    if (intersection_area(before.boxes[i].picture, box) > kMostCovered * area(before.boxes[i].picture)) {
+    if (intersection_area(before.boxes[i].picture, box) > kMaxCoveredShare * area(before.boxes[i].picture)) {
       truth.ignore.push_back(before.boxes[i]);
       continue;
     }
@@ -276,7 +276,7 @@ std::vector<CutOut> cut_out_cars(const fs::path& data, const std::string& id,
                         : owner[i] >> 16 == k + 1)
         car.points.push_back(frame.sweep[i]);
     if (with_picture) cut_pixels(car, frame.image, instances, static_cast<int>(k) + 1);
-    if (car.points.size() >= kLeastPoints && !(with_picture && car.rect.empty()))
+    if (car.points.size() >= kMinPoints && !(with_picture && car.rect.empty()))
       cars.push_back(std::move(car));
   }
   return cars;
@@ -312,8 +312,8 @@ bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit) {
     return false;
   const Site site = look_at_site(frame.points, car.box);
   double lift = site.known ? site.ground - car.box.bottom : 0;
-  if (site.blocked || std::abs(lift) > kLargestLift) return false;
-  if (std::abs(lift) < kSmallestLift) lift = 0;
+  if (site.blocked || std::abs(lift) > kMaxLift) return false;
+  if (std::abs(lift) < kMinLift) lift = 0;
   const double bottom = car.box.bottom + lift;
 
   std::vector<LidarPoint> points = car.points;
@@ -356,8 +356,8 @@ bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit) {
                            });
     if (!hidden) visible.push_back(points[k]);
   }
-  const double most_hidden = kMostHidden * static_cast<double>(points.size());
-  if (visible.size() < kLeastPoints || static_cast<double>(points.size() - visible.size()) > most_hidden ||
+  const double most_hidden = kMaxHiddenShare * static_cast<double>(points.size());
+  if (visible.size() < kMinPoints || static_cast<double>(points.size() - visible.size()) > most_hidden ||
       !others_stay(frame, behind, bottom))
     return false;
 
@@ -409,10 +409,10 @@ const std::vector<CutOut>& GroundTruthSampler::cars_of(std::size_t frame) {
 int GroundTruthSampler::augment(CompactFrame& frame, std::uint64_t index) {
   if (candidates_.empty()) return 0;
   RandomStream random(seed_, "ground-truth sampling", index);
-  int wanted = -1;  // Knuth's way to a Poisson number
-  for (double product = 1; product > std::exp(-mean_); ++wanted) product *= random.uniform();
+  int goal = -1;  // Knuth's way to a Poisson number
+  for (double product = 1; product > std::exp(-mean_); ++goal) product *= random.uniform();
   int pasted = 0;
-  for (int attempt = 0; pasted < wanted && attempt < kAttempts * wanted; ++attempt) {
+  for (int attempt = 0; pasted < goal && attempt < kAttempts * goal; ++attempt) {
     const auto& cars = cars_of(candidates_[as_size(random.below(static_cast<int>(candidates_.size())))]);
     const double choice = random.uniform();
     if (cars.empty()) continue;

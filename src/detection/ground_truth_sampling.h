@@ -40,9 +40,9 @@ struct CutOut {
 };
 
 /// A car with fewer returns than this is neither cut out nor left behind by what is put before it.
-inline constexpr std::size_t kLeastPoints = 5;
+inline constexpr std::size_t kMinPoints = 5;
 
-/// The fully visible cars of a frame that detection counts (see ground_truth), with kLeastPoints or more.
+/// The fully visible cars of a frame that detection counts (see ground_truth), with kMinPoints or more.
 /// Points: those that training/instance_velodyne/ID.label gives to the label (SemanticKITTI's layout: upper
 /// 16 bits k + 1), or else those in its box grown by 0.1 m, without the lowest 0.1 m. Pixels: those that
 /// training/instance_2/ID.png (16-bit, k + 1) gives to it; none if !with_picture.

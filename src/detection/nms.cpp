@@ -95,8 +95,8 @@ double Detection::score() const {
 
 namespace {
 
-constexpr double kLongestSide = 1000, kFarthestBox = 1e5;  // m
-constexpr double kLargestPicture = 1e6;                    // pixels
+constexpr double kMaxSide = 1000, kMaxBoxDistance = 1e5;  // m
+constexpr double kMaxPicture = 1e6;                       // pixels
 
 /// What is wrong with a proposal, and what its network should do; empty where nothing is.
 std::pair<std::string, const char*> proposal_problem(const Detection& proposal, Matching matching) {
@@ -114,19 +114,19 @@ std::pair<std::string, const char*> proposal_problem(const Detection& proposal, 
               "give left, top, right, bottom in pixels, not a centre and a size"};
     const double farthest = std::max(
         {std::abs(picture.left), std::abs(picture.top), std::abs(picture.right), std::abs(picture.bottom)});
-    if (farthest > kLargestPicture)
+    if (farthest > kMaxPicture)
       return {fmt::format("reaches to pixel {:g}", farthest), "limit what the network gives"};
     return {};
   }
   const double shorter = std::min(box.length, box.width), longer = std::max(box.length, box.width);
-  if (shorter <= 0 || longer > kLongestSide)
+  if (shorter <= 0 || longer > kMaxSide)
     return {fmt::format("length {:g} m and width {:g} m are no size (over 0, at most {:g} m)", box.length,
-                        box.width, kLongestSide),
+                        box.width, kMaxSide),
             "let the network's sizes be positive, as by exp or softplus, and limit them"};
-  if (matching.by == MatchBy::space && !(height > 0 && height <= kLongestSide))
-    return {fmt::format("height {:g} m is no size (over 0, at most {:g} m)", height, kLongestSide),
+  if (matching.by == MatchBy::space && !(height > 0 && height <= kMaxSide))
+    return {fmt::format("height {:g} m is no size (over 0, at most {:g} m)", height, kMaxSide),
             "let the network's sizes be positive, as by exp or softplus, and limit them"};
-  if (std::hypot(box.x, box.y) > kFarthestBox)
+  if (std::hypot(box.x, box.y) > kMaxBoxDistance)
     return {fmt::format("x {:g} m, y {:g} m is no place near the sensor", box.x, box.y),
             "give metres in the LiDAR's frame, and limit what the network gives"};
   return {};

@@ -39,10 +39,10 @@ Detection detection_of(const float* row, std::size_t columns, bool in_picture) {
 using nlohmann::json;
 
 constexpr int kProtocol = 1;
-constexpr int kTries = 3;                    // at one frame
-constexpr double kPatience = 10;             // s after Ctrl-C for the frame at hand
-constexpr std::size_t kAlign = 64;           // bytes, of arrays
-constexpr std::size_t kLeastRoom = 1 << 26;  // bytes for answers, of which only what is written counts
+constexpr int kTries = 3;                         // at one frame
+constexpr double kPatience = 10;                  // s after Ctrl-C for the frame at hand
+constexpr std::size_t kAlign = 64;                // bytes, of arrays
+constexpr std::size_t kMinAnswerBytes = 1 << 26;  // bytes for answers, of which only what is written counts
 
 /// The words of the command, as a shell parts them; none of its own programs is run.
 std::vector<std::string> command_words(const std::string& detector) {
@@ -74,10 +74,10 @@ json rows_json(const Transform& transform) {
   return rows;
 }
 
-class ProcessDetector : public OutsideDetector {
+class ProcessDetector : public ExternalDetector {
  public:
   ProcessDetector(const DetectorOptions& options, const ProcessLimits& limits)
-      : OutsideDetector(options.detector, options.detector), limits_(limits), words_(command_words(who_)) {
+      : ExternalDetector(options.detector, options.detector), limits_(limits), words_(command_words(who_)) {
     const std::filesystem::path program = find_program(words_[0]);
     if (program.empty())
       throw FieldError("detector", who_, "names a program that is not on PATH: " + words_[0],
@@ -93,7 +93,7 @@ class ProcessDetector : public OutsideDetector {
               {"memory", memory_.path()},
               {"threads", options.threads > 0 ? options.threads : thread_count()},
               {"seed", options.seed}};
-    memory_.reserve(kLeastRoom);
+    memory_.reserve(kMinAnswerBytes);
     read_hello(start());
   }
   ~ProcessDetector() override {
@@ -108,9 +108,9 @@ class ProcessDetector : public OutsideDetector {
     forward_ = place(view, score_threshold, keep_graph);
     json answer;
     try {
-      answer = ask(forward_);
+      answer = exchange(forward_);
     } catch (const Failure& problem) {
-      complain_if_blind(view, problem.what());
+      throw_if_blind(view, problem.what());
       throw;
     }
     const auto boxes = array<float>(answer, "boxes", 2);
@@ -140,11 +140,11 @@ class ProcessDetector : public OutsideDetector {
     if (!word_.can.has_gradients) no_gradient();
     const std::vector<float> all = rows_.of_rows(d_logits);
     copy_bytes(memory_.data() + d_logits_at_, all.data(), all.size() * sizeof(float));
-    const json answer = ask({{"job", "gradient"},
-                             {"d_logits", array_at(d_logits_at_, {all.size()}, "float32")},
-                             {"answer_at", answer_at_},
-                             {"size", memory_.size()}});
-    return gradient([&](const OutsideSensor& sensor) { return take(answer, sensor); });
+    const json answer = exchange({{"job", "gradient"},
+                                  {"d_logits", array_at(d_logits_at_, {all.size()}, "float32")},
+                                  {"answer_at", answer_at_},
+                                  {"size", memory_.size()}});
+    return gradient([&](const ExternalSensor& sensor) { return take(answer, sensor); });
   }
 
   TrainingLoss train_step(std::span<const TrainingSample>, double) override {
@@ -172,7 +172,7 @@ class ProcessDetector : public OutsideDetector {
   json start() {
     worker_.emplace(words_, "", "the detector was at work", kPatience);
     json answer;
-    if (worker_->ask(hello_, limits_.start, answer, true)) return answer;
+    if (worker_->exchange(hello_, limits_.start, answer, true)) return answer;
     const std::string how = worker_->end() ? fmt::format("ended before it served ({})", *worker_->end())
                                            : "does not serve: it " + worker_->lost();
     worker_.reset();
@@ -187,11 +187,11 @@ class ProcessDetector : public OutsideDetector {
     if (answer.value("protocol", json()) != kProtocol)
       throw FieldError("detector", who_, "protocol is " + answer.value("protocol", json()).dump() + ", not 1",
                        "use the mirage_serve.py or mirage_process.h of this version");
-    word_ = read_outside_word(answer, who_);
+    word_ = read_external_description(answer, who_);
   }
 
   /// Writes the sensor's array into the memory from `at` on, which goes behind it; where it lies.
-  json write(const SensorData& sensor, OutsideSensor& its, std::size_t& at) {
+  json write(const SensorData& sensor, ExternalSensor& its, std::size_t& at) {
     const bool bytes = its.kind == SensorData::Kind::camera && word_.bytes;
     its.at = at;
     at += aligned(its.values() * (bytes ? 1 : sizeof(float)));
@@ -207,11 +207,11 @@ class ProcessDetector : public OutsideDetector {
   /// Writes the view's sensors into the memory; the job that names them.
   json place(const SensorView& view, double score_threshold, bool keep_graph) {
     std::size_t at = 0, gradients = 0;
-    json job =
-        told(view, [&](const SensorData& sensor, OutsideSensor& its) { return write(sensor, its, at); });
-    for (const OutsideSensor& sensor : sensors_) gradients += aligned(sensor.values() * sizeof(float));
+    json job = describe_input(
+        view, [&](const SensorData& sensor, ExternalSensor& its) { return write(sensor, its, at); });
+    for (const ExternalSensor& sensor : sensors_) gradients += aligned(sensor.values() * sizeof(float));
     d_logits_at_ = at;
-    const std::size_t room = std::max(kLeastRoom, 2 * gradients);
+    const std::size_t room = std::max(kMinAnswerBytes, 2 * gradients);
     answer_at_ = aligned(d_logits_at_ + room / 4);
     memory_.reserve(answer_at_ + room);
     job.update({{"job", "detect"},
@@ -224,14 +224,14 @@ class ProcessDetector : public OutsideDetector {
 
   /// The answer to a job of the frame at hand. A process that is lost is started again; for a gradient it is
   /// given the frame anew.
-  json ask(const json& job) {
+  json exchange(const json& job) {
     const bool again = job["job"] == "gradient";
     for (int attempt = 1;; ++attempt) {
       json answer;
       const bool fresh = !worker_;
       if (fresh) start();
-      const bool ready = !(fresh && again) || worker_->ask(forward_, limits_.answer, answer);
-      if (ready && worker_->ask(job, limits_.answer, answer)) {
+      const bool ready = !(fresh && again) || worker_->exchange(forward_, limits_.answer, answer);
+      if (ready && worker_->exchange(job, limits_.answer, answer)) {
         if (answer["ok"].get<bool>()) return answer;
         throw Failure(who_,
                       fmt::format("{} failed ({})", job["job"].get<std::string>(),
@@ -288,26 +288,26 @@ class ProcessDetector : public OutsideDetector {
   }
 
   /// The gradient to a sensor; zero where the program gives none.
-  std::vector<float> take(const json& answer, const OutsideSensor& sensor) const {
+  std::vector<float> take(const json& answer, const ExternalSensor& sensor) const {
     const auto group = answer.find(sensor.group());
     if (!sensor.sent || group == answer.end() || !group->is_object() || !group->contains(sensor.name) ||
         !group->at(sensor.name).is_object())
       return std::vector<float>(sensor.values());
     const std::string field = fmt::format("d_{}", sensor.array());
-    const auto given = array<float>(group->at(sensor.name), field.c_str(), sensor.shape.size());
-    if (given.shape != sensor.shape)
+    const auto received = array<float>(group->at(sensor.name), field.c_str(), sensor.shape.size());
+    if (received.shape != sensor.shape)
       throw Failure(who_,
-                    fmt::format("gave a gradient of shape {} to {} of shape {}", json(given.shape).dump(),
+                    fmt::format("gave a gradient of shape {} to {} of shape {}", json(received.shape).dump(),
                                 sensor.name, json(sensor.shape).dump()),
                     "give one value for each that was sent");
     const std::span<const std::uint8_t> levels(
-        reinterpret_cast<const std::uint8_t*>(memory_.data()) + sensor.at, given.values.size());
+        reinterpret_cast<const std::uint8_t*>(memory_.data()) + sensor.at, received.values.size());
     std::vector<float> values;
-    values.reserve(given.values.size());
+    values.reserve(received.values.size());
     constexpr std::size_t kBlock = 4096;  // through the memory once: a block stays in the nearest cache
-    while (values.size() < given.values.size()) {
-      const std::size_t at = values.size(), count = std::min(kBlock, given.values.size() - at);
-      const auto from = given.values.subspan(at, count);
+    while (values.size() < received.values.size()) {
+      const std::size_t at = values.size(), count = std::min(kBlock, received.values.size() - at);
+      const auto from = received.values.subspan(at, count);
       values.insert(values.end(), from.begin(), from.end());
       const auto here = std::span(values).subspan(at);
       if (sensor.kind == SensorData::Kind::camera && word_.bytes)
@@ -325,18 +325,18 @@ class ProcessDetector : public OutsideDetector {
   std::size_t d_logits_at_ = 0, answer_at_ = 0;
 };
 
-std::vector<GivenDetector> in_force;
+std::vector<InProcessDetector> in_force;
 
 }  // namespace
 
-OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who) {
+ExternalDescription read_external_description(const nlohmann::json& description, const std::string& who) {
   using nlohmann::json;
   const auto bad = [&](const char* field, const std::string& problem, const char* fix) {
     throw FieldError("detector", who, std::string(field) + " " + problem, fix);
   };
-  OutsideWord word;
+  ExternalDescription word;
   Capabilities& can = word.can;
-  const json reads = told.value("reads", json::array({"image", "points"}));
+  const json reads = description.value("reads", json::array({"image", "points"}));
   const auto bad_reads = [&] {
     bad("reads", "is " + reads.dump(), "name image, points, or cameras beside the first");
   };
@@ -352,23 +352,24 @@ OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who
     else
       can.reads.push_back(name);
   }
-  const std::string finds = text_of(told, "finds", "boxes"), pictures = text_of(told, "pictures", "linear");
-  can.version = text_of(told, "version", "");
+  const std::string finds = text_of(description, "finds", "boxes"),
+                    pictures = text_of(description, "pictures", "linear");
+  can.version = text_of(description, "version", "");
   if (finds != "boxes" && finds != "picture") bad("finds", "is " + finds, "use boxes or picture");
   can.finds_bev = finds == "boxes", can.finds_picture = finds == "picture";
   if (pictures != "linear" && pictures != "srgb8") bad("pictures", "is " + pictures, "use linear or srgb8");
   word.bytes = pictures == "srgb8";
-  const auto is_true = [&](const char* key) { return told.value(key, json()) == true; };
+  const auto is_true = [&](const char* key) { return description.value(key, json()) == true; };
   can.has_gradients = is_true("gradient");
   can.finds_heights = can.finds_bev && is_true("heights");
   can.remembers = is_true("remembers");
   can.why_whole = is_true("local") ? "" : "it knows no other passes";
-  if (const json types = told.value("classes", json::array()); !types.empty()) {
+  if (const json types = description.value("classes", json::array()); !types.empty()) {
     can.types.clear();
     for (const json& type : types)
       can.types.push_back(kitti_type(type.is_string() ? type.get<std::string>() : type.dump()));
   }
-  if (const auto region = told.find("region"); region != told.end()) {
+  if (const auto region = description.find("region"); region != description.end()) {
     const bool numbers =
         region->is_array() && region->size() == 4 &&
         std::all_of(region->begin(), region->end(), [](const json& v) { return v.is_number(); });
@@ -431,7 +432,7 @@ std::vector<float> BoxRows::of_rows(std::span<const double> d_logits) const {
   return all;
 }
 
-OutsideSensor::OutsideSensor(const SensorData& sensor, const Capabilities& reads)
+ExternalSensor::ExternalSensor(const SensorData& sensor, const Capabilities& reads)
     : name(sensor.name), kind(sensor.kind) {
   if (kind == SensorData::Kind::camera) {
     const bool saw = sensor.image && !sensor.image->empty();
@@ -446,35 +447,35 @@ OutsideSensor::OutsideSensor(const SensorData& sensor, const Capabilities& reads
   }
 }
 
-std::size_t OutsideSensor::values() const {
+std::size_t ExternalSensor::values() const {
   return std::accumulate(shape.begin(), shape.end(), std::size_t{1}, std::multiplies<>());
 }
 
-const char* OutsideSensor::group() const {
+const char* ExternalSensor::group() const {
   return std::array{"cameras", "lidars", "sensors"}[as_size(kind)];
 }
 
-const char* OutsideSensor::array() const {
+const char* ExternalSensor::array() const {
   return std::array{"image", "points", "data"}[as_size(kind)];
 }
 
-json OutsideDetector::told(const SensorView& view,
-                           const std::function<json(const SensorData&, OutsideSensor&)>& give) {
-  const auto groups = [&](const std::vector<SensorData>& all, std::vector<OutsideSensor>& of) {
+json ExternalDetector::describe_input(const SensorView& view,
+                                      const std::function<json(const SensorData&, ExternalSensor&)>& give) {
+  const auto groups = [&](const std::vector<SensorData>& all, std::vector<ExternalSensor>& of) {
     json by_kind = {{"cameras", json::object()}, {"lidars", json::object()}, {"sensors", json::object()}};
     of.clear();
     for (const SensorData& sensor : all) {
-      OutsideSensor& its = of.emplace_back(sensor, word_.can);
-      json& told = by_kind[its.group()][its.name] = {{"time", sensor.time}};
+      ExternalSensor& its = of.emplace_back(sensor, word_.can);
+      json& description = by_kind[its.group()][its.name] = {{"time", sensor.time}};
       if (its.kind == SensorData::Kind::camera && view.calibration) {
         Calibration calibration;
         calibration.camera = sensor.camera, calibration.camera_from_velo = sensor.sensor_from_ego;
-        told["pixel_from_velo"] = pixel_from_velo(calibration);
-        told["intrinsics"] = {sensor.camera.fx, sensor.camera.fy, sensor.camera.cx, sensor.camera.cy};
+        description["pixel_from_velo"] = pixel_from_velo(calibration);
+        description["intrinsics"] = {sensor.camera.fx, sensor.camera.fy, sensor.camera.cx, sensor.camera.cy};
       }
       if (its.kind != SensorData::Kind::lidar && view.calibration)
-        told["sensor_from_ego"] = rows_json(sensor.sensor_from_ego);
-      if (its.sent) told[its.array()] = give(sensor, its);
+        description["sensor_from_ego"] = rows_json(sensor.sensor_from_ego);
+      if (its.sent) description[its.array()] = give(sensor, its);
     }
     return by_kind;
   };
@@ -483,10 +484,10 @@ json OutsideDetector::told(const SensorView& view,
       view.others.empty()) {  // of others nobody says what changed
     SensorView before = view;
     before.image = view.clean->image, before.points = view.clean->points, before.clean = nullptr;
-    std::vector<OutsideSensor> without;
+    std::vector<ExternalSensor> without;
     json& clean = job["clean"] = groups(sensors(before, word_.can, who_), without);
     clean["key"] = fmt::format("{:016x}", view.clean->key);
-    for (const OutsideSensor& sensor : without) {
+    for (const ExternalSensor& sensor : without) {
       if (sensor.kind != SensorData::Kind::camera) continue;
       const PixelRect changed = &sensor == &without.front() ? view.clean->changed : PixelRect();
       clean["cameras"][sensor.name]["changed"] = {changed.u0, changed.v0, changed.u1, changed.v1};
@@ -504,11 +505,11 @@ json OutsideDetector::told(const SensorView& view,
   return job;
 }
 
-SensorGradient OutsideDetector::gradient(
-    const std::function<std::vector<float>(const OutsideSensor&)>& of) const {
+SensorGradient ExternalDetector::gradient(
+    const std::function<std::vector<float>(const ExternalSensor&)>& of) const {
   SensorGradient gradient;
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
-    const OutsideSensor& sensor = sensors_[i];
+    const ExternalSensor& sensor = sensors_[i];
     std::vector<float> values = of(sensor);
     if (i == 0) {
       gradient.image.width = static_cast<int>(sensor.shape[1]);
@@ -525,7 +526,7 @@ SensorGradient OutsideDetector::gradient(
   return gradient;
 }
 
-void OutsideDetector::complain_if_blind(const SensorView& view, const char* why) const {
+void ExternalDetector::throw_if_blind(const SensorView& view, const char* why) const {
   if (word_.can.reads_image && (!view.image || view.image->empty()))
     throw InputError("detector", "image", std::string("cannot do without a picture (") + why + ")",
                      "give it one");
@@ -546,34 +547,34 @@ std::unique_ptr<Detector> start_program(const DetectorOptions& options, const Pr
   return std::make_unique<ProcessDetector>(options, limits);
 }
 
-DetectorGift::DetectorGift(std::vector<GivenDetector> detectors) {
+ScopedDetectors::ScopedDetectors(std::vector<InProcessDetector> detectors) {
   if (!in_force.empty())
     throw Failure("detector", "another call with a detector of the program's own is still running",
                   "wait for it, or use another process");
   in_force = std::move(detectors);
 }
 
-DetectorGift::~DetectorGift() {
+ScopedDetectors::~ScopedDetectors() {
   in_force.clear();
 }
 
-bool is_given(const DetectorOptions& options) {
-  return options.detector == kGivenDetector || options.detector == kSecondGivenDetector;
+bool is_in_process(const DetectorOptions& options) {
+  return options.detector == kInProcessDetector || options.detector == kSecondInProcessDetector;
 }
 
 bool is_outside(const DetectorOptions& options) {
-  return is_given(options) || is_program(options.detector);
+  return is_in_process(options) || is_program(options.detector);
 }
 
 std::string outside_content(const DetectorOptions& options) {
   if (is_program(options.detector)) return program_content(options.detector);
-  const GivenDetector* given = given_detector(options);
-  return given ? given->content : "";
+  const InProcessDetector* in_process = in_process_detector(options);
+  return in_process ? in_process->content : "";
 }
 
-const GivenDetector* given_detector(const DetectorOptions& options) {
-  const std::size_t which = options.detector == kSecondGivenDetector ? 1 : 0;
-  return is_given(options) && which < in_force.size() ? &in_force[which] : nullptr;
+const InProcessDetector* in_process_detector(const DetectorOptions& options) {
+  const std::size_t which = options.detector == kSecondInProcessDetector ? 1 : 0;
+  return is_in_process(options) && which < in_force.size() ? &in_force[which] : nullptr;
 }
 
 }  // namespace mirage

@@ -21,13 +21,13 @@ namespace mirage {
 // rows of boxes with their logits.
 
 /// What one says of itself: the answer to hello (plugins/process/mirage_process.h).
-struct OutsideWord {
+struct ExternalDescription {
   Capabilities can;
   std::array<double, 4> region = {0, 70, -40, 40};
   bool bytes = false;  ///< its pictures are 8-bit sRGB
 };
 /// What the object leaves out is as the protocol says. InputError naming `who` and the key that is wrong.
-OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who);
+ExternalDescription read_external_description(const nlohmann::json& description, const std::string& who);
 
 /// Whether its numbers are: what it answers is looked at, gradients too.
 bool all_finite(std::span<const float> values);
@@ -69,9 +69,9 @@ class BoxRows {
 const float* first_value(const SensorData& sensor);
 
 /// A sensor as such a detector is told of it.
-struct OutsideSensor {
+struct ExternalSensor {
   /// `reads`: of the detector.
-  OutsideSensor(const SensorData& sensor, const Capabilities& reads);
+  ExternalSensor(const SensorData& sensor, const Capabilities& reads);
   std::string name;
   SensorData::Kind kind;
   std::vector<std::size_t> shape;  ///< of its array
@@ -86,10 +86,10 @@ struct OutsideSensor {
 };
 
 /// A detector outside the program, whatever carries its words and arrays.
-class OutsideDetector : public Detector {
+class ExternalDetector : public Detector {
  public:
   /// `who`: what errors name.
-  OutsideDetector(std::string name, std::string who) : name_(std::move(name)), who_(std::move(who)) {}
+  ExternalDetector(std::string name, std::string who) : name_(std::move(name)), who_(std::move(who)) {}
   std::string name() const override { return name_; }
   Capabilities capabilities() const override { return word_.can; }
   std::array<double, 4> region() const override { return word_.region; }
@@ -97,16 +97,16 @@ class OutsideDetector : public Detector {
  protected:
   /// What it is told of a view, as the job detect has it. give(sensor, what is told of it) hands an array
   /// over and says where it lies.
-  nlohmann::json told(const SensorView& view,
-                      const std::function<nlohmann::json(const SensorData&, OutsideSensor&)>& give);
+  nlohmann::json describe_input(
+      const SensorView& view, const std::function<nlohmann::json(const SensorData&, ExternalSensor&)>& give);
   /// By of(sensor), the gradient to each of sensors_.
-  SensorGradient gradient(const std::function<std::vector<float>(const OutsideSensor&)>& of) const;
+  SensorGradient gradient(const std::function<std::vector<float>(const ExternalSensor&)>& of) const;
   /// InputError for one that failed, `why`, where it was given no picture and reads one.
-  void complain_if_blind(const SensorView& view, const char* why) const;
+  void throw_if_blind(const SensorView& view, const char* why) const;
 
   std::string name_, who_;
-  OutsideWord word_;
-  std::vector<OutsideSensor> sensors_;  ///< of the last view
+  ExternalDescription word_;
+  std::vector<ExternalSensor> sensors_;  ///< of the last view
   BoxRows rows_;
 };
 
@@ -136,37 +136,37 @@ std::unique_ptr<Detector> start_program(const DetectorOptions& options, const Pr
 // Python program (plugins/python). The command line has none.
 
 /// DetectorOptions::detector of the one that was given, or of the first of two.
-inline constexpr const char* kGivenDetector = "python";
+inline constexpr const char* kInProcessDetector = "python";
 /// And of the second, where two are compared.
-inline constexpr const char* kSecondGivenDetector = "python:2";
+inline constexpr const char* kSecondInProcessDetector = "python:2";
 /// A run folder's file with a TorchScript copy of the given detector, where it could be copied.
-inline constexpr const char* kGivenDetectorCopy = "detector.pt";
+inline constexpr const char* kInProcessDetectorCopy = "detector.pt";
 
 /// `make` gives an instance; it serves one thread at a time, and so do all of them together. `content`
 /// changes when the network does: a run goes on only with the same.
-struct GivenDetector {
+struct InProcessDetector {
   std::function<std::unique_ptr<Detector>()> make;
   std::string content;
 };
 
 /// For as long as it lives, load_detector knows the given detector, or two. One at a time.
-class DetectorGift {
+class ScopedDetectors {
  public:
   /// Failure if another one is in force.
-  explicit DetectorGift(std::vector<GivenDetector> detectors);
-  ~DetectorGift();
-  DetectorGift(const DetectorGift&) = delete;
-  DetectorGift& operator=(const DetectorGift&) = delete;
+  explicit ScopedDetectors(std::vector<InProcessDetector> detectors);
+  ~ScopedDetectors();
+  ScopedDetectors(const ScopedDetectors&) = delete;
+  ScopedDetectors& operator=(const ScopedDetectors&) = delete;
 };
 
 /// Whether the options name a given detector.
-bool is_given(const DetectorOptions& options);
+bool is_in_process(const DetectorOptions& options);
 /// Whether they name a given detector or a program: a detector of the user's
 /// own, without a plugin or a weights file.
 bool is_outside(const DetectorOptions& options);
-/// Of such a detector: GivenDetector::content (empty without one), or program_content.
+/// Of such a detector: InProcessDetector::content (empty without one), or program_content.
 std::string outside_content(const DetectorOptions& options);
 /// The one in force that they name; null without one.
-const GivenDetector* given_detector(const DetectorOptions& options);
+const InProcessDetector* in_process_detector(const DetectorOptions& options);
 
 }  // namespace mirage

@@ -10,10 +10,10 @@
 namespace mirage {
 namespace {
 
-class RoiFusion : public DetectorAround {
+class RoiFusion : public DetectorWrapper {
  public:
   RoiFusion(std::unique_ptr<Detector> things, std::unique_ptr<Detector> picture)
-      : DetectorAround(std::move(things)), picture_(std::move(picture)) {
+      : DetectorWrapper(std::move(things)), picture_(std::move(picture)) {
     const auto types = inner_->capabilities().types;
     const auto car = std::find(types.begin(), types.end(), kCars);
     car_ = static_cast<int>(car - types.begin());
@@ -29,7 +29,7 @@ class RoiFusion : public DetectorAround {
   }
 
   std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
-    std::vector<Detection> things = inner_->forward(view, speaking_score(score_threshold), keep_graph);
+    std::vector<Detection> things = inner_->forward(view, reporting_threshold(score_threshold), keep_graph);
     if (view.image && !view.image->empty() && view.calibration) fuse(things, view);
     std::erase_if(things, [&](const Detection& thing) { return !(thing.score() > score_threshold); });
     return things;
@@ -44,7 +44,7 @@ class RoiFusion : public DetectorAround {
  private:
   void fuse(std::vector<Detection>& things, const SensorView& view) {
     const std::vector<Detection> boxes =
-        suppress(picture_->forward(view, speaking_score(1), false), kInPicture);
+        suppress(picture_->forward(view, reporting_threshold(1), false), kInPicture);
     const auto is_car = [&](const Detection& thing) { return thing.type == car_; };
     std::vector<Detection> cars;  // that the picture alone knows
     for (Detection& thing : things) {

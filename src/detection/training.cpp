@@ -270,7 +270,7 @@ TrainingResult train_detector(const TrainingOptions& options) {
                  100 * run.at50.average_precision, 100 * run.at70.average_precision, 100 * run.at50.recall);
     return run;
   };
-  SamplesAhead<std::vector<PreparedSample>> ahead(
+  SamplePrefetcher<std::vector<PreparedSample>> ahead(
       [&](std::int64_t step) { return data.prepare(step, options.batch); });
   TrainingWork work;
   work.learn = [&](std::int64_t step, double rate) {
@@ -282,7 +282,7 @@ TrainingResult train_detector(const TrainingOptions& options) {
   work.note = [&] {
     return fmt::format("loss {:.3f} (score {:.3f}, box {:.3f})", losses[0], losses[1], losses[2]);
   };
-  work.tell = [&](double rate) {
+  work.report = [&](double rate) {
     loop.log({{"rate", rate}, {"loss", losses[0]}, {"score_loss", losses[1]}, {"box_loss", losses[2]}});
     spdlog::info("step {} rate {:.2e} loss {:.4f} score {:.4f} box {:.4f} {:.0f} s", loop.state().step, rate,
                  losses[0], losses[1], losses[2], loop.state().seconds);

@@ -61,10 +61,10 @@ class SceneReader {
 
   /// Cameras beside the first, each as the first's intrinsics and pose, its name and its photograph.
   void read_others(const tinygltf::Value& list, RenderScene& scene) const {
-    constexpr std::size_t kMostCameras = 64;
+    constexpr std::size_t kMaxCameras = 64;
     const std::string field = "scenes[].extras.mirage.others";
-    if (!list.IsArray() || list.ArrayLen() > kMostCameras)
-      gltf_.fail(field, fmt::format("is no list of at most {} cameras", kMostCameras));
+    if (!list.IsArray() || list.ArrayLen() > kMaxCameras)
+      gltf_.fail(field, fmt::format("is no list of at most {} cameras", kMaxCameras));
     std::set<std::string> names = {scene.name};
     for (std::size_t i = 0; i < list.ArrayLen(); ++i) {
       const tinygltf::Value& from = list.Get(static_cast<int>(i));
@@ -122,8 +122,8 @@ class SceneReader {
               0,
               0};
     const double width = gltf_.number(from, "width", field), height = gltf_.number(from, "height", field);
-    if (!(width >= 1 && height >= 1 && width * height <= static_cast<double>(kMostPixels)))
-      gltf_.fail(field, fmt::format("width and height are not of a picture of 1 to {} pixels", kMostPixels));
+    if (!(width >= 1 && height >= 1 && width * height <= static_cast<double>(kMaxPixels)))
+      gltf_.fail(field, fmt::format("width and height are not of a picture of 1 to {} pixels", kMaxPixels));
     const double reach = 1e3 * (width + height);  // px; beyond it a lens is none
     if (!(camera.fx > 0 && camera.fx <= reach && camera.fy > 0 && camera.fy <= reach))
       gltf_.fail(field, "fx, fy are no focal lengths in pixels");
@@ -149,8 +149,8 @@ class SceneReader {
 
   void check_pose(const Transform& velo_from_camera, const std::string& field) const {
     const Eigen::Matrix3d turn = velo_from_camera.linear();
-    if (!(velo_from_camera.translation().cwiseAbs().maxCoeff() <= kFurthest))
-      gltf_.fail(field, fmt::format("the camera is not within {:g} m", kFurthest), "place it in metres");
+    if (!(velo_from_camera.translation().cwiseAbs().maxCoeff() <= kMaxCoordinate))
+      gltf_.fail(field, fmt::format("the camera is not within {:g} m", kMaxCoordinate), "place it in metres");
     if (!((turn * turn.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() <= 1e-3) ||
         turn.determinant() < 0)
       gltf_.fail(field, "does not place a camera: its 3x3 part is no rotation",

@@ -76,7 +76,7 @@ std::optional<std::string> percent_decoded(const std::string& uri) {
 
 constexpr std::size_t kHeader = 20, kChunkHeader = 8;  // bytes; the former with the first chunk's
 /// Bytes of the JSON of a .glb, whose data lie behind it.
-constexpr std::size_t kLargestGlbJson = std::size_t{1} << 24;
+constexpr std::size_t kMaxGlbJsonBytes = std::size_t{1} << 24;
 
 void check_magic(std::string_view bytes, const std::string& file) {
   if (!bytes.starts_with("glTF"))
@@ -102,16 +102,16 @@ std::size_t json_size(std::string_view head, std::uintmax_t size, const std::str
          "restore the file or export it again");
   if (u32(16) != 0x4E4F534A || u32(12) > size - kHeader)
     fail("JSON", "the first chunk is not whole", "restore the file or export it again");
-  if (u32(12) > kLargestGlbJson)
-    fail("JSON", fmt::format("is larger than {} bytes", kLargestGlbJson),
+  if (u32(12) > kMaxGlbJsonBytes)
+    fail("JSON", fmt::format("is larger than {} bytes", kMaxGlbJsonBytes),
          "export the file again, with its data in the binary chunk");
   return u32(12);
 }
 
 /// Of a document: ours have some thousands, and numbers of vertices lie in buffers.
-constexpr std::size_t kMostValues = 200000;
+constexpr std::size_t kMaxValues = 200000;
 /// Of a file, and of all buffers together: a photograph and thirty objects of a million faces.
-constexpr std::size_t kMostInMemory = std::size_t{1} << 28;
+constexpr std::size_t kMaxBytesInMemory = std::size_t{1} << 28;
 
 // What glTF 2.0 demands of a document (Khronos, glTF 2.0 specification, chapter 5) as far as a
 // reader relies on it, and the limits of gltf_document.h.
@@ -119,7 +119,7 @@ constexpr std::size_t kMostInMemory = std::size_t{1} << 28;
 using nlohmann::json;
 using namespace gltf_limits;
 
-constexpr double kMostBytes = 4294967296.0;  // a .glb's own lengths have 32 bits
+constexpr double kMaxBytes = 4294967296.0;  // a .glb's own lengths have 32 bits
 
 class Checker {
  public:
@@ -138,13 +138,13 @@ class Checker {
         if (!entry.is_object()) fail(field, "is not an object");
       });
     each("buffers", [&](const json& buffer, const std::string& field) {
-      whole(buffer, "byteLength", field, 1, kMostBytes, true);
+      whole(buffer, "byteLength", field, 1, kMaxBytes, true);
       text(buffer, "uri", field);
     });
     each("bufferViews", [&](const json& view, const std::string& field) { check_view(view, field); });
     each("accessors", [&](const json& accessor, const std::string& field) {
       index(accessor, "bufferView", field, "bufferViews");
-      whole(accessor, "byteOffset", field, 0, kMostBytes);
+      whole(accessor, "byteOffset", field, 0, kMaxBytes);
       whole(accessor, "count", field, 0, 2147483647, true);
       whole(accessor, "componentType", field, 5120, 5126, true);
     });
@@ -288,8 +288,8 @@ class Checker {
 
   void check_view(const json& view, const std::string& field) const {
     index(view, "buffer", field, "buffers", true);
-    whole(view, "byteOffset", field, 0, kMostBytes);
-    whole(view, "byteLength", field, 0, kMostBytes, true);
+    whole(view, "byteOffset", field, 0, kMaxBytes);
+    whole(view, "byteLength", field, 0, kMaxBytes, true);
     whole(view, "byteStride", field, 0, 252);
     const json& buffer = member(document_, "buffers")[member(view, "buffer").get<std::size_t>()];
     const double offset = member(view, "byteOffset").is_null() ? 0 : member(view, "byteOffset").get<double>();
@@ -332,14 +332,14 @@ class Checker {
   }
 
   void check_placement(const json& node, const std::string& field) const {
-    numbers(node, "translation", 3, field, -kFurthest, kFurthest);
-    const auto scale = numbers(node, "scale", 3, field, -kFurthest, kFurthest);
+    numbers(node, "translation", 3, field, -kMaxCoordinate, kMaxCoordinate);
+    const auto scale = numbers(node, "scale", 3, field, -kMaxCoordinate, kMaxCoordinate);
     if (!scale.empty() && Eigen::Map<const Vec3d>(scale.data()).cwiseAbs().minCoeff() == 0)
       fail(field + ".scale", "is zero: it flattens what it places", "leave the node away");
     const auto turn = numbers(node, "rotation", 4, field, -1e3, 1e3);
     if (!turn.empty() && Eigen::Map<const Eigen::Vector4d>(turn.data()).norm() < 1e-3)
       fail(field + ".rotation", "has no length", "write a unit quaternion");
-    const auto values = numbers(node, "matrix", 16, field, -kFurthest, kFurthest);
+    const auto values = numbers(node, "matrix", 16, field, -kMaxCoordinate, kMaxCoordinate);
     if (values.empty()) return;
     const Eigen::Map<const Eigen::Matrix4d> matrix(values.data());  // by columns, as glTF has it
     if ((matrix.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).cwiseAbs().maxCoeff() > 1e-6)
@@ -391,8 +391,8 @@ class Checker {
         child[below] = true;
       });
       if (const json& mesh = member(node, "mesh"); !mesh.is_null()) total += corners(mesh.get<std::size_t>());
-      if (total > kMostCorners)
-        fail(field + ".mesh", fmt::format("more than {} vertices, corners and texels in all", kMostCorners),
+      if (total > kMaxCorners)
+        fail(field + ".mesh", fmt::format("more than {} vertices, corners and texels in all", kMaxCorners),
              "simplify the meshes");
     });
     each("scenes", [&](const json& scene, const std::string& field) {
@@ -412,7 +412,7 @@ class Checker {
       for (const json& value : member(member(document_, "nodes")[queue[at]], "children")) {
         const auto below = value.get<std::size_t>();
         depth[below] = depth[queue[at]] + 1;
-        if (depth[below] >= kDeepestNode)
+        if (depth[below] >= kMaxNodeDepth)
           fail(fmt::format("nodes[{}]", below), fmt::format("lies {} nodes deep", depth[below]),
                "flatten the tree");
         queue.push_back(below);
@@ -494,10 +494,10 @@ GltfDocument open_gltf(const fs::path& file) {
     const std::size_t length = json_size(head, size, file.string());
     text = read_head(folder.file(), kHeader + length).substr(kHeader);
   } else {
-    text = read_text(folder.file(), kMostInMemory);
+    text = read_text(folder.file(), kMaxBytesInMemory);
   }
   check_json_depth(text, file.string(), "JSON");
-  check_json_values(text, file.string(), kMostValues);
+  check_json_values(text, file.string(), kMaxValues);
   try {
     document.json = nlohmann::json::parse(text);
   } catch (const nlohmann::json::parse_error& error) {
@@ -509,7 +509,7 @@ GltfDocument open_gltf(const fs::path& file) {
   Checker(document.json, file.string()).run();
   const std::size_t behind = kHeader + text.size() + kChunkHeader;  // where a .glb's data begin
   if (binary) {
-    document.bytes = read_file(folder.file(), kMostInMemory);
+    document.bytes = read_file(folder.file(), kMaxBytesInMemory);
     if (std::string_view(document.bytes).substr(std::min(kHeader, document.bytes.size()), text.size()) !=
         text)
       throw InputError(file.string(), "JSON", "changed while it was read", "try again");
@@ -526,8 +526,8 @@ GltfDocument open_gltf(const fs::path& file) {
       throw InputError(file.string(), field, problem, "export the file again");
     };
     const auto length = buffers[b]["byteLength"].get<std::size_t>();
-    if (length > kMostInMemory - std::min(all, kMostInMemory))
-      bad(fmt::format("with those before it, holds more than {} bytes", kMostInMemory));
+    if (length > kMaxBytesInMemory - std::min(all, kMaxBytesInMemory))
+      bad(fmt::format("with those before it, holds more than {} bytes", kMaxBytesInMemory));
     all += length;
     if (!buffers[b].contains("uri")) {
       if (b > 0 || !binary) bad("has no uri and is not the first of a .glb");

@@ -48,10 +48,10 @@ struct GltfDocument {
 
 /// Limits of a file, far above what the program writes and below what would be a burden.
 namespace gltf_limits {
-inline constexpr double kFurthest = 1e7;  ///< m, |coordinate| of a vertex or a node; also |scale|
-inline constexpr std::size_t kMostCorners =
+inline constexpr double kMaxCoordinate = 1e7;  ///< m, |coordinate| of a vertex or a node; also |scale|
+inline constexpr std::size_t kMaxCorners =
     1 << 25;                               ///< vertices + corners + texels, a mesh counted at each node
-inline constexpr int kDeepestNode = 256;   ///< nodes below each other
+inline constexpr int kMaxNodeDepth = 256;  ///< nodes below each other
 inline constexpr double kBrightest = 1e6;  ///< radiance or lux of a light
 }  // namespace gltf_limits
 
@@ -59,7 +59,7 @@ inline constexpr double kBrightest = 1e6;  ///< radiance or lux of a light
 bool looks_like_json(std::string_view head);
 
 /// Opens a binary (.glb) or text (.gltf) file, which it is by its content. InputError naming file and field:
-/// not glTF 2.0; JSON nested deeper than kDeepestJson; an index, offset, length, mode, colour, transform or
+/// not glTF 2.0; JSON nested deeper than kMaxJsonDepth; an index, offset, length, mode, colour, transform or
 /// field of view that glTF does not allow or that exceeds the limits; what changes shapes and is not read, by
 /// its name: an extension that the file requires, instancing, skins, morph weights, hidden nodes; a node with
 /// two parents or a circle of nodes; a buffer that is neither inside the file nor a regular file in its

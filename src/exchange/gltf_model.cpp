@@ -56,13 +56,13 @@ std::string tinygltf_name(const std::string& uri) {
 template <typename Callbacks = tinygltf::FsCallbacks>
 Callbacks only(Files& files) {
   Callbacks callbacks{};
-  callbacks.FileExists = [](const std::string& name, void* known) {
-    return static_cast<Files*>(known)->contains(name);
+  callbacks.FileExists = [](const std::string& name, void* file_map) {
+    return static_cast<Files*>(file_map)->contains(name);
   };
   callbacks.ExpandFilePath = [](const std::string& name, void*) { return name; };
   callbacks.ReadWholeFile = [](std::vector<unsigned char>* out, std::string*, const std::string& name,
-                               void* known) {
-    const std::string& bytes = static_cast<Files*>(known)->at(name);
+                               void* file_map) {
+    const std::string& bytes = static_cast<Files*>(file_map)->at(name);
     out->assign(bytes.begin(), bytes.end());
     return true;
   };
@@ -70,8 +70,9 @@ Callbacks only(Files& files) {
     return false;
   };
   if constexpr (requires { callbacks.GetFileSizeInBytes; })  // tinygltf 2.9
-    callbacks.GetFileSizeInBytes = [](std::size_t* size, std::string*, const std::string& name, void* known) {
-      *size = static_cast<Files*>(known)->at(name).size();
+    callbacks.GetFileSizeInBytes = [](std::size_t* size, std::string*, const std::string& name,
+                                      void* file_map) {
+      *size = static_cast<Files*>(file_map)->at(name).size();
       return true;
     };
   callbacks.user_data = &files;
@@ -232,8 +233,8 @@ TexturedMesh GltfModel::exact(const tinygltf::Value& source, const std::string& 
 
 void GltfModel::check_reach(const Mesh& mesh, std::size_t first, const std::string& field) const {
   for (std::size_t v = first; v < mesh.vertices.size(); ++v)
-    if (!(mesh.vertices[v].cwiseAbs().maxCoeff() <= gltf_limits::kFurthest))
-      fail(field, fmt::format("vertex {} is not within {:g} m", v - first, gltf_limits::kFurthest),
+    if (!(mesh.vertices[v].cwiseAbs().maxCoeff() <= gltf_limits::kMaxCoordinate))
+      fail(field, fmt::format("vertex {} is not within {:g} m", v - first, gltf_limits::kMaxCoordinate),
            "export the mesh in metres");
 }
 

@@ -95,7 +95,7 @@ class GltfModel {
   TexturedMesh object() const;
   /// One warning that names what changes the colours of foreign meshes and is not read, if there is such.
   void warn_of_what_is_left_out() const;
-  /// InputError if a vertex from `first` on lies further than gltf_limits::kFurthest.
+  /// InputError if a vertex from `first` on lies further than gltf_limits::kMaxCoordinate.
   void check_reach(const Mesh& mesh, std::size_t first, const std::string& field) const;
 
   /// Calls enter(node, field, gltf_from_node) for every node of the default scene. Interrupted after Ctrl-C.

@@ -52,23 +52,24 @@ class ObjReader {
       number_ = first;
       if (kind == "usemtl") into_.leave_out("materials (usemtl)");
       if (kind != "v" && kind != "f") continue;
-      if (text_.size() == kLongestLine) fail("is too long");
+      if (text_.size() == kMaxLineBytes) fail("is too long");
       const auto values = std::span(words).subspan(1);
       kind == "v" ? read_vertex(values) : read_face(values);
     }
   }
 
  private:
-  static constexpr std::size_t kLongestLine = 1 << 20;
+  static constexpr std::size_t kMaxLineBytes = 1 << 20;
 
   [[noreturn]] void fail(const std::string& problem) const {
     into_.fail(fmt::format("line {}", number_), problem);
   }
-  /// The next line into text_, cut at kLongestLine, with those that a backslash at its end makes parts of it.
+  /// The next line into text_, cut at kMaxLineBytes, with those that a backslash at its end makes parts of
+  /// it.
   void read_line() {
     text_.clear();
     const auto add = [&](char c) {
-      if (text_.size() < kLongestLine) text_.push_back(c);
+      if (text_.size() < kMaxLineBytes) text_.push_back(c);
     };
     for (bool on = true; on && !from_.at_end(); from_.next()) {
       const char c = from_.current();
@@ -194,11 +195,11 @@ void write_obj(const std::filesystem::path& file, const TexturedMesh& textured) 
     return std::filesystem::path(file).replace_extension(extension);
   };
   std::string vertices, uvs, faces;
-  std::map<std::array<std::string, 3>, std::size_t> known;  // vertices that faces share, by what is written
+  std::map<std::array<std::string, 3>, std::size_t> vertex_numbers;  // by what is written: faces share them
   const auto vertex = [&](const Vec3d& p) {
     const std::array<std::string, 3> words{fmt::format("{:.9g}", p.x()), fmt::format("{:.9g}", p.y()),
                                            fmt::format("{:.9g}", p.z())};
-    const auto [at, fresh] = known.try_emplace(words, known.size() + 1);
+    const auto [at, fresh] = vertex_numbers.try_emplace(words, vertex_numbers.size() + 1);
     if (fresh) vertices += fmt::format("v {} {} {}\n", words[0], words[1], words[2]);
     return at->second;
   };
@@ -239,7 +240,7 @@ Mesh read_mesh(const fs::path& file, const std::optional<MeshAxes>& axes) {
   Eigen::Matrix3d turn = vehicle_from_file(axes.value_or(gltf ? MeshAxes{"+z", "+y"} : MeshAxes{"+x", "+z"}));
   if (gltf) turn *= gltf_from_velo();
   Mesh mesh = with_faces(
-      joined(gltf ? GltfModel(file).triangles().mesh : triangulated(polygons_of(file, format))), file);
+      welded(gltf ? GltfModel(file).triangles().mesh : triangulated(polygons_of(file, format))), file);
   for (Vec3d& vertex : mesh.vertices) vertex = turn * vertex;
   check_mesh({mesh, {}}, file.string());
   return mesh;
@@ -250,7 +251,7 @@ TexturedMesh read_textured_mesh(const fs::path& file) {
   if (format == MeshFormat::gltf) return GltfModel(file).object();
   const Polygons polygons = polygons_of(file, format);
   TexturedMesh textured;
-  textured.mesh = with_faces(joined(triangulated(polygons)), file);
+  textured.mesh = with_faces(welded(triangulated(polygons)), file);
   textured.atlas.texels.assign(textured.mesh.faces.size() * textured.atlas.per_face(), Vec3d::Constant(0.5));
   check_mesh(textured, file.string());
   if (!polygons.left_out().empty())

@@ -59,7 +59,7 @@ void write_textured_mesh(const std::filesystem::path& file, const TexturedMesh& 
 /// Without `axes`, glTF has +z forward and +y up (glTF 2.0, section 3.4); OBJ and PLY, which say nothing, +x
 /// forward and +z up. A glTF's buffers are read from its own folder only (FolderFiles), and an OBJ's
 /// materials not at all. InputError naming file and fix if it can't be read, holds no faces or vertices
-/// beyond gltf_limits::kFurthest, is a glTF that open_gltf refuses, or `axes` are no axes or parallel.
+/// beyond gltf_limits::kMaxCoordinate, is a glTF that open_gltf refuses, or `axes` are no axes or parallel.
 /// Interrupted after Ctrl-C.
 Mesh read_mesh(const std::filesystem::path& file, const std::optional<MeshAxes>& axes = {});
 

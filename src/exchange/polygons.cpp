@@ -32,11 +32,11 @@ void Polygons::reserve(const Polygons& counted) {
 }
 
 void Polygons::add_vertex(const Vec3d& place) {
-  if (!(place.cwiseAbs().maxCoeff() <= gltf_limits::kFurthest))
-    fail(fmt::format("vertex {}", vertex_count_), fmt::format("is not within {:g} m", gltf_limits::kFurthest),
-         "export the mesh in metres");
+  if (!(place.cwiseAbs().maxCoeff() <= gltf_limits::kMaxCoordinate))
+    fail(fmt::format("vertex {}", vertex_count_),
+         fmt::format("is not within {:g} m", gltf_limits::kMaxCoordinate), "export the mesh in metres");
   ++vertex_count_;
-  if (kept_) vertices_.push_back(place);
+  if (collected_) vertices_.push_back(place);
 }
 
 int Polygons::corner(double number) const {
@@ -47,9 +47,9 @@ int Polygons::corner(double number) const {
 }
 
 void Polygons::check_corners(double count) const {
-  if (!(count >= 1 && count <= kMostFaceCorners && count == std::floor(count)))
+  if (!(count >= 1 && count <= kMaxFaceCorners && count == std::floor(count)))
     fail(fmt::format("face {}", face_count_),
-         fmt::format("has {:g} corners, not 1 to {}", count, kMostFaceCorners),
+         fmt::format("has {:g} corners, not 1 to {}", count, kMaxFaceCorners),
          "cut its polygons into triangles");
 }
 
@@ -57,11 +57,11 @@ void Polygons::add_face(std::span<const int> corners) {
   check_corners(static_cast<double>(corners.size()));
   for (const int vertex : corners)
     if (corner(vertex) > largest_) largest_ = vertex, largest_of_ = face_count_;
-  if (corners.size() > 4 && (cutting_ += corners.size() * corners.size()) > kMostCutting)
+  if (corners.size() > 4 && (cutting_ += corners.size() * corners.size()) > kMaxClipOperations)
     fail("faces", "are too many of too many corners", "cut its polygons into triangles");
   ++face_count_;
   corner_count_ += corners.size();
-  if (!kept_) return;
+  if (!collected_) return;
   corners_.insert(corners_.end(), corners.begin(), corners.end());
   ends_.push_back(corners_.size());
 }
@@ -74,14 +74,14 @@ void Polygons::finish() const {
 Polygons read_polygons(const std::filesystem::path& file, const std::string& where,
                        const std::function<void(FileCharacters&, Polygons&)>& read) {
   const auto once = [&](Polygons polygons) {
-    FileCharacters from(file, kLargestMesh);
+    FileCharacters from(file, kMaxMesh);
     read(from, polygons);
     polygons.finish();
     return polygons;
   };
-  Polygons kept(where);
-  kept.reserve(once(Polygons(where, false)));
-  return once(std::move(kept));
+  Polygons collected(where);
+  collected.reserve(once(Polygons(where, false)));
+  return once(std::move(collected));
 }
 
 Mesh triangulated(const Polygons& polygons) {
@@ -102,7 +102,7 @@ Mesh triangulated(const Polygons& polygons) {
   return mesh;
 }
 
-Mesh joined(const Mesh& mesh) {
+Mesh welded(const Mesh& mesh) {
   const auto place = [&](std::size_t v) {
     const Vec3d& p = mesh.vertices[v];
     return std::tuple(p.x(), p.y(), p.z());
@@ -119,14 +119,14 @@ Mesh joined(const Mesh& mesh) {
     std::array<std::size_t, 3> corners;
     for (std::size_t k = 0; k < 3; ++k) corners[k] = first[as_size(face[k])];
     if (corners[0] == corners[1] || corners[1] == corners[2] || corners[2] == corners[0]) continue;
-    Face& kept = result.faces.emplace_back();
+    Face& added = result.faces.emplace_back();
     for (std::size_t k = 0; k < 3; ++k) {
       int& own = number[corners[k]];
       if (own < 0) {
         own = static_cast<int>(result.vertices.size());
         result.vertices.push_back(mesh.vertices[corners[k]]);
       }
-      kept[k] = own;
+      added[k] = own;
     }
   }
   return result;
@@ -134,7 +134,7 @@ Mesh joined(const Mesh& mesh) {
 
 namespace {
 
-constexpr std::size_t kLongestHeader = 1 << 16, kMostElements = 32, kMostProperties = 256;
+constexpr std::size_t kMaxHeaderLength = 1 << 16, kMaxElements = 32, kMaxProperties = 256;
 
 enum class Scalar { i8, u8, i16, u16, i32, u32, f32, f64 };
 
@@ -206,13 +206,13 @@ class Cursor {
   std::string header() {
     constexpr std::string_view kStart = "ply", kEnd = "end_header";
     std::string text;
-    while (!from_.at_end() && text.size() < kLongestHeader && !text.ends_with(kEnd)) {
+    while (!from_.at_end() && text.size() < kMaxHeaderLength && !text.ends_with(kEnd)) {
       text.push_back(from_.current());
       next();
       if (text.size() == kStart.size() && text != kStart) fail("header", "is no PLY file's");
     }
     if (text.size() < kStart.size()) fail("header", "is no PLY file's");
-    if (!text.ends_with(kEnd)) fail("header", fmt::format("has no end within {} bytes", kLongestHeader));
+    if (!text.ends_with(kEnd)) fail("header", fmt::format("has no end within {} bytes", kMaxHeaderLength));
     for (bool on = true; on && !from_.at_end(); next()) on = from_.current() != '\n';
     return text.substr(0, text.size() - kEnd.size());
   }
@@ -246,10 +246,10 @@ class Cursor {
   }
 
   double text_number() {
-    constexpr std::size_t kLongestNumber = 400;  // 1e308 without an exponent, and as much behind a point
+    constexpr std::size_t kMaxNumberLength = 400;  // 1e308 without an exponent, and as much behind a point
     while (!from_.at_end() && blank(from_.current())) next();
     if (from_.at_end() || from_.current() == '\n') fail(line(), "has fewer values than its element");
-    std::array<char, kLongestNumber> word;
+    std::array<char, kMaxNumberLength> word;
     std::size_t size = 0;
     for (; !from_.at_end() && !blank(from_.current()) && from_.current() != '\n' && size < word.size();
          next())
@@ -288,8 +288,8 @@ void take(const std::vector<std::string_view>& words, std::vector<Element>& elem
     const auto read = end ? std::from_chars(words[2].data(), end, count) : std::from_chars_result{};
     if (!end || read.ec != std::errc() || read.ptr != end)
       cursor.fail("header", "has an element line that is no \"element NAME COUNT\"");
-    if (elements.size() == kMostElements)
-      cursor.fail("header", fmt::format("has more than {} elements", kMostElements));
+    if (elements.size() == kMaxElements)
+      cursor.fail("header", fmt::format("has more than {} elements", kMaxElements));
     elements.push_back({words[1], count, {}});
   } else if (words.front() == "property") {
     const bool list = words.size() == 5 && words[1] == "list";
@@ -299,8 +299,8 @@ void take(const std::vector<std::string_view>& words, std::vector<Element>& elem
     const auto length = list ? scalar_named(words[2]) : std::nullopt;
     if (elements.empty() || !type || (list ? !length : words.size() != 3))
       cursor.fail("header", "has a property line that is none");
-    if (elements.back().properties.size() == kMostProperties)
-      cursor.fail("header", fmt::format("has an element of more than {} properties", kMostProperties));
+    if (elements.back().properties.size() == kMaxProperties)
+      cursor.fail("header", fmt::format("has an element of more than {} properties", kMaxProperties));
     elements.back().properties.push_back({words.back(), *type, length});
   }
 }
@@ -350,7 +350,7 @@ void read_vertex(const Element& element, Cursor& cursor, Polygons& into) {
 }
 
 void read_face(const Element& element, Cursor& cursor, Polygons& into) {
-  std::array<int, kMostFaceCorners> face;
+  std::array<int, kMaxFaceCorners> face;
   for (const Property& property : element.properties) {
     const double count = property.length ? cursor.number(*property.length) : 1;
     const bool corners = property.name == "vertex_indices" || property.name == "vertex_index";

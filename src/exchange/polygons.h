@@ -17,28 +17,30 @@ namespace mirage {
 
 /// Corners of a polygon at most, and of all polygons of more than four the sum of their squares: cutting one
 /// takes time by their square.
-inline constexpr unsigned kMostFaceCorners = 1000;
+inline constexpr unsigned kMaxFaceCorners = 1000;
 /// The largest such sum.
-inline constexpr std::size_t kMostCutting = std::size_t{1} << 27;
+inline constexpr std::size_t kMaxClipOperations = std::size_t{1} << 27;
 /// Bytes of an OBJ or PLY at most.
-inline constexpr std::size_t kLargestMesh = std::size_t{1} << 26;
+inline constexpr std::size_t kMaxMesh = std::size_t{1} << 26;
 
 /// Vertices and polygons of a file, in its own axes. Corners of all faces lie in one list: a list for each
 /// would take seven times the file. What a reader adds is checked then.
 class Polygons {
  public:
-  /// `where`: the file, for errors. Not `kept`: only checked and counted, in no memory.
-  explicit Polygons(std::string where, bool kept = true) : where_(std::move(where)), kept_(kept) {}
+  /// `where`: the file, for errors. Not `collected`: only checked and counted, in no memory.
+  explicit Polygons(std::string where, bool collected = true)
+      : where_(std::move(where)), collected_(collected) {}
   /// Room for what `counted` has counted.
   void reserve(const Polygons& counted);
 
-  /// InputError unless it lies within gltf_limits::kFurthest.
+  /// InputError unless it lies within gltf_limits::kMaxCoordinate.
   void add_vertex(const Vec3d& place);
   /// A corner of the next face. InputError unless it is the number that a vertex may have.
   int corner(double number) const;
-  /// InputError unless the next face has 1 to kMostFaceCorners corners.
+  /// InputError unless the next face has 1 to kMaxFaceCorners corners.
   void check_corners(double count) const;
-  /// The vertices may follow. InputError as check_corners and corner, and for more work than kMostCutting.
+  /// The vertices may follow. InputError as check_corners and corner, and for more work than
+  /// kMaxClipOperations.
   void add_face(std::span<const int> corners);
   /// Notes what the file holds and a mesh does not, by its name: colours, materials.
   void leave_out(std::string what) { left_out_.insert(std::move(what)); }
@@ -64,7 +66,7 @@ class Polygons {
 
  private:
   std::string where_;
-  bool kept_;
+  bool collected_;
   std::size_t vertex_count_ = 0, face_count_ = 0, corner_count_ = 0, cutting_ = 0;
   int largest_ = -1;            // corner
   std::size_t largest_of_ = 0;  // the first face that has it
@@ -75,7 +77,7 @@ class Polygons {
 };
 
 /// What `read` adds, twice: first only to be checked, so that a file that is wrong at its end takes no
-/// memory. InputError as `read`, Polygons, and FileCharacters with kLargestMesh; `where` is the file as it
+/// memory. InputError as `read`, Polygons, and FileCharacters with kMaxMesh; `where` is the file as it
 /// was given.
 Polygons read_polygons(const std::filesystem::path& file, const std::string& where,
                        const std::function<void(FileCharacters&, Polygons&)>& read);
@@ -86,7 +88,7 @@ Mesh triangulated(const Polygons& polygons);
 
 /// The mesh with its vertices at one place made one, and without faces that have no three of them or vertices
 /// that no face has.
-Mesh joined(const Mesh& mesh);
+Mesh welded(const Mesh& mesh);
 
 // PLY files (Turk, "The PLY Polygon File Format", 1994): text and binary of both byte orders, any scalar
 // types. By our own reader, because assimp's (5.2) ends the program, reads past the file's end or takes

@@ -7,7 +7,7 @@
 namespace mirage {
 
 /// What a few frames of a data set say of it, evenly spread over the set.
-struct DataLook {
+struct DataStatistics {
   std::size_t frames = 0;         ///< looked at: those whose sweep, calibration and labels could be read
   std::size_t returns = 0;        ///< of their sweeps
   double on_rays = 0;             ///< share of them that SweepIndex::assigned_share() counts
@@ -20,7 +20,8 @@ struct DataLook {
 };
 
 /// Looks at up to `frames` frames. Frames that cannot be read are passed over: who needs them says why.
-DataLook look_at_data(const std::filesystem::path& data, const std::string& rig, std::size_t frames = 4);
+DataStatistics data_statistics(const std::filesystem::path& data, const std::string& rig,
+                               std::size_t frames = 4);
 
 /// Whether the caller casts rays of the unit (an inserted object's returns), or only reads sweeps.
 enum class UnitUse { casts_rays, reads_sweeps };

@@ -135,16 +135,16 @@ void serialize(Archive& archive, FrameAnswers& answers) {
   archive(answers.found), archive(answers.numbers);
 }
 
-void serialize(Archive& archive, FoundAttacked& found) {
+void serialize(Archive& archive, AttackedDetections& found) {
   archive(found.detections), archive(found.object);
 }
 
 /// The kept result, or else the computed one, which is then kept. `start`: what is read into.
 template <class T>
-T kept(DiskCache* disk, const char* kind, const Provenance& made_of, const std::function<T()>& compute,
+T kept(DiskCache* disk, const char* kind, const Provenance& provenance, const std::function<T()>& compute,
        T start = {}) {
   if (!disk || !disk->on()) return compute();
-  const std::string whole = made_of.made_of().dump();
+  const std::string whole = provenance.provenance().dump();
   if (auto bytes = disk->read(kind, whole)) try {
       Archive archive(*std::move(bytes));
       archive(start);
@@ -162,9 +162,9 @@ T kept(DiskCache* disk, const char* kind, const Provenance& made_of, const std::
 
 /// Of one frame, named by its hash.
 Provenance of_frame(const std::string& frame) {
-  Provenance made_of;
-  made_of.input("frame", frame);
-  return made_of;
+  Provenance provenance;
+  provenance.input("frame", frame);
+  return provenance;
 }
 
 }  // namespace
@@ -176,23 +176,23 @@ FrameCache::FrameCache(std::unique_ptr<DiskCache> disk, const std::string& depth
     : disk_(std::move(disk)), depth_(depth), rooftop_(rooftop), lidar_(lidar_identity(lidar)) {}
 
 Provenance FrameCache::with_roofs(const std::string& frame) const {
-  Provenance made_of = of_frame(frame);
-  made_of.input("lidar", lidar_);
-  made_of.input("rooftop", rooftop_);
-  return made_of;
+  Provenance provenance = of_frame(frame);
+  provenance.input("lidar", lidar_);
+  provenance.input("rooftop", rooftop_);
+  return provenance;
 }
 
 Provenance FrameCache::prepared(const std::string& frame) const {
-  Provenance made_of = with_roofs(frame);
-  made_of.input("depth", depth_);
-  return made_of;
+  Provenance provenance = with_roofs(frame);
+  provenance.input("depth", depth_);
+  return provenance;
 }
 
 ImageF FrameCache::depth(const std::string& frame, int width, int height,
                          const std::function<ImageF()>& compute) {
-  Provenance made_of = of_frame(frame);
-  made_of.input("depth", depth_);
-  return kept(disk_.get(), "depth", made_of, compute, ImageF(width, height, 1));
+  Provenance provenance = of_frame(frame);
+  provenance.input("depth", depth_);
+  return kept(disk_.get(), "depth", provenance, compute, ImageF(width, height, 1));
 }
 
 std::vector<Carrier> FrameCache::carriers(const std::string& frame, const std::vector<Label>& labels,
@@ -207,32 +207,33 @@ std::vector<HostView> FrameCache::views(const std::string& frame, const PlaceCho
                                         const std::array<double, 4>& region,
                                         const SimulationSettings& simulation,
                                         const std::function<std::vector<HostView>()>& compute) {
-  Provenance made_of = prepared(frame);
-  made_of.set("placement", content_of(place));
-  made_of.set("region", region);
+  Provenance provenance = prepared(frame);
+  provenance.set("placement", content_of(place));
+  provenance.set("region", region);
   SimulationSettings seen = simulation;  // what no silhouette depends on
   seen.lidar_effects = {};
   seen.camera_effects = {};
-  made_of.add(seen);
-  return kept(disk_.get(), "views", made_of, compute);
+  provenance.add(seen);
+  return kept(disk_.get(), "views", provenance, compute);
 }
 
 std::vector<Detection> FrameCache::detections(const std::string& frame, const std::string& detector,
                                               double score_threshold,
                                               const std::function<std::vector<Detection>()>& compute) {
-  Provenance made_of = of_frame(frame);
-  made_of.input("detector", detector);
-  made_of.set("score_threshold", score_threshold);
-  return kept(disk_.get(), "found", made_of, compute);
+  Provenance provenance = of_frame(frame);
+  provenance.input("detector", detector);
+  provenance.set("score_threshold", score_threshold);
+  return kept(disk_.get(), "found", provenance, compute);
 }
 
-FrameAnswers FrameCache::answers(const char* kind, const Provenance& made_of,
+FrameAnswers FrameCache::answers(const char* kind, const Provenance& provenance,
                                  const std::function<FrameAnswers()>& compute) {
-  return kept(disk_.get(), kind, made_of, compute);
+  return kept(disk_.get(), kind, provenance, compute);
 }
 
-FoundAttacked FrameCache::attacked(const Provenance& made_of, const std::function<FoundAttacked()>& compute) {
-  return kept(disk_.get(), "attacked", made_of, compute);
+AttackedDetections FrameCache::attacked(const Provenance& provenance,
+                                        const std::function<AttackedDetections()>& compute) {
+  return kept(disk_.get(), "attacked", provenance, compute);
 }
 
 void require_shared(const FrameCache& cache, const std::string& command, const std::string& detector) {

@@ -30,7 +30,7 @@ struct HostView {
 };
 
 /// What a detector finds in a frame with an object in it.
-struct FoundAttacked {
+struct AttackedDetections {
   std::vector<Detection> detections;
   std::optional<PictureBox> object;  ///< its outline in the picture, where that is asked for
 };
@@ -67,11 +67,13 @@ class FrameCache {
   std::vector<Detection> detections(const std::string& frame, const std::string& detector,
                                     double score_threshold,
                                     const std::function<std::vector<Detection>()>& compute);
-  /// Of work on one frame that `made_of` tells whole; `kind`: the work's name.
-  FrameAnswers answers(const char* kind, const Provenance& made_of,
+  /// Of work on one frame that `provenance` tells whole; `kind`: the work's name.
+  FrameAnswers answers(const char* kind, const Provenance& provenance,
                        const std::function<FrameAnswers()>& compute);
-  /// Of an insertion that `made_of` tells whole: prepared(), the object, how it is drawn, and the detector.
-  FoundAttacked attacked(const Provenance& made_of, const std::function<FoundAttacked()>& compute);
+  /// Of an insertion that `provenance` tells whole: prepared(), the object, how it is drawn, and the
+  /// detector.
+  AttackedDetections attacked(const Provenance& provenance,
+                              const std::function<AttackedDetections()>& compute);
   /// What a prepared frame is made of: the frame, its depth and its roofs.
   Provenance prepared(const std::string& frame) const;
 

@@ -61,7 +61,7 @@ std::size_t bytes_of(const PreparedFrame& prepared, const std::vector<Carrier>& 
 std::string FrameContents::of(const std::string& id) const {
   {
     const std::lock_guard lock(mutex_);
-    if (const auto known = known_.find(id); known != known_.end()) return known->second;
+    if (const auto existing = known_.find(id); existing != known_.end()) return existing->second;
   }
   std::string hash = frame_hash(data_, id, cameras_);
   if (!sensors_.empty()) hash = content_hash(hash + sensors_);
@@ -118,18 +118,18 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id)
   });
   record(sensors_, data_, frame);
   if (frame.others.empty()) frame.sweep = points_in_view(frame.sweep, frame.calibration);
-  const auto kept = [this](const std::string& key, const PinholeCamera& camera, const auto& compute) {
+  const auto cached = [this](const std::string& key, const PinholeCamera& camera, const auto& compute) {
     return cache_.depth(key, camera.width, camera.height, compute);
   };
   const Calibration& first = frame.calibration;
-  ImageF depth = kept(hash, first.camera,
-                      [&] { return depth_->complete(frame.image, sparse_depth(frame.sweep, first)); });
+  ImageF depth = cached(hash, first.camera,
+                        [&] { return depth_->complete(frame.image, sparse_depth(frame.sweep, first)); });
   entry->prepared = prepare(std::move(frame), lidar_, depth_.get(), std::move(depth));
   for (std::size_t k = 0; k < entry->prepared.other_depths.size(); ++k) {
     const SideCamera& camera = entry->prepared.frame.others[k];
     Lazy<ImageF>& later = entry->prepared.other_depths[k];
-    later = Lazy<ImageF>([kept, key = hash + " " + camera.name, of = camera.calibration.camera, later] {
-      return kept(key, of, [&] { return later.get(); });
+    later = Lazy<ImageF>([cached, key = hash + " " + camera.name, of = camera.calibration.camera, later] {
+      return cached(key, of, [&] { return later.get(); });
     });
   }
   entry->prepared.measured_by.assign(sensors_.begin(), sensors_.end());
@@ -141,9 +141,9 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::at(const std::string& id) {
   std::shared_ptr<Slot> slot;
   {
     const std::lock_guard lock(mutex_);
-    auto& known = slots_[id];
-    if (!known) known = std::make_shared<Slot>();
-    slot = known;
+    auto& existing = slots_[id];
+    if (!existing) existing = std::make_shared<Slot>();
+    slot = existing;
     if (auto entry = in_memory(id, *slot)) return entry;
   }
   const std::lock_guard reading(slot->reading);
@@ -215,22 +215,22 @@ Placement FrameStore::placement(const HostId& host) {
   return placement_of(place_, entry->carriers[as_size(host.label)], entry->prepared.frame.labels);
 }
 
-Provenance FrameStore::made_of(const HostId& host) const {
-  Provenance made_of = cache_.prepared(content(host.frame));
-  made_of.set("sun", sun_.word);
-  made_of.set("placement", content_of(place_));
-  made_of.set("host", host_name(host));  // sampled effects have their streams by it
-  return made_of;
+Provenance FrameStore::provenance(const HostId& host) const {
+  Provenance provenance = cache_.prepared(content(host.frame));
+  provenance.set("sun", sun_.word);
+  provenance.set("placement", content_of(place_));
+  provenance.set("host", host_name(host));  // sampled effects have their streams by it
+  return provenance;
 }
 
 std::vector<HostView> FrameStore::views(const std::string& id, const std::array<double, 4>& region,
                                         const SimulationSettings& simulation) {
-  const auto look = [&] {
+  const auto search = [&] {
     const auto entry = at(id);
     return host_views(entry->prepared, entry->carriers, place_, region, simulation);
   };
   const std::string sought = classes_ == kCars ? "" : " " + classes_;
-  return cache_.views(cache_.on() ? content(id) + sought : "", place_, region, simulation, look);
+  return cache_.views(cache_.on() ? content(id) + sought : "", place_, region, simulation, search);
 }
 
 void FrameStore::prefetch(std::vector<std::string> ids) {
@@ -281,19 +281,19 @@ RecordedFrames recorded_frames(const FrameSource& source, const std::string& det
   if (!cache->on() || detector.empty()) return frames;
   const auto contents =
       std::make_shared<const FrameContents>(source.data, source.cameras, sensors_identity(source.sensors));
-  frames.kept = [cache, contents, detector](const std::string& id, const auto& compute) {
+  frames.cached = [cache, contents, detector](const std::string& id, const auto& compute) {
     return cache->detections(contents->of(id), detector, kScoreThresholdForAp, compute);
   };
-  frames.kept_views = [cache, contents, detector, lidar = lidar_identity(lidar_of(source.data, source.rig)),
-                       classes = source.classes](const ShownView& view, const auto& compute) {
-    Provenance made_of;
+  frames.cached_views = [cache, contents, detector, lidar = lidar_identity(lidar_of(source.data, source.rig)),
+                         classes = source.classes](const ShownView& view, const auto& compute) {
+    Provenance provenance;
     for (std::size_t i = 0; i < view.frames.size(); ++i)
-      made_of.input(fmt::format("frame_{}", i), contents->of(view.frames[i]));
-    made_of.input("detector", detector);
-    made_of.input("lidar", lidar);
-    made_of.set("classes", classes);  // the cars that the answers are told of
-    made_of.set("change", view.change);
-    return cache->answers("audited", made_of, [&] { return FrameAnswers{compute()}; }).found;
+      provenance.input(fmt::format("frame_{}", i), contents->of(view.frames[i]));
+    provenance.input("detector", detector);
+    provenance.input("lidar", lidar);
+    provenance.set("classes", classes);  // the cars that the answers are told of
+    provenance.set("change", view.change);
+    return cache->answers("audited", provenance, [&] { return FrameAnswers{compute()}; }).found;
   };
   return frames;
 }

@@ -80,7 +80,7 @@ class FrameStore {
   const PlaceChoice& place() const { return place_; }
   /// What an insertion at a host is made of, but for the object and how it is drawn: the prepared frame, its
   /// light and the place.
-  Provenance made_of(const HostId& host) const;
+  Provenance provenance(const HostId& host) const;
   /// Share in view of the reference adversary, placed at each car inside `region`.
   std::vector<HostView> views(const std::string& id, const std::array<double, 4>& region,
                               const SimulationSettings& simulation);

@@ -39,13 +39,13 @@ const Label& vehicle_of(const Frame& frame, int label, const std::string& option
     return (is_vehicle_type(of.type) || is_sought(of)) && has_box(of);
   };
   const auto index = as_size(label);
-  const bool known = label >= 0 && index < frame.labels.size();
-  if (known && carries(frame.labels[index])) return frame.labels[index];
+  const bool in_range = label >= 0 && index < frame.labels.size();
+  if (in_range && carries(frame.labels[index])) return frame.labels[index];
   std::string vehicles;
   for (std::size_t i = 0; i < frame.labels.size(); ++i)
     if (carries(frame.labels[i])) vehicles += fmt::format("{}{}", vehicles.empty() ? "" : ", ", i);
   const std::string is = !frame.labelled ? "has no labels"
-                         : !known        ? fmt::format("has {} labels, from 0", frame.labels.size())
+                         : !in_range     ? fmt::format("has {} labels, from 0", frame.labels.size())
                          : is_vehicle_type(frame.labels[index].type)
                              ? "has no box in space for this label"
                              : fmt::format("has a {} there, which is no vehicle", frame.labels[index].type);

@@ -33,16 +33,16 @@ nlohmann::json to_json(const RoofCount& count) {
   return {{"fitted", count.fitted}, {"from_box", count.from_box}};
 }
 
-void HostsLeftOut::add(LeftOut why) {
+void SkippedHosts::add(LeftOut why) {
   no_room += why == LeftOut::no_room;
   no_neighbour += why == LeftOut::no_neighbour;
 }
 
-nlohmann::json to_json(const HostsLeftOut& count) {
+nlohmann::json to_json(const SkippedHosts& count) {
   return {{"no_room", count.no_room}, {"no_neighbour", count.no_neighbour}};
 }
 
-void warn_of_left_out(const PlaceChoice& place, const HostsLeftOut& count) {
+void warn_of_left_out(const PlaceChoice& place, const SkippedHosts& count) {
   if (count.no_room > 0)
     spdlog::warn("{} vehicles are left out: {}", count.no_room, why_left_out(place, LeftOut::no_room));
   if (count.no_neighbour > 0)
@@ -50,7 +50,7 @@ void warn_of_left_out(const PlaceChoice& place, const HostsLeftOut& count) {
                  why_left_out(place, LeftOut::no_neighbour));
 }
 
-void refuse_left_out(const PlaceChoice& place, const HostsLeftOut& count) {
+void refuse_left_out(const PlaceChoice& place, const SkippedHosts& count) {
   if (count.no_room + count.no_neighbour == 0) return;
   const LeftOut why = count.no_neighbour > count.no_room ? LeftOut::no_neighbour : LeftOut::no_room;
   throw FieldError("placement", text_of(place),
@@ -59,8 +59,8 @@ void refuse_left_out(const PlaceChoice& place, const HostsLeftOut& count) {
                    "give another --place or more frames");
 }
 
-HostsLeftOut leave_out(FrameStore& store, std::vector<HostId>& hosts) {
-  HostsLeftOut count;
+SkippedHosts leave_out(FrameStore& store, std::vector<HostId>& hosts) {
+  SkippedHosts count;
   if (!store.place().of_file()) return count;  // only a file's placement leaves any out
   std::erase_if(hosts, [&](const HostId& id) {
     const LeftOut why = store.placement(id).left_out;
@@ -77,7 +77,7 @@ void require_hosted(const PlaceChoice& place, const Placement& placement, const 
 }
 
 std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const std::array<double, 4>& region,
-                             const SimulationSettings& simulation, double min_view, HostsLeftOut* left_out) {
+                             const SimulationSettings& simulation, double min_view, SkippedHosts* left_out) {
   std::vector<Host> hosts;
   for (const HostView& view : store.views(frame, region, simulation)) {
     if (left_out) left_out->add(view.left_out());
@@ -88,11 +88,11 @@ std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const 
 
 std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::string>& frames,
                                  const std::array<double, 4>& region, const SimulationSettings& simulation,
-                                 double min_view, bool quiet, HostsLeftOut* left_out) {
+                                 double min_view, bool quiet, SkippedHosts* left_out) {
   std::vector<std::vector<Host>> by_frame(frames.size());
   std::vector<std::exception_ptr> problems(frames.size());
   Progress progress("look for hosts", frames.size(), quiet);
-  std::vector<HostsLeftOut> missed(frames.size());
+  std::vector<SkippedHosts> missed(frames.size());
   const std::vector<std::size_t> order = order_among_ranks(frames.size());
   parallel_for(frames.size(), [&](std::size_t k) {
     const std::size_t i = order[k];
@@ -104,7 +104,7 @@ std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::strin
     }
     progress.add();
   });
-  for (const HostsLeftOut& of : missed)
+  for (const SkippedHosts& of : missed)
     if (left_out) left_out->no_room += of.no_room, left_out->no_neighbour += of.no_neighbour;
   for (const std::exception_ptr& problem : problems)  // the first frame's, whichever came first
     if (problem) std::rethrow_exception(problem);

@@ -25,32 +25,32 @@ struct Host {
 std::vector<HostId> host_ids(std::span<const Host> hosts);
 
 /// Vehicles that are no hosts because of the placement (LeftOut).
-struct HostsLeftOut {
+struct SkippedHosts {
   int no_room = 0, no_neighbour = 0;
   /// Counts a vehicle; LeftOut::no counts nothing.
   void add(LeftOut why);
 };
 /// {"no_room": N, "no_neighbour": N}
-nlohmann::json to_json(const HostsLeftOut& count);
+nlohmann::json to_json(const SkippedHosts& count);
 /// Warns of them, if there are any.
-void warn_of_left_out(const PlaceChoice& place, const HostsLeftOut& count);
+void warn_of_left_out(const PlaceChoice& place, const SkippedHosts& count);
 /// Where no host is left: FieldError if any was left out.
-void refuse_left_out(const PlaceChoice& place, const HostsLeftOut& count);
+void refuse_left_out(const PlaceChoice& place, const SkippedHosts& count);
 
 /// Vehicles of the frame that can be hosts: of the classes that are sought (a Car by default), box centre
 /// inside the detector's region, and at least `min_view` of the reference adversary in view after occlusion.
 /// `left_out`, if given, counts those of them that the placement leaves out, in view or not.
 std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const std::array<double, 4>& region,
                              const SimulationSettings& simulation, double min_view = 0.7,
-                             HostsLeftOut* left_out = nullptr);
+                             SkippedHosts* left_out = nullptr);
 
 /// Hosts of every frame of a data set. Shows progress unless `quiet`.
 std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::string>& frames,
                                  const std::array<double, 4>& region, const SimulationSettings& simulation,
-                                 double min_view, bool quiet = true, HostsLeftOut* left_out = nullptr);
+                                 double min_view, bool quiet = true, SkippedHosts* left_out = nullptr);
 
 /// Takes out the hosts that the store's placement leaves out, and counts them.
-HostsLeftOut leave_out(FrameStore& store, std::vector<HostId>& hosts);
+SkippedHosts leave_out(FrameStore& store, std::vector<HostId>& hosts);
 /// InputError that names the host if it is left out.
 void require_hosted(const PlaceChoice& place, const Placement& placement, const HostId& host);
 

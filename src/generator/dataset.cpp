@@ -58,11 +58,11 @@ std::vector<std::string> camera_files(const fs::path& data, const std::string& i
 }
 
 /// An empty object where there is none, or none that can be used.
-nlohmann::json known(const fs::path& data, const std::string& id) {
+nlohmann::json read_record(const fs::path& data, const std::string& id) {
   const fs::path file = record_file(data, id);
   if (!fs::is_regular_file(file)) return nlohmann::json::object();
   try {
-    nlohmann::json record = read_json(file, kLargestRecord);
+    nlohmann::json record = read_json(file, kMaxRecordBytes);
     for (const auto& [name, hash] : record.items())
       if (!hash.is_string()) return nlohmann::json::object();
     return record.is_object() ? record : nlohmann::json::object();
@@ -72,7 +72,7 @@ nlohmann::json known(const fs::path& data, const std::string& id) {
 }
 
 std::string hash_of(const fs::path& file) {
-  return fs::is_regular_file(file) ? file_hash(file, kLargestFile) : "";
+  return fs::is_regular_file(file) ? file_hash(file, kMaxFileBytes) : "";
 }
 
 constexpr const char* kDrives = "drives_of_s";  // a field of sets that are drives
@@ -103,10 +103,10 @@ struct DriveFiles {
 std::optional<FrameRows> kept_rows(const DriveFiles& files, const std::string& frame) {
   try {
     if (!fs::exists(files.record(frame))) return std::nullopt;
-    const nlohmann::json record = read_json(files.record(frame), kLargestRecord);
+    const nlohmann::json record = read_json(files.record(frame), kMaxRecordBytes);
     for (const auto& [name, file] :
          {std::pair("picture", files.picture(frame)), std::pair("sweep", files.sweep(frame))})
-      if (!fs::is_regular_file(file) || file_hash(file, kLargestFile) != record.at(name).get<std::string>())
+      if (!fs::is_regular_file(file) || file_hash(file, kMaxFileBytes) != record.at(name).get<std::string>())
         return std::nullopt;
     return FrameRows{record.at("labels"), record.at("motion"), record.at("cars"), record.at("others")};
   } catch (const nlohmann::json::exception&) {
@@ -169,8 +169,8 @@ FrameRows write_drive_frame(const DriveFiles& files, const std::string& name, in
   write_srgb(files.picture(name), frame.image);
   write_sweep(files.sweep(name), frame.sweep);
   // Last, so that what it speaks of is there.
-  write_json(files.record(name), {{"picture", file_hash(files.picture(name), kLargestFile)},
-                                  {"sweep", file_hash(files.sweep(name), kLargestFile)},
+  write_json(files.record(name), {{"picture", file_hash(files.picture(name), kMaxFileBytes)},
+                                  {"sweep", file_hash(files.sweep(name), kMaxFileBytes)},
                                   {"labels", rows.labels},
                                   {"motion", rows.motion},
                                   {"cars", rows.cars},
@@ -186,7 +186,7 @@ nlohmann::json drawing_rig(nlohmann::json rig) {
 
 /// Writes the record from the frame's files, after the last of them. Truth recorded before stays recorded.
 void record_frame(const fs::path& data, const std::string& id, Truth truth) {
-  nlohmann::json record = known(data, id);
+  nlohmann::json record = read_record(data, id);
   std::vector<std::string> files = files_of(id, truth);
   if (fs::exists(data / "training" / track_of(id))) files.push_back(track_of(id));
   for (std::string& name : camera_files(data, id)) files.push_back(std::move(name));
@@ -198,9 +198,9 @@ void record_frame(const fs::path& data, const std::string& id, Truth truth) {
 /// of another rig or with other fields.
 void begin_dataset(const Rig& rig, const nlohmann::json& about, const fs::path& out) {
   make_output_folder(out);
-  const fs::path file = out / "dataset.json", kept = out / "rig.toml";
+  const fs::path file = out / "dataset.json", existing = out / "rig.toml";
   if (fs::exists(file)) {
-    const nlohmann::json before = read_json(file, kLargestRecord);
+    const nlohmann::json before = read_json(file, kMaxRecordBytes);
     if (!before.is_object())
       throw InputError(file.string(), "", "is no object of a data set's fields",
                        "choose another --out folder");
@@ -215,23 +215,23 @@ void begin_dataset(const Rig& rig, const nlohmann::json& about, const fs::path& 
             file.string(), key,
             fmt::format("is {}, asked for is {}", before.value(key, nlohmann::json()).dump(), value.dump()),
             "choose another --out folder");
-    if (!fs::exists(kept))
-      throw InputError(kept.string(), "", "is missing, and with it which rig drew the frames there",
+    if (!fs::exists(existing))
+      throw InputError(existing.string(), "", "is missing, and with it which rig drew the frames there",
                        "restore the file or choose another --out folder");
   }
   // Other commands need the very LiDAR, not its name; and frames of an edited rig are not this set's.
-  if (fs::exists(kept) && drawing_rig(read_toml(kept)) != drawing_rig(parse_toml(rig.text, rig.name)))
-    throw InputError(kept.string(), "", "is not the rig " + rig.name + " as it is now",
+  if (fs::exists(existing) && drawing_rig(read_toml(existing)) != drawing_rig(parse_toml(rig.text, rig.name)))
+    throw InputError(existing.string(), "", "is not the rig " + rig.name + " as it is now",
                      "choose another --out folder, or restore the rig file");
   // The rig first: a set that was stopped between the two goes on, and one without its rig has lost it.
-  write_file(kept, rig.text);
+  write_file(existing, rig.text);
   write_json(file, about);
 }
 
 }  // namespace
 
 bool is_as_recorded(const fs::path& data, const std::string& id, Truth truth) {
-  const nlohmann::json record = known(data, id);
+  const nlohmann::json record = read_record(data, id);
   std::vector<std::string> files = files_of(id, truth);
   for (const auto& [name, hash] : record.items())
     if (name == track_of(id) || name.starts_with("cameras/")) files.push_back(name);
@@ -249,7 +249,7 @@ bool is_as_recorded(const fs::path& data, const std::string& id, Truth truth) {
 
 DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,
                                 const std::filesystem::path& out,
-                                const std::function<void(std::size_t)>& tell, Truth truth) {
+                                const std::function<void(std::size_t)>& progress, Truth truth) {
   begin_dataset(
       rig, {{"rig", rig.name}, {"seed", seed}, {"look", name_of(rig.look)}, {"generator", kGeneratorVersion}},
       out);
@@ -266,23 +266,23 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
     if (keep) {
       labels = read_annotations(out, id).labels;
     } else {
-      FrameTruth known;
-      Frame frame = generate_frame(rig, seed, index, truth == Truth::none ? nullptr : &known);
+      FrameTruth drawn;
+      Frame frame = generate_frame(rig, seed, index, truth == Truth::none ? nullptr : &drawn);
       // Before the frame: its sweep comes last, so that a listed frame has its truth.
-      if (truth != Truth::none) write_depth_png(true_depth_file(out, frame.id), known.depth);
+      if (truth != Truth::none) write_depth_png(true_depth_file(out, frame.id), drawn.depth);
       if (truth == Truth::all) {
-        write_index_png(instance_file(out, frame.id), known.instance);
-        write_point_labels(point_label_file(out, frame.id), known.returns);
+        write_index_png(instance_file(out, frame.id), drawn.instance);
+        write_point_labels(point_label_file(out, frame.id), drawn.returns);
       }
       write_frame(out, frame);
       record_frame(out, frame.id, truth);
       labels = std::move(frame.labels);
     }
     const std::scoped_lock lock(mutex);
-    ++(keep ? sum.kept : sum.written);
+    ++(keep ? sum.existing : sum.written);
     for (const Label& label : labels) ++(label.type == "Car" ? sum.cars : sum.others);
     sum.points += fs::file_size(out / "training" / "velodyne" / (id + ".bin")) / sizeof(LidarPoint);
-    tell(++done);
+    progress(++done);
   });
   throw_if_interrupted("the frames written so far are kept; the same command goes on from there");
   return sum;
@@ -294,7 +294,7 @@ int frames_of_drive(double seconds) {
 
 DatasetSummary generate_drives(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,
                                double seconds, const fs::path& out,
-                               const std::function<void(std::size_t)>& tell) {
+                               const std::function<void(std::size_t)>& progress) {
   begin_dataset(rig,
                 {{"rig", rig.name},
                  {"seed", seed},
@@ -318,17 +318,17 @@ DatasetSummary generate_drives(const Rig& rig, std::uint64_t seed, std::uint64_t
       const std::size_t i = order[k];
       const std::string name = fmt::format("{:06}", i);
       const auto number = static_cast<int>(i);
-      std::optional<FrameRows> kept = kept_rows(files, name);
-      if (!kept) {
+      std::optional<FrameRows> existing = kept_rows(files, name);
+      if (!existing) {
         const Frame frame = generate_drive_frame(rig, street, standing, seed, index, number * kDriveStep);
         rows[i] = write_drive_frame(files, name, number, frame, street);
       }
       const std::scoped_lock lock(mutex);
-      ++(kept ? sum.kept : sum.written);
-      if (kept) rows[i] = std::move(*kept);
+      ++(existing ? sum.existing : sum.written);
+      if (existing) rows[i] = std::move(*existing);
       sum.points += fs::file_size(files.sweep(name)) / sizeof(LidarPoint);
       sum.cars += rows[i].cars, sum.others += rows[i].others;
-      tell(++done);
+      progress(++done);
     });
     throw_if_interrupted("the frames written so far are kept; the same command goes on from there");
     std::string labels, motion, poses, times;

@@ -24,7 +24,7 @@ inline constexpr int kGeneratorVersion = 5;
 
 /// Counts over the frames written in this run.
 struct DatasetSummary {
-  int written = 0, kept = 0, cars = 0, others = 0;
+  int written = 0, existing = 0, cars = 0, others = 0;
   std::size_t points = 0;
 };
 
@@ -34,7 +34,8 @@ struct DatasetSummary {
 /// Several frames are made at once. After Ctrl-C the frames in hand are finished and Interrupted is thrown.
 DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,
                                 const std::filesystem::path& out,
-                                const std::function<void(std::size_t done)>& tell, Truth truth = Truth::none);
+                                const std::function<void(std::size_t done)>& progress,
+                                Truth truth = Truth::none);
 
 // Generated drives on disk, in the layout of KITTI's tracking benchmark (scene/data/kitti_drives.cpp), with
 // the car's own poses and speeds (oxts) and the frames' times. training/motion_02/SEQUENCE.txt has what moves
@@ -47,7 +48,7 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
 /// (InputError). After Ctrl-C the frames in hand are finished and Interrupted is thrown. `tell` gets frames.
 DatasetSummary generate_drives(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,
                                double seconds, const std::filesystem::path& out,
-                               const std::function<void(std::size_t done)>& tell);
+                               const std::function<void(std::size_t done)>& progress);
 
 /// Frames of a drive.
 int frames_of_drive(double seconds);

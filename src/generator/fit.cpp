@@ -30,7 +30,7 @@ std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, 
 std::optional<StreetSource> source_of(const std::filesystem::path& data) {
   const auto file = data / "dataset.json";
   if (!std::filesystem::exists(file)) return std::nullopt;
-  const nlohmann::json about = read_json(file, kLargestRecord);
+  const nlohmann::json about = read_json(file, kMaxRecordBytes);
   if (!about.is_object() || !about.contains("seed") || !about.at("seed").is_number_unsigned() ||
       !about.contains("generator"))
     throw InputError(file.string(), "seed", "missing or not a whole number",
@@ -123,12 +123,12 @@ nlohmann::json list(const Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-constexpr double kFarthestFit = 1e9;
-constexpr int kMostOfFit = 1'000'000'000;
-constexpr std::size_t kLongestCode = 1000;
+constexpr double kMaxFitDistance = 1e9;
+constexpr int kMaxFitCount = 1'000'000'000;
+constexpr std::size_t kMaxCodeLength = 1000;
 
 Vec3d read_list(const JsonFields& json, const char* key) {
-  return Eigen::Map<const Vec3d>(json.numbers(key, 3, -kFarthestFit, kFarthestFit).data());
+  return Eigen::Map<const Vec3d>(json.numbers(key, 3, -kMaxFitDistance, kMaxFitDistance).data());
 }
 
 using Vehicles = std::vector<const FittedVehicle*>;
@@ -140,18 +140,19 @@ FitSpread spread(const Vehicles& vehicles, const std::function<double(const Fitt
   return {lower_quantile(values, 0.05), lower_quantile(values, 0.5), lower_quantile(values, 0.95)};
 }
 
-FitSummary::Errors errors(const Vehicles& known) {
+FitSummary::Errors errors(const Vehicles& vehicles_with_truth) {
   FitSummary::Errors errors;
-  errors.vehicles = known.size();
+  errors.vehicles = vehicles_with_truth.size();
   for (std::size_t a = 0; a < 3; ++a) {
     const auto axis = static_cast<Eigen::Index>(a);
-    errors.roof[a] = spread(known, [&](const auto& v) { return std::abs(v.error->roof[axis]); });
-    errors.box[a] = spread(known, [&](const auto& v) { return std::abs(v.error->box[axis]); });
+    errors.roof[a] =
+        spread(vehicles_with_truth, [&](const auto& v) { return std::abs(v.error->roof[axis]); });
+    errors.box[a] = spread(vehicles_with_truth, [&](const auto& v) { return std::abs(v.error->box[axis]); });
   }
-  errors.distance = spread(known, [](const auto& v) { return v.error->roof.norm(); });
-  errors.yaw = spread(known, [](const auto& v) { return std::abs(v.error->yaw); });
-  errors.to_truth = spread(known, [](const auto& v) { return v.error->to_truth; });
-  errors.from_truth = spread(known, [](const auto& v) { return v.error->from_truth; });
+  errors.distance = spread(vehicles_with_truth, [](const auto& v) { return v.error->roof.norm(); });
+  errors.yaw = spread(vehicles_with_truth, [](const auto& v) { return std::abs(v.error->yaw); });
+  errors.to_truth = spread(vehicles_with_truth, [](const auto& v) { return v.error->to_truth; });
+  errors.from_truth = spread(vehicles_with_truth, [](const auto& v) { return v.error->from_truth; });
   return errors;
 }
 
@@ -159,20 +160,20 @@ FitSummary::Errors errors(const Vehicles& known) {
 FitSummary summary(const std::vector<FittedVehicle>& vehicles,
                    const std::function<bool(const FittedVehicle&)>& in) {
   FitSummary summary;
-  Vehicles fitted, known;
+  Vehicles fitted, vehicles_with_truth;
   for (const FittedVehicle& v : vehicles) {
     if (!in(v)) continue;
     ++summary.vehicles;
     if (!v.fit.fitted) continue;
     fitted.push_back(&v);
-    if (v.error) known.push_back(&v);
+    if (v.error) vehicles_with_truth.push_back(&v);
   }
   summary.fitted = fitted.size();
   summary.residual = spread(fitted, [](const auto& v) { return v.residual; });
   summary.roof_over_box = spread(fitted, [](const auto& v) { return v.roof_over_box; });
   summary.roof_over_returns = spread(fitted, [](const auto& v) { return v.roof_over_returns; });
   summary.seconds = spread(fitted, [](const auto& v) { return v.seconds; });
-  if (!known.empty()) summary.error = errors(known);
+  if (!vehicles_with_truth.empty()) summary.error = errors(vehicles_with_truth);
   return summary;
 }
 
@@ -243,9 +244,9 @@ std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame&
     if (!has_box(label) ||
         std::find(settings.types.begin(), settings.types.end(), label.type) == settings.types.end())
       continue;
-    const Box3 given = label.box;
+    const Box3 labelled_box = label.box;
     RandomStream random(settings.seed, "label noise " + frame.id, i);
-    if (settings.label_noise > 0) label.box = disturbed(given, settings.label_noise, random);
+    if (settings.label_noise > 0) label.box = disturbed(labelled_box, settings.label_noise, random);
     FittedVehicle vehicle;
     vehicle.frame = frame.id;
     vehicle.label = static_cast<int>(i);
@@ -266,7 +267,7 @@ std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame&
       vehicle.residual = lower_quantile(std::move(off), 0.5);
       vehicle.roof_over_returns = roof.z() - lower_quantile(std::move(heights), 0.99);
       if (truth)
-        if (const auto* true_vehicle = generator::find_vehicle(*truth, label.type, given))
+        if (const auto* true_vehicle = generator::find_vehicle(*truth, label.type, labelled_box))
           vehicle.error = measure(vehicle.fit, vehicle.velo_from_roof, *true_vehicle);
       vehicle.velo_from_roof = vehicle.fit.velo_from_roof;
     }
@@ -308,7 +309,7 @@ nlohmann::json to_json(const FittedVehicle& v) {
 
 FittedVehicle read_fitted_vehicle(const JsonFields& json) {
   const auto number = [](const JsonFields& of, const char* key) {
-    return of.number(key, -kFarthestFit, kFarthestFit);
+    return of.number(key, -kMaxFitDistance, kMaxFitDistance);
   };
   FittedVehicle v;
   v.frame = json.text("frame");
@@ -326,12 +327,12 @@ FittedVehicle read_fitted_vehicle(const JsonFields& json) {
   }
   v.fit.size = read_list(json, "size_m");
   v.fit.velo_from_vehicle.translation() = read_list(json, "centre_velo");
-  const auto code = json.numbers("code", kLongestCode, -kFarthestFit, kFarthestFit, 0);
+  const auto code = json.numbers("code", kMaxCodeLength, -kMaxFitDistance, kMaxFitDistance, 0);
   v.fit.shape.code = Eigen::Map<const Eigen::VectorXd>(code.data(), std::ssize(code));
   v.residual = number(json, "residual_m");
   v.roof_over_box = number(json, "roof_over_box_m");
   v.roof_over_returns = number(json, "roof_over_returns_m");
-  v.fit.iterations = json.count("iterations", kMostOfFit);
+  v.fit.iterations = json.count("iterations", kMaxFitCount);
   if (!json.has("error")) return v;
   const JsonFields error = json.object("error");
   v.error = {read_list(error, "roof_m"), read_list(error, "box_m"), number(error, "yaw_rad"),

@@ -84,9 +84,9 @@ Calibration read_camera(const std::filesystem::path& file, const std::string& ke
   PinholeCamera& camera = calibration.camera;
   camera.width = static_cast<int>(table.number("width", 1, 16384));
   camera.height = static_cast<int>(table.number("height", 1, 16384));
-  if (static_cast<std::uint64_t>(camera.width) * static_cast<std::uint64_t>(camera.height) > kMostPixels)
+  if (static_cast<std::uint64_t>(camera.width) * static_cast<std::uint64_t>(camera.height) > kMaxPixels)
     throw InputError(file.string(), key + ".width, " + key + ".height",
-                     fmt::format("{}×{} are more than {} pixels", camera.width, camera.height, kMostPixels),
+                     fmt::format("{}×{} are more than {} pixels", camera.width, camera.height, kMaxPixels),
                      "give a smaller picture");
   camera.fx = table.number("fx", 1, 1e5);
   camera.fy = table.number("fy", 1, 1e5);
@@ -210,7 +210,7 @@ Rig read_rig(const std::filesystem::path& file) {
   if (first.has("name")) rig.camera = first.text("name");
   rig.calibration = read_camera(file, "camera", first);
   rig.lidar = read_lidar_model(file);
-  rig.text = read_text(file, kLargestToml);
+  rig.text = read_text(file, kMaxTomlBytes);
   if (const nlohmann::json unit = lidar_table(file); whole["lidar"] != unit) {
     whole["lidar"] = unit;
     rig.text = toml_text(whole);
@@ -258,8 +258,8 @@ void add_sensor_noise(ImageF& image, std::uint64_t seed, std::uint64_t index, st
   }
 }
 
-constexpr double kNearestProjected = 0.3;  // m, corners nearer than this to the camera's plane lie on it
-constexpr int kProbes = 3000;              // rays a thing to count its own pixels
+constexpr double kMinProjectedDepth = 0.3;  // m, corners nearer than this to the camera's plane lie on it
+constexpr int kProbes = 3000;               // rays a thing to count its own pixels
 constexpr int kRows = 25;  // pixels of height that make a thing without returns one to be found (KITTI)
 
 }  // namespace
@@ -320,7 +320,7 @@ StreetLabels label_street(const Street& street, const Calibration& calibration, 
     if (returns[i] == 0 && last[i] - first[i] + 1 < kRows) return;
     const BevBox& place = street.placed[i].box.bev;
     if (visible[i] == 0 &&
-        (calibration.camera_from_velo * Vec3d(place.x, place.y, 0)).z() < kNearestProjected)
+        (calibration.camera_from_velo * Vec3d(place.x, place.y, 0)).z() < kMinProjectedDepth)
       return;
     std::vector<Mesh> meshes;
     for (const Surface& s : street.surfaces)
@@ -330,9 +330,9 @@ StreetLabels label_street(const Street& street, const Calibration& calibration, 
     PictureBox full{1e9, 1e9, -1e9, -1e9};
     for (const Vec3d& corner : corners(street.placed[i].box)) {
       Vec3d p = calibration.camera_from_velo * corner;
-      p.z() = std::max(p.z(), kNearestProjected);
+      p.z() = std::max(p.z(), kMinProjectedDepth);
       const Vec2d pixel = camera.project(p);
-      full = joined(full, {pixel.x(), pixel.y(), pixel.x(), pixel.y()});
+      full = united(full, {pixel.x(), pixel.y(), pixel.x(), pixel.y()});
     }
     const PictureBox seen = within(full, camera.width, camera.height);
     if (seen.right - seen.left < 1 || seen.bottom - seen.top < 1) return;

@@ -57,7 +57,7 @@ Actor make_car(RandomStream& random);
 /// "look-alike": detection takes it for background.
 Actor make_look_alike(Actor car, RandomStream& random);
 /// How many of what stands where cars park, and of what stands on the lanes, are look-alikes.
-inline constexpr double kAlikeParked = 0.5, kAlikeOnLanes = 0.2;
+inline constexpr double kParkedDecoyShare = 0.5, kLaneDecoyShare = 0.2;
 /// A delivery van.
 Actor make_van(RandomStream& random);
 /// A lorry.

@@ -123,7 +123,7 @@ void StreetSite::add_woods(int side, double from) {
   surfaces_.push_back(surface(trunks, plain(Vec3f(0.07f, 0.055f, 0.045f), 0.3f)));
 }
 
-void StreetSite::add_earth() {
+void StreetSite::add_ground() {
   Mesh earth;
   for (double d = -80; d < 79; d += 8) add_strip(earth, d, d + 8, -12, far_ + 30, 4, -0.35);
   surfaces_.push_back(surface(earth, plain(Vec3f(0.07f, 0.065f, 0.05f), 0.3f)));

@@ -186,7 +186,7 @@ class StreetSite {
   void add_fence(double s0, double s1, double d);
   void add_woods(int side, double from);
   /// What the earth under kerbs and side roads looks like, so that no sky shows between them.
-  void add_earth();
+  void add_ground();
   void add_manhole_covers(int count);
 
   // What drives (street_site.cpp).

@@ -126,7 +126,7 @@ PictureBox picture_box(const BevBox& rectangle) {
   return {x - length / 2, y - width / 2, x + length / 2, y + width / 2};
 }
 
-PictureBox joined(const PictureBox& a, const PictureBox& b) {
+PictureBox united(const PictureBox& a, const PictureBox& b) {
   return {std::min(a.left, b.left), std::min(a.top, b.top), std::max(a.right, b.right),
           std::max(a.bottom, b.bottom)};
 }
@@ -146,7 +146,7 @@ BevBox SeenRectangle::box() const {
 SeenRectangle closest_rectangle(const std::vector<Vec2d>& places) {
   constexpr int kHeadings = 45;
   constexpr std::size_t kEnough = 400;
-  constexpr double kNearest = 0.05;  // m
+  constexpr double kMinDistance = 0.05;  // m
   const std::size_t step = places.size() / kEnough + 1;
   SeenRectangle best;
   double most = -1;
@@ -165,7 +165,7 @@ SeenRectangle closest_rectangle(const std::vector<Vec2d>& places) {
     for (std::size_t i = 0; i < places.size(); i += step) {
       const double nearest = std::min({turned[i].x() - tried.along.low, tried.along.high - turned[i].x(),
                                        turned[i].y() - tried.across.low, tried.across.high - turned[i].y()});
-      closeness += 1 / std::max(nearest, kNearest);
+      closeness += 1 / std::max(nearest, kMinDistance);
     }
     if (closeness > most) most = closeness, best = tried;
   }
@@ -173,10 +173,10 @@ SeenRectangle closest_rectangle(const std::vector<Vec2d>& places) {
 }
 
 std::optional<BevBox> car_seen_as(const SeenRectangle& seen) {
-  constexpr double kLength = 3.9, kWidth = 1.65;                                    // m, KITTI's mean car
-  constexpr double kLongest = 5.6, kShortest = 1.2, kWidest = 2.0, kOneSide = 2.3;  // m
+  constexpr double kLength = 3.9, kWidth = 1.65;                                       // m, KITTI's mean car
+  constexpr double kMaxLength = 5.6, kMinLength = 1.2, kWidest = 2.0, kOneSide = 2.3;  // m
   const double longer = std::max(seen.along.size(), seen.across.size());
-  if (longer > kLongest || longer < kShortest || std::min(seen.along.size(), seen.across.size()) > kWidest)
+  if (longer > kMaxLength || longer < kMinLength || std::min(seen.along.size(), seen.across.size()) > kWidest)
     return std::nullopt;
   bool heads_along = seen.along.size() >= seen.across.size();
   if (longer < kOneSide)  // a front or a rear: its length lies along the line of sight

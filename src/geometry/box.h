@@ -60,7 +60,7 @@ BevBox rectangle(const PictureBox& box);
 /// The box of such a rectangle.
 PictureBox picture_box(const BevBox& rectangle);
 /// The smallest box that holds both.
-PictureBox joined(const PictureBox& a, const PictureBox& b);
+PictureBox united(const PictureBox& a, const PictureBox& b);
 /// What of the box lies within a picture of width × height pixels; a box beyond it becomes one of no area.
 PictureBox within(const PictureBox& box, int width, int height);
 

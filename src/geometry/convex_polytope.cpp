@@ -87,14 +87,14 @@ std::optional<ConvexPolytope> ConvexPolytope::hull(std::span<const Vec3d> points
   constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
   std::vector<std::size_t> worst(points.size(), kNone);
   std::vector<double> far(points.size(), 0);
-  const auto look = [&](std::size_t i, std::size_t f) {
+  const auto assign = [&](std::size_t i, std::size_t f) {
     if (gone[f]) return;
     if (const double out = facets[f].beyond(points[i]); out > far[i]) far[i] = out, worst[i] = f;
   };
   std::vector<bool> used(points.size(), false);
   for (const int i : {a, b, c, d}) used[as_size(i)] = true;
   for (std::size_t i = 0; i < points.size(); ++i)
-    for (std::size_t f = 0; f < facets.size(); ++f) look(i, f);
+    for (std::size_t f = 0; f < facets.size(); ++f) assign(i, f);
   for (;;) {
     double best = kRounding;
     std::size_t next = kNone;
@@ -120,7 +120,7 @@ std::optional<ConvexPolytope> ConvexPolytope::hull(std::span<const Vec3d> points
       if (used[i] || worst[i] == kNone) continue;  // what is inside stays there
       const bool anew = gone[worst[i]];
       if (anew) far[i] = 0, worst[i] = kNone;
-      for (std::size_t f = anew ? 0 : before; f < facets.size(); ++f) look(i, f);
+      for (std::size_t f = anew ? 0 : before; f < facets.size(); ++f) assign(i, f);
     }
   }
   std::size_t whole = 0;

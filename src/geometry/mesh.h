@@ -126,7 +126,7 @@ Mesh icosphere(int subdivisions);
 /// Half lengths (m) of the box that an object on a roof may fill (Tu et al., CoRL 2021).
 inline const Vec3d kRoofBox(0.8, 0.8, 0.5);
 /// m, the longest of an object's measures: what is smaller or larger stands on no car's roof.
-inline constexpr double kSmallestObject = 0.01, kLargestObject = 10;
+inline constexpr double kMinObject = 0.01, kMaxObject = 10;
 /// icosphere(2) stretched to `share` of these half lengths (m), 5×5 mid-grey texels a face: where an attack
 /// starts, and what tells how much of an object each host would show.
 TexturedMesh grey_ellipsoid(const Vec3d& half_lengths, double share = 1);

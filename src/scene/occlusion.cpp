@@ -62,14 +62,14 @@ double angle_off_beam(const std::vector<BeamLine>& lines, const Vec3d& p, std::s
 SweepMotion motion_of(const std::vector<Vec3d>& points, std::vector<double>& phases, const LidarModel& lidar,
                       const SweepMotion& still) {
   constexpr double kFastest = 3, kBetween = 0.25;  // m a turn
-  constexpr double kNearest = 2, kScale = 0.03 * kPi / 180;
-  constexpr std::size_t kMost = 6000;
+  constexpr double kMinDistance = 2, kScale = 0.03 * kPi / 180;
+  constexpr std::size_t kMax = 6000;
   constexpr int kRounds = 20;
   const std::vector<BeamLine> lines = lines_of(lidar);
   std::vector<std::size_t> looked;
-  const std::size_t every = points.size() / kMost + 1;
+  const std::size_t every = points.size() / kMax + 1;
   for (std::size_t i = 0; i < points.size(); i += every)
-    if (points[i].norm() > kNearest) looked.push_back(i);
+    if (points[i].norm() > kMinDistance) looked.push_back(i);
   const auto off = [&](const SweepMotion& by, double scale) {
     double sum = 0;
     for (const std::size_t i : looked) {
@@ -201,9 +201,10 @@ SweepMotion no_motion(std::span<const Vec3d> points, std::vector<double>& phases
 SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lidar) {
   const bool free = lidar.encoder_step == 0;
   const double explained = free ? 0.99 : 0.95;
-  constexpr std::size_t kFewest = 500;  // returns that tell of a motion
+  constexpr std::size_t kMinCount = 500;  // returns that tell of a motion
   build(sweep, {}, {}, false);
-  if (assigned_share_ >= explained || returns_.size() - as_size(skipped_) < kFewest || lidar.beams.size() < 2)
+  if (assigned_share_ >= explained || returns_.size() - as_size(skipped_) < kMinCount ||
+      lidar.beams.size() < 2)
     return;
   std::vector<Vec3d> points;
   for (const Return& r : returns_)

@@ -39,8 +39,8 @@ PlaceChoice read_numbers(const std::string& text) {
   if (words.size() != 4) throw FieldError(kField, text, "is no place", kUse);
   for (int i = 0; i < 3; ++i) {
     place.at[i] = rounded(parse_number(words[as_size(i)], kField));
-    if (!(std::abs(place.at[i]) <= kFarthestPlace))
-      throw FieldError(kField, text, fmt::format("lies beyond {:g} m", kFarthestPlace), kUse);
+    if (!(std::abs(place.at[i]) <= kMaxPlaceDistance))
+      throw FieldError(kField, text, fmt::format("lies beyond {:g} m", kMaxPlaceDistance), kUse);
   }
   const double yaw = parse_number(words[3], kField);
   if (!std::isfinite(yaw)) throw FieldError(kField, text, "turns by no angle", kUse);
@@ -85,14 +85,14 @@ PlaceChoice read_keys(ConfigTable table, const fs::path& file, const std::string
   place.in = static_cast<In>(word("anchor", kAnchors));
   if (place.in == In::world)
     fail("anchor", "a file says where on a host the object stands", "name a side of it");
-  const auto at = table.numbers("offset", 3, -kFarthestPlace, kFarthestPlace);
+  const auto at = table.numbers("offset", 3, -kMaxPlaceDistance, kMaxPlaceDistance);
   for (int i = 0; i < 3; ++i) place.at[i] = rounded(at[as_size(i)]);
   place.yaw = rounded_yaw(table.number("yaw", -360, 360));
-  place.volume = Vec3d(table.numbers("volume", 3, kSmallestObject, kLargestObject).data());
+  place.volume = Vec3d(table.numbers("volume", 3, kMinObject, kMaxObject).data());
   place.box = static_cast<TrueBox>(word("box", words_of(TrueBox())));
   place.victim = static_cast<Victim>(word("victim", words_of(Victim())));
   if (place.victim == Victim::neighbour)
-    place.within = table.number("within", kSmallestObject, kFarthestPlace);
+    place.within = table.number("within", kMinObject, kMaxPlaceDistance);
   else if (table.has("within"))
     fail("within", fmt::format("is of a neighbour, and the victim is the {}", to_word(place.victim)),
          "remove it");
@@ -124,9 +124,9 @@ PlaceChoice read_place(const fs::path& file, const std::string& name) {
   return read_keys(ConfigTable::read(file), file, "", name);
 }
 
-PlaceChoice read_place(const nlohmann::json& said, const fs::path& file, const std::string& key,
+PlaceChoice read_place(const nlohmann::json& stored, const fs::path& file, const std::string& key,
                        const std::string& name) {
-  return read_keys(ConfigTable::of(file, key, said), file, key + ".", name);
+  return read_keys(ConfigTable::of(file, key, stored), file, key + ".", name);
 }
 
 void set_from_text(const std::string& text, PlaceChoice& place) {
@@ -157,9 +157,9 @@ nlohmann::json to_json(const PlaceChoice& place) {
 
 nlohmann::json content_of(const PlaceChoice& place) {
   if (!place.of_file()) return text_of(place);
-  nlohmann::json said = to_json(place), plain = to_json(PlaceChoice());
-  plain["what"] = said["what"];
-  return said == plain ? nlohmann::json(kRoof) : said;
+  nlohmann::json stored = to_json(place), plain = to_json(PlaceChoice());
+  plain["what"] = stored["what"];
+  return stored == plain ? nlohmann::json(kRoof) : stored;
 }
 
 }  // namespace mirage

@@ -55,8 +55,8 @@ struct PlaceChoice {
   bool of_file() const { return !name.empty(); }
 };
 
-/// FieldError for any other text, a file that is not there, a coordinate beyond kFarthestPlace, and an angle
-/// that is not finite. InputError naming file and key for what a file can't say.
+/// FieldError for any other text, a file that is not there, a coordinate beyond kMaxPlaceDistance, and an
+/// angle that is not finite. InputError naming file and key for what a file can't say.
 void set_from_text(const std::string& text, PlaceChoice& place);
 /// NAME or FILE.toml, "roof", or "X,Y,Z,YAW" (m, degrees), with "world:" before it in `velo`.
 std::string text_of(const PlaceChoice& place);
@@ -65,8 +65,8 @@ std::string text_of(const PlaceChoice& place);
 /// host or under the ground, and for `within` without a neighbour.
 PlaceChoice read_place(const std::filesystem::path& file, const std::string& name);
 /// The same of what to_json says, which stands in a `file` (for errors) as its `key`, an object.
-PlaceChoice read_place(const nlohmann::json& said, const std::filesystem::path& file, const std::string& key,
-                       const std::string& name);
+PlaceChoice read_place(const nlohmann::json& stored, const std::filesystem::path& file,
+                       const std::string& key, const std::string& name);
 /// What read_place takes; of a place without a file "world" may be the anchor, too.
 nlohmann::json to_json(const PlaceChoice& place);
 /// What of the place decides a result: its text where no file says more than the plain roof does, else what
@@ -74,6 +74,6 @@ nlohmann::json to_json(const PlaceChoice& place);
 nlohmann::json content_of(const PlaceChoice& place);
 
 /// m along each axis.
-inline constexpr double kFarthestPlace = 1000;
+inline constexpr double kMaxPlaceDistance = 1000;
 
 }  // namespace mirage

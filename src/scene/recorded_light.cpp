@@ -32,8 +32,8 @@
 namespace mirage {
 namespace {
 
-constexpr double kNearestRoad = 5, kFarthestRoad = 20, kAside = 1.5, kThickness = 0.15;  // m
-constexpr std::size_t kFewestReturns = 50;                                               // returns
+constexpr double kMinRoadDistance = 5, kMaxRoadDistance = 20, kAside = 1.5, kThickness = 0.15;  // m
+constexpr std::size_t kMinReturns = 50;                                                         // returns
 constexpr double kGroundQuantile = 0.2;  // quantile of the heights in the corridor: under cars and kerbs
 // Darker is a road in the shade of trees beside sunlit cars, brighter one that mirrors a low sun between
 // shaded ones.
@@ -41,14 +41,14 @@ constexpr double kDarkest = 0.5, kBrightest = 3;
 
 constexpr int kAzimuths = 36;
 constexpr double kElevations[] = {15, 20, 26, 33, 41, 50, 60};  // degrees; shadows' lengths 3.7 … 0.6 heights
-constexpr double kFarthestGround = 35;  // m to a vehicle: further ones have too few ground returns
-constexpr double kAround = 3.5;         // m from a vehicle's outline
-constexpr double kContact = 0.25;       // m: darker in any light, and labels are no more exact
-constexpr double kCaster = 15;          // m from a sample to the middle of what can shade it
-constexpr double kCell = 0.15;          // m: returns of a cell count as one
-constexpr double kGround = 0.2;         // m between a ground return and the vehicle's bottom
-constexpr int kElsewhere = 40;          // degrees of azimuth: a rival direction
-constexpr int kFewest = 60;             // samples around a vehicle
+constexpr double kMaxGroundDistance = 35;  // m to a vehicle: further ones have too few ground returns
+constexpr double kAround = 3.5;            // m from a vehicle's outline
+constexpr double kContact = 0.25;          // m: darker in any light, and labels are no more exact
+constexpr double kCaster = 15;             // m from a sample to the middle of what can shade it
+constexpr double kCell = 0.15;             // m: returns of a cell count as one
+constexpr double kGround = 0.2;            // m between a ground return and the vehicle's bottom
+constexpr int kElsewhere = 40;             // degrees of azimuth: a rival direction
+constexpr int kMinCount = 60;              // samples around a vehicle
 constexpr double kContrasts[] = {0.3, 0.5, 0.8, 1.2, 1.7};  // log luminance outside less inside
 constexpr double kSure = 5;    // confidence that counts; the lowest contrast never does
 constexpr double kBody = 0.8;  // of the box's height: a car is narrower than its box at the top
@@ -266,13 +266,13 @@ std::optional<Vec3d> road_radiance(const Frame& frame) {
   std::vector<Vec3d> corridor;
   for (const LidarPoint& point : frame.sweep) {
     const Vec3d p = point.position().cast<double>();
-    if (!(p.x() >= kNearestRoad && p.x() <= kFarthestRoad && std::abs(p.y()) <= kAside)) continue;
+    if (!(p.x() >= kMinRoadDistance && p.x() <= kMaxRoadDistance && std::abs(p.y()) <= kAside)) continue;
     const bool on_object = std::any_of(frame.labels.begin(), frame.labels.end(), [&](const Label& label) {
       return has_box(label) && contains(label.box, p, kThickness);
     });
     if (!on_object) corridor.push_back(p);
   }
-  if (corridor.size() < kFewestReturns) return std::nullopt;
+  if (corridor.size() < kMinReturns) return std::nullopt;
   std::vector<double> heights;
   for (const Vec3d& p : corridor) heights.push_back(p.z());
   const double ground = quantile(heights, kGroundQuantile);
@@ -286,7 +286,7 @@ std::optional<Vec3d> road_radiance(const Frame& frame) {
     for (int c = 0; c < 3; ++c)
       colours[as_size(c)].push_back(frame.image.at(static_cast<int>(u), static_cast<int>(v), c));
   }
-  if (colours[0].size() < kFewestReturns) return std::nullopt;
+  if (colours[0].size() < kMinReturns) return std::nullopt;
   return Vec3d(quantile(colours[0], 0.5), quantile(colours[1], 0.5), quantile(colours[2], 0.5));
 }
 
@@ -318,9 +318,9 @@ SunEstimate sun_from_shadows(const Frame& frame) {
   for (auto& s : score) s.fill(0);
   SunEstimate best;
   for (const Label& label : frame.labels) {
-    if (!is_vehicle(label) || std::hypot(label.box.bev.x, label.box.bev.y) > kFarthestGround) continue;
+    if (!is_vehicle(label) || std::hypot(label.box.bev.x, label.box.bev.y) > kMaxGroundDistance) continue;
     std::vector<GroundSample> ground_samples = ground_around(frame, Caster(label.box), casters, outlines);
-    if (ground_samples.size() < kFewest) continue;
+    if (ground_samples.size() < kMinCount) continue;
     const Ground ground(std::move(ground_samples));
     const auto& samples = ground.samples();
     ++best.vehicles;
@@ -362,7 +362,7 @@ SunEstimate sun_from_shadows(const Frame& frame) {
   best.score = highest[k];
   best.contrast = kContrasts[std::max_element(score[k].begin(), score[k].end()) - score[k].begin()];
   best.confidence = best.score - other;
-  best.known = best.confidence > kSure && best.contrast > kContrasts[0];
+  best.is_reliable = best.confidence > kSure && best.contrast > kContrasts[0];
   return best;
 }
 
@@ -459,10 +459,10 @@ Lighting with_sun(const Frame& frame, const SunChoice& choice) {
   if (choice.to_sun_velo) lighting.to_sun_velo = *choice.to_sun_velo;
   if (choice.photo) {
     const SunEstimate estimate = sun_from_shadows(frame);
-    static std::atomic_flag said;
-    if (estimate.known)
+    static std::atomic_flag warned;
+    if (estimate.is_reliable)
       lighting.to_sun_velo = estimate.to_sun_velo;
-    else if (!said.test_and_set())
+    else if (!warned.test_and_set())
       spdlog::warn("sun photo: the shadows in frame {} do not tell; such frames keep their own lighting",
                    frame.id);
   }

@@ -34,7 +34,7 @@ Lighting with_road_exposure(const Frame& frame);
 
 /// Where the sun stands, read off the photograph.
 struct SunEstimate {
-  bool known = false;  ///< false where the photograph does not tell
+  bool is_reliable = false;  ///< false where the photograph does not tell
   Vec3d to_sun_velo = Vec3d::UnitZ();
   double contrast = 0;  ///< log luminance outside less inside the shadows, one of a few levels
   /// Log likelihood over that of no shadows; n samples of a vehicle count as √n, being neighbours.

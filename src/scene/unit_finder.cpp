@@ -22,9 +22,9 @@ namespace mirage {
 namespace {
 
 constexpr double kTurn = 2 * std::numbers::pi;
-constexpr std::size_t kFewestHits = 2000;  // of all sweeps
-constexpr std::size_t kFewestOfBeam = 30;  // hits that show a beam
-constexpr std::size_t kFewestBeams = 4, kMostBeams = 256;
+constexpr std::size_t kMinHits = 2000;       // of all sweeps
+constexpr std::size_t kMinBeamReturns = 30;  // hits that show a beam
+constexpr std::size_t kMinBeams = 4, kMaxBeams = 256;
 constexpr double kEnoughOnRays = 0.95;
 
 double rest_of(double value, double modulus) {
@@ -144,7 +144,7 @@ std::vector<double> piles(const std::vector<UnitHit>& hits, double nearest) {
     for (std::size_t b = 0; b < bins; ++b) {
       if (rising) {
         if (smooth[b] > smooth[peak]) peak = b;
-        if (smooth[b] < 0.5 * smooth[peak] && smooth[peak] >= kFewestOfBeam / 2.0)
+        if (smooth[b] < 0.5 * smooth[peak] && smooth[peak] >= kMinBeamReturns / 2.0)
           peaks.push_back(peak), valley = smooth[b], rising = false;
         else if (smooth[b] == 0)
           peak = b;
@@ -163,7 +163,7 @@ std::vector<double> piles(const std::vector<UnitHit>& hits, double nearest) {
     const double spread = 2 * width * kDegree * static_cast<double>(peaks.size());
     // What lies in the peaks above what would if hits were spread evenly.
     const double score = all > 0 ? inside / all - spread / (40 * kDegree) : 0;
-    if (peaks.size() < kMostBeams && score > most) {
+    if (peaks.size() < kMaxBeams && score > most) {
       most = score;
       best.clear();
       for (const std::size_t at : peaks) best.push_back(-kSpan / 2 + (static_cast<double>(at) + 0.5) * kFine);
@@ -267,23 +267,24 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
       const Vec3d outward(hit.p.x() / hit.rho, hit.p.y() / hit.rho, 0);
       const Vec3d up = per_metre * (Vec3d::UnitZ() - lines[b].slope * outward);  // off changes by, a metre
       std::array<std::pair<int, double>, 10> row;  // what of the globals the hit depends on
-      std::size_t held = 0;
+      std::size_t entries = 0;
       if (tilts) {  // the point turns by −w × p and shifts by −o
-        row[held++] = {0, -up.dot(Vec3d::UnitX().cross(hit.p))};
-        row[held++] = {1, -up.dot(Vec3d::UnitY().cross(hit.p))};
-        row[held++] = {2, -up.x()};
-        row[held++] = {3, -up.y()};
+        row[entries++] = {0, -up.dot(Vec3d::UnitX().cross(hit.p))};
+        row[entries++] = {1, -up.dot(Vec3d::UnitY().cross(hit.p))};
+        row[entries++] = {2, -up.x()};
+        row[entries++] = {3, -up.y()};
       }
       if (moves)
         for (int i = 0; i < 3; ++i) {
-          row[held++] = {shared + 6 * hit.sweep + i, -up[i]};
-          row[held++] = {shared + 6 * hit.sweep + 3 + i, -up[i] * hit.phase};
+          row[entries++] = {shared + 6 * hit.sweep + i, -up[i]};
+          row[entries++] = {shared + 6 * hit.sweep + 3 + i, -up[i] * hit.phase};
         }
-      for (std::size_t i = 0; i < held; ++i) {
+      for (std::size_t i = 0; i < entries; ++i) {
         const auto& [column, value] = row[i];
         mixed[b].col(column) -= weight * value * beam_row;
         right[column] -= weight * off * value;
-        for (std::size_t k = 0; k < held; ++k) normal(column, row[k].first) += weight * value * row[k].second;
+        for (std::size_t k = 0; k < entries; ++k)
+          normal(column, row[k].first) += weight * value * row[k].second;
       }
     }
     // Weak priors hold what hits do not show.
@@ -333,7 +334,7 @@ std::vector<BeamLine> lines_in_order(const std::vector<UnitHit>& hits, const std
   for (std::size_t i = 0; i < hits.size(); ++i) groups[{hits[i].sweep, runs[i]}].push_back(&hits[i]);
   std::vector<const std::vector<const UnitHit*>*> order;
   for (const auto& [key, members] : groups)
-    if (members.size() >= kFewestOfBeam) order.push_back(&members);
+    if (members.size() >= kMinBeamReturns) order.push_back(&members);
   std::stable_sort(order.begin(), order.end(),
                    [](const auto* a, const auto* b) { return a->size() > b->size(); });
   const auto off_median = [](const std::vector<const UnitHit*>& run, const auto& line_of_hit) {
@@ -372,7 +373,7 @@ void clean_lines(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines) {
   std::vector<BeamLine> kept;
   std::vector<std::size_t> of_kept;
   for (std::size_t b = 0; b < lines.size(); ++b) {
-    if (counts[b] < kFewestOfBeam) continue;
+    if (counts[b] < kMinBeamReturns) continue;
     const double apart = kept.empty() ? 1 : std::atan(kept.back().slope) - std::atan(lines[b].slope);
     if (apart < 0.03 * kDegree) {
       if (counts[b] > of_kept.back()) kept.back() = lines[b];
@@ -432,7 +433,7 @@ double mean_step(const BeamAzimuths& all) {
       for (std::size_t i = 1; i < sweep.size(); ++i)
         if (const double by = sweep[i] - sweep[i - 1]; by > 0.01 * kDegree && by < 3 * kDegree)
           steps.push_back(by);
-  if (steps.size() < kFewestHits / 4) return 0;
+  if (steps.size() < kMinHits / 4) return 0;
   const double usual = median_of(steps);
   double sum = 0, count = 0;
   for (const double by : steps)
@@ -485,7 +486,7 @@ std::vector<double> coherences(const FarHits& hits, double lateral) {
 /// follow each other evenly; else an encoder's, finer one. 0: there is none.
 double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step) {
   constexpr double kEven = 0.65, kCoherent = 0.5, kClearly = 0.1, kFar = 8, kFinest = 0.02 * kDegree;
-  constexpr double kMostLateral = 0.06, kLateralStep = 0.004;
+  constexpr double kMaxLateral = 0.06, kLateralStep = 0.004;
   constexpr std::size_t kLooked = 4;  // beams, those with the most hits
   std::vector<FarHits> all(beams);
   for (const UnitHit& hit : hits)
@@ -498,7 +499,7 @@ double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step)
   std::stable_sort(all.begin(), all.end(),
                    [](const auto& a, const auto& b) { return a.azimuths.size() > b.azimuths.size(); });
   if (all.size() > kLooked) all.resize(kLooked);
-  std::erase_if(all, [](const auto& of) { return of.azimuths.size() < kFewestOfBeam; });
+  std::erase_if(all, [](const auto& of) { return of.azimuths.size() < kMinBeamReturns; });
   if (all.empty()) return 0;
   std::vector<double> laterals(all.size());
   const auto mean = [&](double per_turn, bool together) {
@@ -524,7 +525,7 @@ double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step)
   for (std::size_t b = 0; b < all.size(); ++b) {
     double most = -1;
     std::vector<double> kept;
-    for (double lateral = -kMostLateral; lateral <= kMostLateral; lateral += kLateralStep) {
+    for (double lateral = -kMaxLateral; lateral <= kMaxLateral; lateral += kLateralStep) {
       std::vector<double> values = coherences(all[b], lateral);
       const double value = *std::max_element(values.begin() + static_cast<std::ptrdiff_t>(first),
                                              values.begin() + static_cast<std::ptrdiff_t>(last));
@@ -551,7 +552,7 @@ double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step)
 
 /// Where the beams' rays leave beside the axis (m): what puts their azimuths on the grid best, near and far.
 std::vector<double> laterals_of(const std::vector<UnitHit>& hits, std::size_t beams, double grid) {
-  constexpr double kMost = 0.06, kStep = 0.002, kNear = 2, kGain = 0.02;
+  constexpr double kMax = 0.06, kStep = 0.002, kNear = 2, kGain = 0.02;
   std::vector<std::vector<std::pair<double, double>>> seen(beams);  // azimuth, ρ
   for (const UnitHit& hit : hits)
     if (hit.rho > kNear) seen[as_size(hit.beam)].push_back({std::atan2(hit.p.y(), hit.p.x()), hit.rho});
@@ -564,7 +565,7 @@ std::vector<double> laterals_of(const std::vector<UnitHit>& hits, std::size_t be
       return std::abs(sum) / std::max<double>(1, static_cast<double>(seen[b].size()));
     };
     double best = coherent(0) + kGain;
-    for (double lateral = -kMost; lateral <= kMost; lateral += kStep)
+    for (double lateral = -kMax; lateral <= kMax; lateral += kStep)
       if (const double value = coherent(lateral); value > best) best = value, laterals[b] = lateral;
   }
   return laterals;
@@ -661,11 +662,11 @@ std::vector<double> phases_between(const BeamAzimuths& all, double step) {
 
 /// Height of the velo origin over the ground: the fullest layer of low returns near by.
 double height_over_ground(const std::vector<UnitHit>& hits) {
-  constexpr double kNearest = 4, kFarthestReturn = 20, kLayer = 0.05;
+  constexpr double kMinDistance = 4, kMaxReturnDistance = 20, kLayer = 0.05;
   std::map<long, std::size_t> layers;
   for (const UnitHit& hit : hits)
     if (const double rho = hit.p_velo.head<2>().norm();
-        rho > kNearest && rho < kFarthestReturn && hit.p_velo.z() < -0.5)
+        rho > kMinDistance && rho < kMaxReturnDistance && hit.p_velo.z() < -0.5)
       ++layers[std::lround(hit.p_velo.z() / kLayer)];
   if (layers.empty()) return 0;
   const auto fullest = std::max_element(layers.begin(), layers.end(),
@@ -713,7 +714,7 @@ FoundUnit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, 
       runs[c].insert(runs[c].end(), order.begin(), order.end());
     }
   }
-  if (hits.size() < kFewestHits) throw refuse(fmt::format("{} returns are too few", hits.size()));
+  if (hits.size() < kMinHits) throw refuse(fmt::format("{} returns are too few", hits.size()));
 
   UnitPose pose = still;
   place_hits(hits, pose);
@@ -736,10 +737,10 @@ FoundUnit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, 
   const auto settle = [&](bool tilts, bool moves, double nearest, double scale) {
     constexpr double kClearly = 0.002;
     clean_lines(hits, lines);
-    if (lines.size() < kFewestBeams) return;
+    if (lines.size() < kMinBeams) return;
     refine(hits, lines, pose, tilts, moves, nearest, scale);
     clean_lines(hits, lines);
-    if (lines.size() < kFewestBeams) return;
+    if (lines.size() < kMinBeams) return;
     if (const double on = on_beams(hits, lines); on > best.on + kClearly) best = {lines, pose, on};
   };
   const auto restart = [&] {

@@ -36,9 +36,9 @@ void spread(const Image<double>& from, const std::array<double, kBlurReach + 1>&
 CameraEffects parse_camera_effects(const std::string& words) {
   CameraEffects effects;
   if (words == "ideal") return effects;
-  std::vector<std::string> known = {"blur", "noise"};
-  if (words.find(',') == words.npos) known.insert(known.begin(), {"ideal", "unit"});
-  if (words.empty()) throw unknown_word("camera_effects", words, known);
+  std::vector<std::string> choices = {"blur", "noise"};
+  if (words.find(',') == words.npos) choices.insert(choices.begin(), {"ideal", "unit"});
+  if (words.empty()) throw unknown_word("camera_effects", words, choices);
   for (const std::string& word : listed_words(words == "unit" ? "blur,noise" : words)) {
     if (word == "blur") {
       effects.blur_sigma = kLensBlur;
@@ -46,7 +46,7 @@ CameraEffects parse_camera_effects(const std::string& words) {
       effects.shot = 7e-5;
       effects.read_sigma = 1.25e-3;
     } else {
-      throw unknown_word("camera_effects", word, known);
+      throw unknown_word("camera_effects", word, choices);
     }
   }
   return effects;

@@ -15,7 +15,7 @@ namespace mirage {
 namespace {
 
 /// Beams × firings of the densest unit that is read; a VLS-128 at its finest (0.1°) has 460 800.
-constexpr std::int64_t kMostRays = 1 << 23;
+constexpr std::int64_t kMaxRays = 1 << 23;
 
 /// The file of the unit that `file` names in its `field`: a shipped one, since a rig file comes with a data
 /// set from anybody and reaches no further; and one that does not lead to another.
@@ -145,9 +145,9 @@ LidarModel read_lidar_model(const std::filesystem::path& path) {
   table.check_all_known();
   demand(model.azimuth_max > model.azimuth_min, "azimuth", "the field is empty", "write [smallest, largest]");
   const std::int64_t rays = static_cast<std::int64_t>(model.beams.size()) * model.azimuth_count();
-  demand(rays <= kMostRays, "beams, azimuth_step",
+  demand(rays <= kMaxRays, "beams, azimuth_step",
          fmt::format("{} beams of {} firings are more than {} rays", model.beams.size(),
-                     model.azimuth_count(), kMostRays)
+                     model.azimuth_count(), kMaxRays)
              .c_str(),
          "give fewer beams or a larger step");
   demand(model.range_max > model.range_min, "range", "the limits are out of order",

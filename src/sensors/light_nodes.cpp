@@ -73,7 +73,7 @@ class Nodes {
   }
 
   /// Which side of each face the camera looks at, how large, and where it sees it.
-  void look(RayPencil& pencil, const Vec3d& eye) {
+  void set_eye(RayPencil& pencil, const Vec3d& eye) {
     const std::vector<Vec2d>& points = texel_centroids(kLooks);
     std::vector<Vec3f> targets;
     for (std::size_t f = 0; f < mesh_.faces.size(); ++f) {
@@ -302,15 +302,15 @@ LightNodes light_nodes(const TexturedMesh& placed, const Vec3d& centre, RayPenci
                        const VisibleLightSettings& settings) {
   Nodes nodes(placed, centre, settings);
   const bool has_eye = pencil && eye;
-  if (has_eye) nodes.look(*pencil, *eye);
+  if (has_eye) nodes.set_eye(*pencil, *eye);
   nodes.make_patches();
   if (has_eye) nodes.look_at_patches(*pencil);
   if (has_eye && settings.glossy) nodes.view(*eye);
   return nodes.finish(around, has_eye);
 }
 
-LightAround::LightAround(const Lighting& light, const LightSurroundings* around, const Vec3d& centre,
-                         RoofCells cells)
+LightEnvironment::LightEnvironment(const Lighting& light, const LightSurroundings* around,
+                                   const Vec3d& centre, RoofCells cells)
     : light_(light), around_(around), cells_(cells) {
   if (!around) return;
   roof_from_velo_ = around->velo_from_roof.inverse();
@@ -320,18 +320,18 @@ LightAround::LightAround(const Lighting& light, const LightSurroundings* around,
                          .cwiseQuotient(roof_.sizes().cwiseMax(1e-3f));
 }
 
-Vec3d LightAround::sky(const Vec3d& direction) const {
+Vec3d LightEnvironment::sky(const Vec3d& direction) const {
   return light_.ambient + light_.hemisphere / 2 + 0.75 * direction.z() * light_.hemisphere;
 }
 
-LightAround::Sheen LightAround::sheen(const Vec3d& normal, const Vec3d& direction) const {
+LightEnvironment::Sheen LightEnvironment::sheen(const Vec3d& normal, const Vec3d& direction) const {
   const Vec3d v = -direction;
   return {specular_albedo(normal.dot(v)) * sky(direction + 2 * normal.dot(v) * normal),
           specular_response(normal, light_.to_sun_velo, v) * light_.sun};
 }
 
 /// Radiance of a level surface under the open sky, met along a direction that goes down.
-Vec3d LightAround::level_radiance(const Vec3d& albedo, const Vec3d& direction) const {
+Vec3d LightEnvironment::level_radiance(const Vec3d& albedo, const Vec3d& direction) const {
   const Vec3d n = Vec3d::UnitZ(), &l = light_.to_sun_velo;
   const Vec3d lit = light_.ambient + light_.hemisphere +
                     std::max(0.0, l.z()) * diffuse_response(n, l, -direction) * light_.sun;
@@ -339,7 +339,7 @@ Vec3d LightAround::level_radiance(const Vec3d& albedo, const Vec3d& direction) c
   return albedo.cwiseProduct(lit) + gloss.sky + gloss.sun;
 }
 
-LightAround::Along LightAround::along(const Vec3d& direction) const {
+LightEnvironment::Along LightEnvironment::along(const Vec3d& direction) const {
   Along along;
   along.towards = direction.cast<float>();
   along.goes_down = direction.z() < 0;
@@ -365,7 +365,7 @@ LightAround::Along LightAround::along(const Vec3d& direction) const {
   return along;
 }
 
-int LightAround::meet(const Along& along, const Vec3f& start) const {
+int LightEnvironment::meet(const Along& along, const Vec3f& start) const {
   if (!around_) return kSky;
   if (along.falls) {
     const Vec2f at = along.crossing * start + along.crossing_offset;

@@ -82,13 +82,14 @@ LightNodes light_nodes(const TexturedMesh& placed, const Vec3d& centre, RayPenci
 // What the rays of a light meet that miss the object (sensors/visible_light.h): sky, the roof under it, the
 // vehicle's outline and the road.
 
-class LightAround {
+class LightEnvironment {
  public:
   /// What meet() answers beside a cell.
   static constexpr int kSky = -1, kDeck = -2, kRoad = -3;
 
   /// Sky alone where `around` is null. Rays start relative to `centre` (velo). Both must outlive this.
-  LightAround(const Lighting& light, const LightSurroundings* around, const Vec3d& centre, RoofCells cells);
+  LightEnvironment(const Lighting& light, const LightSurroundings* around, const Vec3d& centre,
+                   RoofCells cells);
 
   /// One direction, and the radiance that comes against it.
   struct Along {

@@ -37,7 +37,7 @@ SunShares share_sun(const LightNodes& nodes, RayPencil* pencil, RayPencil* besid
 namespace {
 
 constexpr int kUnseenRays = 2;  // 2² rays from a side that only reflections show
-constexpr int kMostParts = 8;   // a texel is split into 8² at most
+constexpr int kMaxParts = 8;    // a texel is split into 8² at most
 /// A border is looked for this many edges of samples' triangles around where two differ.
 constexpr double kBorder = 2.1;
 
@@ -80,7 +80,7 @@ class SunTracer {
     return leaf.at(static_cast<float>(b01.y()), static_cast<float>(1 - b01.sum()));
   }
   /// Whether each ray from there reaches the sun.
-  std::vector<std::uint8_t> look(const std::vector<Vec3f>& starts) {
+  std::vector<std::uint8_t> visible_from(const std::vector<Vec3f>& starts) {
     std::vector<std::uint8_t> sees(starts.size(), 0);
     if (starts.empty()) return sees;
     shares_.rays += starts.size();
@@ -112,7 +112,7 @@ class SunTracer {
     const auto first_cell = as_size(nodes_.patches());
     for (std::size_t i = first_cell; i < nodes_.leaves.size(); ++i)
       if (is_turned_to_sun(nodes_.leaves[i])) starts.push_back(nodes_.leaves[i].at(0.5f, 0.5f));
-    const std::vector<std::uint8_t> sees = look(starts);
+    const std::vector<std::uint8_t> sees = visible_from(starts);
     auto next = sees.begin();
     for (Samples& samples : lit_) {
       samples.lit.assign(next, next + samples.n * samples.n);
@@ -139,7 +139,7 @@ class SunTracer {
           std::find(lit.begin(), lit.end(), 1) == lit.end())
         continue;
       const double texel = nodes_.angles[side] / (resolution_ * resolution_),
-                   parts = std::min<double>(std::ceil(std::sqrt(texel / settings_.sun_angle)), kMostParts);
+                   parts = std::min<double>(std::ceil(std::sqrt(texel / settings_.sun_angle)), kMaxParts);
       if (!(parts > 1)) continue;
       const int n = resolution_ * static_cast<int>(parts);
       const std::vector<std::uint8_t> near = near_border(samples);
@@ -157,7 +157,7 @@ class SunTracer {
       resolutions_[nodes_.face_of(side)] = n;
       bordered.push_back(std::move(again));
     }
-    const std::vector<std::uint8_t> sees = look(starts);
+    const std::vector<std::uint8_t> sees = visible_from(starts);
     auto next = sees.begin();
     for (Again& again : bordered) {
       for (const std::size_t place : again.places) again.lit[place] = *next++;
@@ -247,7 +247,7 @@ struct Sums {
   float cosine = 0, response = 0;
 
   /// What is not the sky's, along a ray.
-  void add(const Vec3f& light, float of_response, const LightAround::Along& along) {
+  void add(const Vec3f& light, float of_response, const LightEnvironment::Along& along) {
     const Eigen::Vector4f colour(light.x(), light.y(), light.z(), 0);
     specular += of_response * colour;
     blocked += (colour - along.sky) * along.towards.transpose();
@@ -325,17 +325,17 @@ class Tracer {
         others.push_back(i);
       }
     }
-    std::vector<bool> asked(as_size(nodes()), false);
+    std::vector<bool> requested(as_size(nodes()), false);
     for (const auto* list : {&seen, &others})
-      for (const int i : *list) asked[as_size(i)] = true;
+      for (const int i : *list) requested[as_size(i)] = true;
     trace(seen, settings_.directions);
     std::size_t first = 0;
     do {
       const std::size_t end = links_.size();
       for (; first < end; ++first) {
         const int node = links_[first].met;
-        if (!asked[as_size(node)]) others.push_back(node);
-        asked[as_size(node)] = true;
+        if (!requested[as_size(node)]) others.push_back(node);
+        requested[as_size(node)] = true;
       }
       std::sort(others.begin(), others.end());
       trace(others, settings_.rough_directions);
@@ -419,7 +419,7 @@ class Tracer {
 
   /// What rays along a direction bring.
   void add(const Rays& rays, int direction) {
-    const LightAround::Along& along = directions_[as_size(direction)];
+    const LightEnvironment::Along& along = directions_[as_size(direction)];
     result_.rays += rays.nodes.size();
     for (std::size_t ray = 0; ray < rays.nodes.size(); ++ray) {
       const int node = rays.nodes[ray];
@@ -440,10 +440,10 @@ class Tracer {
         continue;
       }
       const int met = around_->meet(along, rays.starts[ray]);
-      if (met == LightAround::kSky) {
+      if (met == LightEnvironment::kSky) {
         sums.specular += response * along.sky;
       } else if (met < 0) {
-        sums.add(met == LightAround::kDeck ? along.deck : along.road, response, along);
+        sums.add(met == LightEnvironment::kDeck ? along.deck : along.road, response, along);
       } else {
         links_.push_back({node, nodes_.patches() + met, direction, response});
       }
@@ -501,7 +501,7 @@ class Tracer {
     for (std::size_t i = 0; i < links_.size(); ++i) {
       const Link& link = links_[i];
       const auto node = as_size(link.node);
-      const LightAround::Along& along = directions_[as_size(link.direction)];
+      const LightEnvironment::Along& along = directions_[as_size(link.direction)];
       const auto sunny = static_cast<float>(result_.sun_share[as_size(link.met)]);
       const bool is_cell = link.met >= nodes_.patches(), is_glossy = !is_cell && !nodes_.views.empty();
       const Vec3f fixed =
@@ -556,8 +556,8 @@ class Tracer {
   std::optional<RayPencil> pencil_, beside_;
   std::vector<Vec3f> beside_light_;  ///< radiance of each face of the vehicle beside the object
   LightNodes nodes_;
-  std::optional<LightAround> around_;
-  std::vector<LightAround::Along> directions_;
+  std::optional<LightEnvironment> around_;
+  std::vector<LightEnvironment::Along> directions_;
   std::map<int, std::size_t> lattices_;         ///< by their number of directions: where theirs start
   std::vector<Sums> sums_;                      ///< of each node
   std::vector<bool> traced_;                    ///< of each node: it has sent rays, or does

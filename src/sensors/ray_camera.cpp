@@ -15,7 +15,7 @@ namespace {
 constexpr float kLift = 2e-3f;         // m, secondary rays start this far off the surface
 constexpr float kSkyReach = 12.f;      // m, beyond which nothing blocks the sky's light
 constexpr float kOpenDistance = 1.5f;  // m, from which a neighbouring surface counts as lit
-constexpr int kMostPanes = 4;          // a car has two windows in a row
+constexpr int kMaxPanes = 4;           // a car has two windows in a row
 constexpr float kGlossyLimit = 0.4f;   // highlights of the sun's disc are wider than the real sun's
 
 std::vector<Mesh> meshes_of(std::span<const Surface> surfaces) {
@@ -124,7 +124,7 @@ class Shader {
   Vec3f behind(const Vec3f& p, const Vec3f& d, float footprint, RandomStream& random) const {
     Ray ray{p, d, kLift, 300.f};
     float left = 1;
-    for (int layer = 0; layer < kMostPanes; ++layer) {
+    for (int layer = 0; layer < kMaxPanes; ++layer) {
       const Hit hit = scene_.caster.intersect(ray);
       if (!hit.hit()) return left * miss(d);
       const Material& m = scene_.materials[as_size(hit.mesh)];

@@ -296,7 +296,7 @@ bool RayCaster::occluded(const Ray& ray) const {
 }
 
 struct MeshDistance::State {
-  explicit State(const Mesh& given) : mesh(given), winding(given) {}
+  explicit State(const Mesh& source) : mesh(source), winding(source) {}
   State(const State&) = delete;
   State& operator=(const State&) = delete;
   ~State() {

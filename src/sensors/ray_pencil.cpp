@@ -41,7 +41,7 @@ inline constexpr float kFar = 1e30f;
 inline constexpr float kEdgeOn = 1e-12f;
 /// Rays to a cell, and how many times as high as wide one is: narrow ones cost nothing in a row.
 inline constexpr float kRaysPerCell = 1.5f, kTall = 3;
-inline constexpr int kMostRows = 64;
+inline constexpr int kMaxRows = 64;
 
 /// Eight floats that stand for eight faces.
 struct alignas(32) Eight {
@@ -222,8 +222,8 @@ struct Cells {
       : x0(faces.x_low), x1(faces.x_high), y0(faces.y_low), y1(faces.y_high) {
     if (!(x0 <= x1)) return;
     const float width = x1 - x0, height = y1 - y0, cells = static_cast<float>(rays) / kRaysPerCell;
-    rows = std::clamp(static_cast<int>(std::sqrt(cells * height / (width * kTall))), 1, kMostRows);
-    columns = std::clamp(static_cast<int>(cells / static_cast<float>(rows)), 1, 4 * kMostRows);
+    rows = std::clamp(static_cast<int>(std::sqrt(cells * height / (width * kTall))), 1, kMaxRows);
+    columns = std::clamp(static_cast<int>(cells / static_cast<float>(rows)), 1, 4 * kMaxRows);
     per_x = static_cast<float>(columns) / width, per_y = static_cast<float>(rows) / height;
   }
   bool hold(float x, float y) const { return x >= x0 && x <= x1 && y >= y0 && y <= y1; }
@@ -352,7 +352,7 @@ void meet_all(const Faces& faces, std::span<const Vec3f> points, std::span<RayPe
 struct RayPencil::State : pencil::Faces {
   pencil::Rays rays;
 
-  void look(const Vec3f& axis) {
+  void set_eye(const Vec3f& axis) {
     const Vec3f z = axis.normalized(), x = z.unitOrthogonal(), y = z.cross(x);
     const Vec3f axes[3] = {x, y, z};
     for (std::size_t a = 0; a < 3; ++a)
@@ -391,14 +391,14 @@ RayPencil& RayPencil::operator=(RayPencil&&) noexcept = default;
 void RayPencil::along(const Vec3f& direction) {
   state_->view.point = {};
   state_->view.perspective = false;
-  state_->look(direction);
+  state_->set_eye(direction);
 }
 
 void RayPencil::from(const Vec3f& point, const Vec3f& axis) {
   for (std::size_t c = 0; c < 3; ++c)
     state_->view.point[c] = state_->scale * point[static_cast<Eigen::Index>(c)];
   state_->view.perspective = true;
-  state_->look(axis);
+  state_->set_eye(axis);
 }
 
 void RayPencil::intersect(std::span<const Vec3f> points, std::span<Met> met) const {

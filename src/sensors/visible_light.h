@@ -89,7 +89,7 @@ struct VisibleLightSettings {
 };
 template <class Visitor, FieldsOf<VisibleLightSettings> S>
 void visit_fields(Visitor& visit, S& s) {
-  constexpr Range angle{0, Range::kMost};
+  constexpr Range angle{0, Range::kMax};
   visit({.name = "directions", .range = {1, 65536}, .option = ""}, s.directions);
   visit({.name = "rough_directions", .range = {1, 65536}, .option = ""}, s.rough_directions);
   visit({.name = "bounces", .range = {0, 64}, .option = ""}, s.bounces);

@@ -280,7 +280,7 @@ constexpr double kOutside = 5e-5;
 /// What is not further behind the silhouette than this (m) is the object's surface there.
 constexpr double kSameSurface = 1e-3;
 constexpr double kSamplesPerCell = 2;
-constexpr double kMostSamples = 4096;  // of an edge: a unit that is almost inside the object
+constexpr double kMaxSamples = 4096;  // of an edge: a unit that is almost inside the object
 
 class Tracer {
  public:
@@ -369,7 +369,7 @@ class Tracer {
     if (!cell) return;
     const double cells =
         std::max(std::abs(cell->left_per_metre.dot(b - a)), std::abs(cell->up_per_metre.dot(b - a)));
-    const int count = static_cast<int>(std::clamp(std::ceil(kSamplesPerCell * cells), 1.0, kMostSamples));
+    const int count = static_cast<int>(std::clamp(std::ceil(kSamplesPerCell * cells), 1.0, kMaxSamples));
     for (int k = 0; k < count; ++k) {
       Candidate c{&edge, (k + 0.5) / count, {}, (b - a) / count, {}, {}};
       c.p = a + c.share * (b - a);

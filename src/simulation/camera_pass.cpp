@@ -186,7 +186,7 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placem
   for (const Vec3d& v : placed.mesh.vertices) tape.p_camera.push_back(camera_from_velo * v);
   tape.settings = settings.raster;
   set_depth_range(tape.p_camera, used_vertices(placed.mesh), tape.settings);
-  if (settings.exact_coverage) tape.settings.sigma = kSmallestSigma;  // edges reach no further than the faces
+  if (settings.exact_coverage) tape.settings.sigma = kMinSigma;  // edges reach no further than the faces
   tape.light = light_on(prepared, placement, placed, settings, calibration);
   tape.projected = project_mesh(tape.p_camera, placed.mesh.faces, camera, kNearPlane, Texture::atlas,
                                 tape.light->grid(), tape.light->lit(placed.atlas.texels));

@@ -133,14 +133,14 @@ void check_object(const TexturedMesh& object, const std::string& where) {
   check_textured(object, where);
   const Eigen::AlignedBox3d box = bounds(object.mesh);
   const double longest = box.sizes().maxCoeff();
-  if (!(longest >= kSmallestObject && longest <= kLargestObject))
+  if (!(longest >= kMinObject && longest <= kMaxObject))
     throw InputError(where, "size",
                      fmt::format("{} is no object for a car's roof ({:g} to {:g} m)", in_metres(box.sizes()),
-                                 kSmallestObject, kLargestObject),
+                                 kMinObject, kMaxObject),
                      unit_fix(longest));
-  constexpr double kFurthestOff = 2;  // m
+  constexpr double kMaxOffset = 2;  // m
   const Vec2d outside = box.min().head<2>().cwiseMax(-box.max().head<2>()).cwiseMax(0.0);
-  if (outside.norm() > kFurthestOff)
+  if (outside.norm() > kMaxOffset)
     throw InputError(where, "place",
                      fmt::format("lies {:.3g} m beside its origin, which is set on the roof", outside.norm()),
                      "move the mesh to its origin");
@@ -217,15 +217,15 @@ void check_upstream(const Simulated& simulated, const Upstream& upstream) {
                      "does not have one entry for each of the other cameras and measurements",
                      "give null for those without a gradient");
   for (std::size_t k = 0; k < upstream.others.size(); ++k) {
-    const GradientView& given = upstream.others[k];
-    if (!given) continue;
+    const GradientView& gradient = upstream.others[k];
+    if (!gradient) continue;
     if (k < cameras) {
-      check_pixels(fmt::format("d_image of other camera {}", k), simulated.others[k], given);
+      check_pixels(fmt::format("d_image of other camera {}", k), simulated.others[k], gradient);
       continue;
     }
     const Measurement& measured = simulated.measurements[k - cameras];
     for (std::size_t i = 0; i < measured.data.size(); ++i)
-      if (!std::isfinite(given[i]))
+      if (!std::isfinite(gradient[i]))
         throw Failure(where, fmt::format("{} value {} is {}", measured.name, i, kNotFinite), fix);
   }
   const GradientView& presence = upstream.presence;

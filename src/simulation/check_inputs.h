@@ -17,7 +17,7 @@ void check_lidar(const LidarModel& lidar);
 void check_placement(const Placement& placement);
 /// A mesh with faces and texels, of any size. InputError naming `where`.
 void check_textured(const TexturedMesh& object, const std::string& where);
-/// What a user puts on a roof: a mesh with faces and texels, of kSmallestObject to kLargestObject, that comes
+/// What a user puts on a roof: a mesh with faces and texels, of kMinObject to kMaxObject, that comes
 /// within 2 m of its origin, which is set on the roof. InputError naming `where`, with the size and the unit
 /// that it may be in.
 void check_object(const TexturedMesh& object, const std::string& where);

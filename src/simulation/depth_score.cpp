@@ -18,17 +18,17 @@ namespace {
 using Mask = Image<std::uint8_t>;
 
 /// Held-back returns without those that a nearer kept return close by contradicts.
-Mask consistent_pixels(const ImageF& held, const ImageF& kept) {
+Mask consistent_pixels(const ImageF& withheld, const ImageF& remaining) {
   constexpr int kNearBand = 3;      // pixels
   constexpr double kClearBy = 1.0;  // m
-  Mask fine(held.width, held.height, 1);
-  for (int v = 0; v < held.height; ++v)
-    for (int u = 0; u < held.width; ++u) {
-      if (!(held.at(u, v) > 0)) continue;
+  Mask fine(withheld.width, withheld.height, 1);
+  for (int v = 0; v < withheld.height; ++v)
+    for (int u = 0; u < withheld.width; ++u) {
+      if (!(withheld.at(u, v) > 0)) continue;
       bool contradicted = false;
-      for (int y = std::max(0, v - kNearBand); y <= std::min(held.height - 1, v + kNearBand); ++y)
-        for (int x = std::max(0, u - kNearBand); x <= std::min(held.width - 1, u + kNearBand); ++x)
-          contradicted |= kept.at(x, y) > 0 && kept.at(x, y) < held.at(u, v) - kClearBy;
+      for (int y = std::max(0, v - kNearBand); y <= std::min(withheld.height - 1, v + kNearBand); ++y)
+        for (int x = std::max(0, u - kNearBand); x <= std::min(withheld.width - 1, u + kNearBand); ++x)
+          contradicted |= remaining.at(x, y) > 0 && remaining.at(x, y) < withheld.at(u, v) - kClearBy;
       fine.at(u, v) = !contradicted;
     }
   return fine;
@@ -95,16 +95,16 @@ void RoofPixels::add(bool kept, bool rightly_kept) {
   wrongly_dropped += !kept && rightly_kept;
 }
 
-void hold_back(const Sweep& sweep, double share, std::uint64_t seed, const std::string& id, Sweep& kept,
-               Sweep& held) {
+void withhold(const Sweep& sweep, double share, std::uint64_t seed, const std::string& id, Sweep& remaining,
+              Sweep& withheld) {
   RandomStream random(seed, "held-back returns", fnv1a(id));
-  for (const LidarPoint& point : sweep) (random.uniform() < share ? held : kept).push_back(point);
+  for (const LidarPoint& point : sweep) (random.uniform() < share ? withheld : remaining).push_back(point);
 }
 
 std::vector<DepthScore> score_depth(const DepthScoreOptions& options,
                                     std::span<const std::unique_ptr<DepthCompletion>> backends,
                                     const TexturedMesh& adversary,
-                                    const std::function<void(std::size_t, std::size_t)>& tell) {
+                                    const std::function<void(std::size_t, std::size_t)>& progress) {
   if (options.hidden < 0 || options.hidden >= 1)
     throw FieldError("hide", "", "must be a share in [0, 1)", "try 0.2");
   std::vector<std::string> ids = list_frames(options.data);
@@ -117,15 +117,15 @@ std::vector<DepthScore> score_depth(const DepthScoreOptions& options,
   for (std::size_t f = 0; f < ids.size(); ++f) {
     throw_if_interrupted("nothing was written: scores come at the end");
     const Frame frame = read_frame(options.data, ids[f]);
-    Sweep kept, held;
-    hold_back(frame.sweep, options.hidden, options.seed, ids[f], kept, held);
-    const ImageF sparse = sparse_depth(kept, frame.calibration);
+    Sweep remaining, withheld;
+    withhold(frame.sweep, options.hidden, options.seed, ids[f], remaining, withheld);
+    const ImageF sparse = sparse_depth(remaining, frame.calibration);
     const bool by_returns = options.hidden > 0;
     const auto file = true_depth_file(options.data, ids[f]);
     if (!by_returns && !std::filesystem::exists(file))
       throw InputError(file.string(), "", "missing (the frame's true depth)",
                        "make the set with mirage generate --depth, or hold returns back with --hide 0.2");
-    const ImageF truth = by_returns ? sparse_depth(held, frame.calibration) : read_depth_png(file);
+    const ImageF truth = by_returns ? sparse_depth(withheld, frame.calibration) : read_depth_png(file);
     if (truth.data.size() != sparse.data.size())
       throw InputError(file.string(), "size", "differs from the picture's", "make the data set anew");
 
@@ -159,7 +159,7 @@ std::vector<DepthScore> score_depth(const DepthScoreOptions& options,
       if (by_returns) consistent[b].add(depth_errors(truth, dense[b], options.farthest, fine));
     }
     if (!by_returns) check_roofs(frame, truth, dense, options.border, adversary, scores);
-    tell(f + 1, ids.size());
+    progress(f + 1, ids.size());
   }
   for (std::size_t b = 0; b < n; ++b) {
     scores[b].name = backends[b]->name();

@@ -55,10 +55,10 @@ struct DepthScore {
 std::vector<DepthScore> score_depth(const DepthScoreOptions& options,
                                     std::span<const std::unique_ptr<DepthCompletion>> backends,
                                     const TexturedMesh& adversary,
-                                    const std::function<void(std::size_t, std::size_t)>& tell);
+                                    const std::function<void(std::size_t, std::size_t)>& progress);
 
 /// Splits the returns: each is held back with probability `share`, by (seed, frame id).
-void hold_back(const Sweep& sweep, double share, std::uint64_t seed, const std::string& id, Sweep& kept,
-               Sweep& held);
+void withhold(const Sweep& sweep, double share, std::uint64_t seed, const std::string& id, Sweep& remaining,
+              Sweep& withheld);
 
 }  // namespace mirage

@@ -184,10 +184,10 @@ const Quality& quality_of(const std::string& name) {
 }
 
 void apply_quality(const std::string& name, SimulationSettings& settings,
-                   const std::function<bool(const char* option)>& given) {
+                   const std::function<bool(const char* option)>& is_set) {
   if (name.empty()) return;
   const Quality& quality = quality_of(name);
-  const auto free = [&](const char* option) { return !given || !given(option); };
+  const auto free = [&](const char* option) { return !is_set || !is_set(option); };
   for (const char* option : kSoftOptions)
     if (quality.exact && !free(option))
       throw InputError(option, "", "means nothing at --quality exact, which draws exact areas",

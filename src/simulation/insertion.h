@@ -61,6 +61,6 @@ const Quality& quality_of(const std::string& name);
 /// whether it is one. An empty name changes nothing. InputError for an unknown one, and for such an option
 /// beside `exact`.
 void apply_quality(const std::string& name, SimulationSettings& settings,
-                   const std::function<bool(const char* option)>& given = {});
+                   const std::function<bool(const char* option)>& is_set = {});
 
 }  // namespace mirage

@@ -16,9 +16,9 @@
 namespace mirage {
 namespace {
 
-constexpr double kDepthMargin = 0.5;              // m around the scene's depth range
-constexpr double kDepthSoftness = 0.03;           // m; the default γ times (far − near)
-constexpr std::size_t kMostTexels = 170'000'000;  // 4 GB
+constexpr double kDepthMargin = 0.5;             // m around the scene's depth range
+constexpr double kDepthSoftness = 0.03;          // m; the default γ times (far − near)
+constexpr std::size_t kMaxTexels = 170'000'000;  // 4 GB
 
 void check(const RenderScene& scene, const ImageF& background) {
   const PinholeCamera& camera = scene.camera;
@@ -50,13 +50,13 @@ void check(const RenderScene& scene, const ImageF& background) {
 }
 
 /// All things as one mesh with one atlas resolution.
-TexturedMesh joined(const RenderScene& scene) {
+TexturedMesh merged(const RenderScene& scene) {
   std::size_t resolution = 1, faces = 0;
   for (const auto& thing : scene.things) {
     faces += thing.textured.mesh.faces.size();
     if (!thing.textured.atlas.texels.empty())
       resolution = std::lcm(resolution, as_size(thing.textured.atlas.resolution));
-    if (resolution > 4096 || faces * resolution * resolution > kMostTexels)
+    if (resolution > 4096 || faces * resolution * resolution > kMaxTexels)
       throw InputError(
           "scene", "texels",
           fmt::format("{} faces with {}×{} texels each are too many", faces, resolution, resolution),
@@ -118,7 +118,7 @@ ImageF depth_at_centres(const std::vector<Vec3d>& p_camera, const std::vector<Fa
 
 void render_soft(const RenderScene& scene, const SceneRenderSettings& settings, const ImageF& background,
                  SceneImage& out) {
-  const TexturedMesh all = joined(scene);
+  const TexturedMesh all = merged(scene);
   std::vector<Vec3d> p_camera;
   p_camera.reserve(all.mesh.vertices.size());
   for (const Vec3d& v : all.mesh.vertices) p_camera.push_back(scene.camera_from_velo * v);

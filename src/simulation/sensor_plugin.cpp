@@ -20,7 +20,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* kSensorPlugins = "sensor";
-constexpr std::int64_t kMostValues = std::int64_t{1} << 28;
+constexpr std::int64_t kMaxValues = std::int64_t{1} << 28;
 
 fs::path sensor_file(const std::string& word) {
   if (fs::path(word).extension() == ".so") {
@@ -88,22 +88,23 @@ struct Instance {
     if (!sensor)
       throw InputError(file.string(), "", error[0] ? error : "the plugin gave no reason",
                        "rebuild the plugin");
-    const MirageSensorWord* told = call_plugin(file, "word", [&] { return api->word(sensor); });
+    const MirageSensorWord* word_of_plugin = call_plugin(file, "word", [&] { return api->word(sensor); });
     const auto bad = [&](const char* field, const char* problem) {
       api->destroy(sensor);
       return InputError(file.string(), field, problem, "rebuild the plugin");
     };
-    if (!told || !told->name || !*told->name) throw bad("word", "tells no name");
-    word.name = told->name;
-    std::copy(std::begin(told->shape), std::end(told->shape), word.shape.begin());
+    if (!word_of_plugin || !word_of_plugin->name || !*word_of_plugin->name)
+      throw bad("word", "tells no name");
+    word.name = word_of_plugin->name;
+    std::copy(std::begin(word_of_plugin->shape), std::end(word_of_plugin->shape), word.shape.begin());
     std::int64_t count = 1;
     for (const std::int64_t length : word.shape) {
-      if (length < 1 || length > kMostValues / count) throw bad("shape", "has no length, or too many values");
+      if (length < 1 || length > kMaxValues / count) throw bad("shape", "has no length, or too many values");
       count *= length;
     }
     values = as_size(count);
     word.sensor_from_ego.matrix().topRows<3>() =
-        Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(told->sensor_from_ego);
+        Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(word_of_plugin->sensor_from_ego);
     if (!word.sensor_from_ego.matrix().allFinite()) throw bad("sensor_from_ego", "is not finite");
   }
   Instance(const Instance&) = delete;

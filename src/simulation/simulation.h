@@ -70,8 +70,8 @@ struct SimulationSettings {
 /// What a run says of how it simulated.
 template <class Visitor, FieldsOf<SimulationSettings> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "sigma", .help = kSigmaHelp, .range = {kSmallestSigma, kLargestSigma}}, s.raster.sigma);
-  visit({.name = "gamma", .help = kGammaHelp, .range = {kSmallestSigma, kLargestGamma}}, s.raster.gamma);
+  visit({.name = "sigma", .help = kSigmaHelp, .range = {kMinSigma, kMaxSigma}}, s.raster.sigma);
+  visit({.name = "gamma", .help = kGammaHelp, .range = {kMinSigma, kMaxGamma}}, s.raster.gamma);
   visit({.name = "epsilon", .range = {-1e6, 1e6}, .option = ""}, s.raster.epsilon);
   visit({.name = "dist_eps", .range = {1e-12, 0.49}, .option = ""}, s.raster.dist_eps);
   visit({.name = "supersampling", .help = "camera samples along a pixel's side", .range = {1, 32}},

@@ -269,7 +269,7 @@ std::vector<TrackState> Tracker::step(double time, std::span<const TrackedDetect
   started_ = true;
   for (Track& track : tracks_) {
     predict(track, frames);
-    track.said.detection = -1;
+    track.state.detection = -1;
   }
   const bool by_iou = settings_.matching == TrackMatching::iou;
   Eigen::MatrixXd cost(static_cast<Eigen::Index>(detections.size()),
@@ -289,34 +289,34 @@ std::vector<TrackState> Tracker::step(double time, std::span<const TrackedDetect
     Track& track = tracks_[as_size(t)];
     const TrackedDetection& detection = detections[as_size(d)];
     update(track, detection.box);
-    track.said.detection = d;
-    track.said.score = detection.score;
+    track.state.detection = d;
+    track.state.score = detection.score;
     taken[as_size(d)] = true;
   }
   for (Track& track : tracks_) {
-    TrackState& said = track.said;
-    said.misses = said.detection < 0 ? said.misses + 1 : 0;
-    said.hits += said.detection >= 0;
+    TrackState& state = track.state;
+    state.misses = state.detection < 0 ? state.misses + 1 : 0;
+    state.hits += state.detection >= 0;
   }
-  std::erase_if(tracks_, [&](const Track& track) { return track.said.misses >= settings_.death; });
+  std::erase_if(tracks_, [&](const Track& track) { return track.state.misses >= settings_.death; });
   for (std::size_t d = 0; d < detections.size(); ++d) {
     if (taken[d]) continue;
     Track track;
     track.x << measured(detections[d].box), 0, 0, 0;
     track.p = Covariance::Zero();
     for (int i = 0; i < 10; ++i) track.p(i, i) = i < kMeasured ? kFirstBox : kFirstVelocity;
-    track.said.id = ++born_;
-    track.said.hits = 1;
-    track.said.detection = static_cast<int>(d);
-    track.said.score = detections[d].score;
+    track.state.id = ++born_;
+    track.state.hits = 1;
+    track.state.detection = static_cast<int>(d);
+    track.state.score = detections[d].score;
     tracks_.push_back(std::move(track));
   }
   std::vector<TrackState> states;
   for (Track& track : tracks_) {
-    track.said.box = box_of(track.x);
-    track.said.velocity = track.x.tail<3>() / kFrame;
-    track.said.confirmed = track.said.hits >= settings_.birth;
-    states.push_back(track.said);
+    track.state.box = box_of(track.x);
+    track.state.velocity = track.x.tail<3>() / kFrame;
+    track.state.confirmed = track.state.hits >= settings_.birth;
+    states.push_back(track.state);
   }
   return states;
 }

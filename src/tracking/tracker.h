@@ -100,7 +100,7 @@ class Tracker {
   struct Track {
     State x;
     Covariance p;
-    TrackState said;
+    TrackState state;
   };
   void predict(Track& track, double frames) const;
   void update(Track& track, const Box3& box) const;

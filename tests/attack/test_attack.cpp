@@ -358,14 +358,14 @@ TEST(Attack, HostsMayBeWhatTheDetectorFinds) {
   const DetectorPool detectors = stand_ins();
   test::write_tiny_data(folder / "data", 2);
   auto settings = settings_for(folder / "data", folder / "run", 2);
-  settings.hosts_from = HostsFrom::detections;
+  settings.hosts_from = HostSource::detections;
   EXPECT_THAT(error_text<InputError>([&] { run_attack(settings, detectors); }),
               testing::HasSubstr("every frame has labels"));
   std::filesystem::remove_all(folder / "data/training/label_2");
   const AttackResult result = run_attack(settings, detectors);
   EXPECT_EQ(result.vehicles_train + result.vehicles_test, 2);
   const mirage::Run run = read_run(folder / "run");
-  EXPECT_EQ(run.settings.hosts_from, HostsFrom::detections);
+  EXPECT_EQ(run.settings.hosts_from, HostSource::detections);
   const Frame frame = read_frame(run.settings.data, "000000");
   ASSERT_EQ(frame.labels.size(), 1u);
   EXPECT_NEAR(frame.labels[0].box.bev.x, 11.5, 1e-5);

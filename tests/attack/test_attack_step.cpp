@@ -265,7 +265,7 @@ TEST(AttackStep, OfTheWorstDrawsTheOneWithTheGreatestLossGivesTheGradient) {
   for (std::uint64_t number = 0; number < 12; ++number) {
     std::vector<HostStep> all;
     for (int k = 0; k < 5; ++k) {
-      const WorldDraw draw(settings.expectation, settings.seed, candidate_draw(number, k));
+      const SampledEnvironment draw(settings.expectation, settings.seed, candidate_draw(number, k));
       StepHost in_world = host;
       in_world.draw = &draw;
       all.push_back(attack_host(detector, in_world, mesh, settings));
@@ -288,7 +288,7 @@ TEST(AttackStep, OfTheWorstDrawsTheOneWithTheGreatestLossGivesTheGradient) {
   // Without it each step meets its one draw, and without any words the world as
   // recorded.
   settings.expectation.worst = 0;
-  const WorldDraw draw(settings.expectation, settings.seed, 7);
+  const SampledEnvironment draw(settings.expectation, settings.seed, 7);
   StepHost in_world = host;
   in_world.draw = &draw;
   EXPECT_EQ(step_host(detector, host, mesh, settings, 7, true).gradient.vertices,

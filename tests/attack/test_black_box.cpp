@@ -186,18 +186,20 @@ TEST(BlackBox, WhatDoesNotGoWithItIsRefusedInALine) {
   test::write_tiny_data(folder / "data", 5, true);
   ScoresAlone::calls_left = 1 << 30;
   const DetectorPool detectors = test::one_of<ScoresAlone>();
-  const auto told = [&](const auto& change) {
+  const auto message_of = [&](const auto& change) {
     auto settings = black_box_settings(folder, "bad", 330);
     change(settings);
     return error_text<InputError>([&] { run_attack(settings, detectors); });
   };
-  EXPECT_THAT(told([](AttackSettings& s) { s.target = AttackTarget::lidar; }), HasSubstr("target: lidar"));
-  EXPECT_THAT(told([](AttackSettings& s) { s.target = AttackTarget::random; }), HasSubstr("target: random"));
-  EXPECT_THAT(told([](AttackSettings& s) { s.until_plateau = 5; }), HasSubstr("until_plateau: 5"));
-  EXPECT_THAT(told([](AttackSettings& s) { s.seconds = 5; }), HasSubstr("seconds: 5"));
-  EXPECT_THAT(told([](AttackSettings& s) { s.queries = 10; }), HasSubstr("queries: 10"));
+  EXPECT_THAT(message_of([](AttackSettings& s) { s.target = AttackTarget::lidar; }),
+              HasSubstr("target: lidar"));
+  EXPECT_THAT(message_of([](AttackSettings& s) { s.target = AttackTarget::random; }),
+              HasSubstr("target: random"));
+  EXPECT_THAT(message_of([](AttackSettings& s) { s.until_plateau = 5; }), HasSubstr("until_plateau: 5"));
+  EXPECT_THAT(message_of([](AttackSettings& s) { s.seconds = 5; }), HasSubstr("seconds: 5"));
+  EXPECT_THAT(message_of([](AttackSettings& s) { s.queries = 10; }), HasSubstr("queries: 10"));
   for (const AttackSearch search : {AttackSearch::plain, AttackSearch::automatic})
-    EXPECT_THAT(told([&](AttackSettings& s) { s.attack = search; }),
+    EXPECT_THAT(message_of([&](AttackSettings& s) { s.attack = search; }),
                 testing::AllOf(HasSubstr("gives no gradient"), HasSubstr("--attack black-box")));
 }
 

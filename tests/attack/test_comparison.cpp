@@ -69,8 +69,8 @@ TEST(Comparison, ADetectorThatOnlyTremblesIsNoWorse) {
     // Both lose 4 % of what they find; three of four cars are found, so as many are won by 12 %.
     const Comparison result = compare_outcomes(changed(world, 0.04, 0.12, 2000 + draw),
                                                changed(world, 0.04, 0.12, 3000 + draw), kObjects, false);
-    alarms += told(result.parts.front().difference) == Told::more ||
-              told(result.parts.front().difference) == Told::less;
+    alarms += classify(result.parts.front().difference) == DifferenceVerdict::more ||
+              classify(result.parts.front().difference) == DifferenceVerdict::less;
   }
   std::printf("a detector against itself: %d alarms in 40 draws\n", alarms);
   EXPECT_LE(alarms, 2);
@@ -86,8 +86,7 @@ TEST(Comparison, SaysWhatItCouldHaveShown) {
   EXPECT_GT(result.detectable, 0.01);
   EXPECT_LT(result.detectable, 0.1);
   ASSERT_EQ(result.needed.size(), 3u);
-  EXPECT_EQ(result.needed[0].vehicles,
-            vehicles_to_tell(result.parts.front().vehicles, result.detectable, 0.02));
+  EXPECT_EQ(result.needed[0].vehicles, sample_size(result.parts.front().vehicles, result.detectable, 0.02));
   EXPECT_NEAR(
       static_cast<double>(*result.needed[0].vehicles) / static_cast<double>(*result.needed[1].vehicles), 6.25,
       0.6);  // (5 / 2)², of numbers rounded up

@@ -45,7 +45,8 @@ VehicleDrive vehicle(const std::string& found, const std::string& track) {
     frame.range = 40 - static_cast<double>(i);
     frame.nearest = frame.range - 2;
     frame.closing = 10;
-    for (DriveSight& sight : frame.sights) sight = {found[i] == 'f', static_cast<TrackSight>(track[i])};
+    for (DriveObservation& observation : frame.observations)
+      observation = {found[i] == 'f', static_cast<TrackStatus>(track[i])};
     drive.frames.push_back(frame);
   }
   return drive;
@@ -101,9 +102,9 @@ TEST(VehicleDrive, WhatGoesAwayHasNoCollisionAndKeepsItsDistance) {
 
 TEST(VehicleDrive, PhantomsAreCountedInFramesAndSeconds) {
   VehicleDrive drive = vehicle("ffffff", "ffffff");
-  drive.frames[1].sights[1].phantoms = 2;
-  drive.frames[2].sights[1].phantoms = 1;
-  drive.frames[2].sights[1].phantom_in_lane = true;
+  drive.frames[1].observations[1].phantoms = 2;
+  drive.frames[2].observations[1].phantoms = 1;
+  drive.frames[2].observations[1].phantom_in_lane = true;
   const DriveOutcome of = outcome_of(drive, DriveVersion::attacked);
   EXPECT_EQ(of.phantom_frames, 2);
   EXPECT_NEAR(of.phantom_s, 0.2, 1e-9);
@@ -114,7 +115,7 @@ TEST(VehicleDrive, PhantomsAreCountedInFramesAndSeconds) {
 TEST(VehicleDrive, ComesBackFromItsFile) {
   VehicleDrive drive = vehicle("f-f-", "flcf");
   drive.phantom_tracks[2] = 3;
-  drive.frames[3].sights[2] = {true, TrackSight::coasting, 2, true};
+  drive.frames[3].observations[2] = {true, TrackStatus::coasting, 2, true};
   drive.roof.residual_m = 0.02;
   drive.deaths[1].track_gap_s[2] = 0.7;
   drive.deaths[4].phantom_frames[1] = 3;
@@ -141,12 +142,12 @@ TEST(Drive, FlatMovesTakePlaceAndHeadingAlone) {
 }
 
 /// A car that drives ahead of ours, with roofs found with noise; each fifth is the box's.
-std::vector<RideFrame> noisy_ride(int frames, std::vector<Transform>& truth) {
+std::vector<RoofTrackFrame> noisy_ride(int frames, std::vector<Transform>& truth) {
   std::mt19937 random(2);
   std::normal_distribution<double> draw;
-  std::vector<RideFrame> all;
+  std::vector<RoofTrackFrame> all;
   for (int i = 0; i < frames; ++i) {
-    RideFrame frame;
+    RoofTrackFrame frame;
     frame.moment.time = 0.1 * i;
     frame.moment.world_from_ego.translation() = Vec3d(1.2 * i, 0.01 * i, 0);
     Label label;
@@ -169,10 +170,10 @@ std::vector<RideFrame> noisy_ride(int frames, std::vector<Transform>& truth) {
   return all;
 }
 
-TEST(Ride, TheObjectRidesOnASmoothRoof) {
+TEST(RoofTrack, TheObjectRidesOnASmoothRoof) {
   std::vector<Transform> truth;
   const auto frames = noisy_ride(60, truth);
-  const Ride track = ride(frames);
+  const RoofTrack track = roof_track(frames);
   ASSERT_EQ(track.carriers.size(), 60u);
   EXPECT_EQ(track.fit.fitted, 48);
   double squares = 0, turns = 0;
@@ -205,11 +206,11 @@ TEST(Ride, TheObjectRidesOnASmoothRoof) {
   EXPECT_LT(track.fit.residual_m, 0.10);
 }
 
-TEST(Ride, WithoutAnyFitItIsTheBoxsRoof) {
+TEST(RoofTrack, WithoutAnyFitItIsTheBoxsRoof) {
   std::vector<Transform> truth;
   auto frames = noisy_ride(10, truth);
-  for (RideFrame& frame : frames) frame.carrier = BoxRoofFinder().find(Frame(), frame.carrier.label);
-  const Ride track = ride(frames);
+  for (RoofTrackFrame& frame : frames) frame.carrier = BoxRoofFinder().find(Frame(), frame.carrier.label);
+  const RoofTrack track = roof_track(frames);
   EXPECT_EQ(track.fit.fitted, 0);
   for (std::size_t i = 0; i < frames.size(); ++i)
     EXPECT_LT(
@@ -235,7 +236,7 @@ class Drives : public testing::Test {
     request.random = random_adversary(1, {});
     request.settings.least_frames = 5;
     request.evaluation.quiet = true;
-    request.made_of.set("what", "test");
+    request.provenance.set("what", "test");
     return request;
   }
   static DetectorPool pool(int detectors) {
@@ -328,7 +329,7 @@ TEST_F(Drives, ResultsDependNeitherOnThreadsNorOnAnInterruption) {
   write_json(file, stored);
   EXPECT_EQ(judged(kept).at("vehicles").at(0).at("type"), "Van");
   // One of other settings, and one that is damaged, are judged anew.
-  kept.made_of.set("what", "another");
+  kept.provenance.set("what", "another");
   EXPECT_EQ(judged(kept), once);
   write_file(file, "{");
   EXPECT_EQ(judged(kept), once);
@@ -479,7 +480,7 @@ TEST(DriveByRenderer, KeptIsTheShareOfTheAddedGaps) {
     one.track = i;
     const auto hide = [&](VehicleDrive& of, int frames) {
       for (int k = 0; k < frames; ++k)
-        of.frames[as_size(3 + k)].sights[as_size(DriveVersion::attacked)].found = false;
+        of.frames[as_size(3 + k)].observations[as_size(DriveVersion::attacked)].found = false;
     };
     VehicleDrive in_plain = one, in_other = one;
     hide(in_plain, 2 * i);  // the first is not hidden

@@ -68,7 +68,7 @@ TEST(EvaluateRun, AnotherRunsHostsAreThatRunsTestHostsExactly) {
   EXPECT_EQ(json.at("hosts"), 2);
   // It is run a's mesh that stands there: as a's own judged on that data set.
   EvaluationRequest direct = request_for(folder / "a");
-  direct.asked["data"] = folder / "two";
+  direct.overrides["data"] = folder / "two";
   const RunEvaluation all = evaluate_run(direct);
   ASSERT_EQ(all.hosts.size(), 4u);
   EXPECT_EQ(to_json(all).at("outcomes").at(3), json.at("outcomes").at(1));
@@ -91,7 +91,7 @@ TEST(EvaluateRun, OptionsThatContradictAnotherRunsHosts) {
     change(request);
     return error_text<InputError>([&] { evaluate_run(request); });
   };
-  EXPECT_THAT(error([&](auto& r) { r.asked["data"] = folder / "one"; }),
+  EXPECT_THAT(error([&](auto& r) { r.overrides["data"] = folder / "one"; }),
               testing::AllOf(testing::StartsWith("data: "), testing::HasSubstr("--hosts-of")));
   EXPECT_THAT(error([](auto& r) { r.hosts = "train"; }),
               testing::AllOf(testing::StartsWith("hosts: train: "), testing::HasSubstr("--hosts-of")));
@@ -99,7 +99,7 @@ TEST(EvaluateRun, OptionsThatContradictAnotherRunsHosts) {
   EXPECT_THAT(error([](auto& r) { r.random_meshes = -1; }), testing::StartsWith("random_meshes: -1: "));
   EXPECT_THAT(error([](auto& r) { r.hosts_of.clear(), r.hosts = "some"; }),
               testing::StartsWith("hosts: some: "));
-  good.asked["data"] = folder / "two";  // says the same
+  good.overrides["data"] = folder / "two";  // says the same
   good.hosts = "test";
   EXPECT_EQ(evaluate_run(good).hosts.size(), 1u);
 }
@@ -157,7 +157,7 @@ TEST(EvaluateRun, AGrownBoxIsReportedBesideTheLabelledOne) {
   test::write_tiny_data(folder / "data", 2);
   EvaluationRequest request = request_for(tiny_run(folder, "a", "data", {{"000000", 0}}, {{"000001", 0}}));
   EXPECT_FALSE(to_json(evaluate_run(request)).contains("grown"));
-  request.asked["placement"] = "rear-rack";
+  request.overrides["placement"] = "rear-rack";
   const RunEvaluation evaluation = evaluate_run(request);
   EXPECT_EQ(evaluation.learned.against_grown.size(), 1u);
   const auto json = to_json(evaluation);
@@ -173,7 +173,7 @@ TEST(EvaluateRun, AGrownBoxIsReportedBesideTheLabelledOne) {
   EXPECT_TRUE(arms.at(1).at("grown").contains("net"));
 
   // Of hosts that the place leaves out there is nothing to say.
-  request.asked["placement"] = "kerb";
+  request.overrides["placement"] = "kerb";
   EXPECT_THAT(error_text<InputError>([&] { evaluate_run(request); }),
               testing::HasSubstr("no other vehicle is within 12 m"));
 }
@@ -221,7 +221,7 @@ TEST(EvaluateRun, ObjectsNeedNoRun) {
   EvaluationRequest request;
   request.settings.quiet = true;
   request.meshes = {folder / "a.glb", folder / "b.glb"};
-  request.asked = {{"data", folder / "data"}, {"rooftop", "box"}};
+  request.overrides = {{"data", folder / "data"}, {"rooftop", "box"}};
   request.detector.detector = MIRAGE_BUILD "/test_plugins/fake_works.so";
   request.detector.weights = folder / "weights";
   const RunEvaluation both = evaluate_run(request);
@@ -251,7 +251,7 @@ TEST(EvaluateRun, ObjectsNeedNoRun) {
 TEST(EvaluateRun, ObjectsThatAreAskedForWrongly) {
   EvaluationRequest good;
   good.meshes = {"a.glb"};
-  good.asked = {{"data", "data"}};
+  good.overrides = {{"data", "data"}};
   const auto error = [&](const std::function<void(EvaluationRequest&)>& change) {
     EvaluationRequest request = good;
     change(request);
@@ -259,7 +259,7 @@ TEST(EvaluateRun, ObjectsThatAreAskedForWrongly) {
   };
   EXPECT_THAT(error([](auto& r) { r.meshes.clear(); }), testing::HasSubstr("--mesh"));
   EXPECT_THAT(error([](auto& r) { r.run = "run"; }), testing::StartsWith("run: run: "));
-  EXPECT_THAT(error([](auto& r) { r.asked.clear(); }), testing::StartsWith("data: "));
+  EXPECT_THAT(error([](auto& r) { r.overrides.clear(); }), testing::StartsWith("data: "));
   EXPECT_THAT(error([](auto& r) { r.hosts = "train"; }), testing::StartsWith("hosts: train: "));
   EXPECT_THAT(error([](auto& r) { r.baseline = "start"; }), testing::StartsWith("baseline: start: "));
   EXPECT_THAT(error([](auto& r) { r.meshes.push_back("b.glb"), r.baseline = "sized"; }),

@@ -279,7 +279,7 @@ TEST(Judge, TheObjectItselfIsJudgedByItsOwnBox) {
   own.type = plain.type = "Misc";
   own.box = {{12, -3, 0.8, 0.6, 0}, 0, 0.5};
   plain.box = {{12, -3, 1, 1, 0}, 0, 1};
-  const JudgedBoxes boxes{.own = own, .plain = plain};
+  const EvaluationLabels boxes{.own = own, .plain = plain};
   const Detection host{frame.labels[0].box.bev, 2}, thing{plain.box.bev, 2}, part{{12, -3, 0.3, 0.6, 0}, 2};
   const auto one = [&](const Detection& attacked) {
     return judge({"000000", 0}, frame, {host, thing}, {host, attacked}, EvaluationSettings(), boxes);
@@ -304,7 +304,8 @@ TEST(Judge, AnObjectsCleanFrameHasAPlainOneInIt) {
   world.placement.victim = Victim::object;
   world.placement.volume = Vec3d(1, 0.8, 0.6);
   const Mesh placed = place(world.adversary, world.placement).mesh;
-  const JudgedBoxes boxes = labelled_boxes(world.placement, placed, world.prepared.frame.calibration, {});
+  const EvaluationLabels boxes =
+      labelled_boxes(world.placement, placed, world.prepared.frame.calibration, {});
   ASSERT_TRUE(boxes.own && boxes.plain);
   const Vec3d size = bounds(plain_object(world.placement).mesh).sizes();
   EXPECT_LT((size - world.placement.volume).norm(), 1e-12);

@@ -25,9 +25,9 @@ class GivenDetectorTest : public testing::Test {
     settings_.rooftop = "box";
     settings_.iterations = 2;
     settings_.quiet = true;
-    settings_.detector.detector = kGivenDetector;
+    settings_.detector.detector = kInProcessDetector;
   }
-  GivenDetector stand_in(const std::string& content) {
+  InProcessDetector stand_in(const std::string& content) {
     return {[] { return std::make_unique<StandInDetector>(); }, content};
   }
 
@@ -37,17 +37,17 @@ class GivenDetectorTest : public testing::Test {
 
 TEST_F(GivenDetectorTest, IsAttackedAndGoesOnWithTheSameContentOnly) {
   {
-    const DetectorGift gift({stand_in("one")});
+    const ScopedDetectors gift({stand_in("one")});
     EXPECT_EQ(run_attack(settings_).iterations, 2);
   }
   settings_.iterations = 3;
-  const DetectorGift gift({stand_in("another")});
+  const ScopedDetectors gift({stand_in("another")});
   EXPECT_THROW(run_attack(settings_), InputError);
 }
 
 TEST_F(GivenDetectorTest, OutsideOfItsProgramTheRunsCopyIsUsed) {
   {
-    const DetectorGift gift({stand_in("one")});
+    const ScopedDetectors gift({stand_in("one")});
     run_attack(settings_);
   }
   EXPECT_THAT([&] { load_detector(settings_.detector); }, ThrowsMessage<InputError>(HasSubstr("Python")));
@@ -58,11 +58,11 @@ TEST_F(GivenDetectorTest, OutsideOfItsProgramTheRunsCopyIsUsed) {
   EXPECT_THAT(
       [&] { use_detector_of(run, asked); },
       ThrowsMessage<InputError>(testing::AllOf(HasSubstr("mirage.evaluate"), HasSubstr("--detector"))));
-  std::ofstream(settings_.out / kGivenDetectorCopy) << "a model";
+  std::ofstream(settings_.out / kInProcessDetectorCopy) << "a model";
   // The copy is code: read only where this user's own program made it, or the run is trusted.
   EXPECT_THAT(
       [&] { use_detector_of(run, asked); },
-      ThrowsMessage<InputError>(testing::AllOf(HasSubstr("--trust-run"), HasSubstr(kGivenDetectorCopy))));
+      ThrowsMessage<InputError>(testing::AllOf(HasSubstr("--trust-run"), HasSubstr(kInProcessDetectorCopy))));
   use_detector_of(read_run(settings_.out, TrustRun::yes), asked);
   EXPECT_EQ(asked.detector, "torchscript");
   asked = DetectorOptions();
@@ -70,13 +70,13 @@ TEST_F(GivenDetectorTest, OutsideOfItsProgramTheRunsCopyIsUsed) {
   asked.defense.clear();
   const test::TemporaryFolder cache;
   setenv("MIRAGE_CACHE", cache.path().c_str(), 1);
-  remember_code_made_here(settings_.out / kGivenDetectorCopy);
+  remember_code_made_here(settings_.out / kInProcessDetectorCopy);
   use_detector_of(run, asked);
-  std::ofstream(settings_.out / kGivenDetectorCopy) << "another model";
-  EXPECT_FALSE(is_code_made_here(settings_.out / kGivenDetectorCopy));
+  std::ofstream(settings_.out / kInProcessDetectorCopy) << "another model";
+  EXPECT_FALSE(is_code_made_here(settings_.out / kInProcessDetectorCopy));
   setenv("MIRAGE_CACHE", "off", 1);
   EXPECT_EQ(asked.detector, "torchscript");
-  EXPECT_EQ(asked.weights, settings_.out / kGivenDetectorCopy);
+  EXPECT_EQ(asked.weights, settings_.out / kInProcessDetectorCopy);
   DetectorOptions other;
   other.detector = "lidar";
   use_detector_of(run, other);
@@ -84,8 +84,8 @@ TEST_F(GivenDetectorTest, OutsideOfItsProgramTheRunsCopyIsUsed) {
 }
 
 TEST_F(GivenDetectorTest, OneAtATime) {
-  const DetectorGift gift({stand_in("one")});
-  EXPECT_THROW(DetectorGift({stand_in("two")}), Failure);
+  const ScopedDetectors gift({stand_in("one")});
+  EXPECT_THROW(ScopedDetectors({stand_in("two")}), Failure);
 }
 
 }  // namespace

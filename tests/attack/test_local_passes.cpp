@@ -133,7 +133,7 @@ class LocalPasses : public testing::TestWithParam<const char*> {
   void expect_same(const PreparedFrame& prepared, const Simulated& simulated, double least) {
     for (const auto* local : {&local_, &local64_}) ASSERT_EQ((*local)->capabilities().why_whole, "");
     for (const auto* whole : {&whole_, &whole64_}) ASSERT_NE((*whole)->capabilities().why_whole, "");
-    const CleanView clean = clean_view(prepared, simulated.rect);
+    const UnchangedInput clean = unchanged_input(prepared, simulated.rect);
     const std::vector<LidarPoint> places = places_beside(simulated);
     SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration, nullptr, places};
     Answer whole{whole_->forward(view, -1, true), {}}, whole64{whole64_->forward(view, -1, true), {}};
@@ -280,7 +280,7 @@ TEST_P(LocalPasses, GiveTheSameBitsWhateverIsKept) {
     const Label host = car_at(12, 1);
     const Simulated simulated =
         simulate(prepared, on_roof(BoxRoofFinder().find(prepared.frame, host)), random_adversary(4));
-    const CleanView clean = clean_view(prepared, simulated.rect);
+    const UnchangedInput clean = unchanged_input(prepared, simulated.rect);
     std::vector<double> all;
     for (const Detection& p : detector.forward(
              {&simulated.image, simulated.sweep, &prepared.frame.calibration, &clean}, -1, false))
@@ -306,7 +306,7 @@ TEST_P(LocalPasses, InBfloat16AreNearThoseInFloat) {
   const Label host = car_at(12, 1);
   const Simulated simulated =
       simulate(prepared, on_roof(BoxRoofFinder().find(prepared.frame, host)), random_adversary(4));
-  const CleanView clean = clean_view(prepared, simulated.rect);
+  const UnchangedInput clean = unchanged_input(prepared, simulated.rect);
   for (const bool whole : {true, false}) {
     const auto rounded = detector_of(GetParam(), whole ? 0 : kMemory, "none", "bfloat16");
     SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};

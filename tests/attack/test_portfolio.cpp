@@ -249,15 +249,17 @@ TEST(Auto, WhatDoesNotGoWithItIsRefusedInALine) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 6, true);
   const DetectorPool detectors = one_of<test::StandInDetector>();
-  const auto told = [&](const auto& change) {
+  const auto message_of = [&](const auto& change) {
     auto settings = auto_settings(folder, "bad", 60);
     change(settings);
     return error_text<InputError>([&] { run_attack(settings, detectors); });
   };
-  EXPECT_THAT(told([](AttackSettings& s) { s.target = AttackTarget::random; }), HasSubstr("target: random"));
-  EXPECT_THAT(told([](AttackSettings& s) { s.until_plateau = 5; }), HasSubstr("until_plateau: 5"));
-  EXPECT_THAT(told([](AttackSettings& s) { s.seconds = 5; }), HasSubstr("seconds: 5"));
-  EXPECT_THAT(told([](AttackSettings& s) { s.iterations = 3; }), testing::StartsWith("iterations: 3: "));
+  EXPECT_THAT(message_of([](AttackSettings& s) { s.target = AttackTarget::random; }),
+              HasSubstr("target: random"));
+  EXPECT_THAT(message_of([](AttackSettings& s) { s.until_plateau = 5; }), HasSubstr("until_plateau: 5"));
+  EXPECT_THAT(message_of([](AttackSettings& s) { s.seconds = 5; }), HasSubstr("seconds: 5"));
+  EXPECT_THAT(message_of([](AttackSettings& s) { s.iterations = 3; }),
+              testing::StartsWith("iterations: 3: "));
   test::TemporaryFolder few;
   test::write_tiny_data(few / "data", 2, true);  // one frame to train on: none is left to choose by
   EXPECT_THAT(error_text<InputError>([&] { run_attack(auto_settings(few, "bad", 60), detectors); }),

@@ -216,7 +216,7 @@ TEST(RenderedPictures, TheVjpIsTheDerivativeOfWhatIsShown) {
 TEST(RenderedPictures, AMeshHasMovedBeyondTheRootMeanSquare) {
   const TexturedMesh from = initial_adversary();
   TexturedMesh to = from;
-  const Renewal renewal{0.01, 0.05};
+  const RedrawLimits renewal{0.01, 0.05};
   EXPECT_FALSE(has_moved(from, to, renewal));
   EXPECT_FALSE(has_moved(from, to, {0, 0}));
   for (Vec3d& v : to.mesh.vertices) v += Vec3d(0.006, 0.006, 0.005);  // 9.85 mm

@@ -71,8 +71,8 @@ TEST(Score, ACellIsOfItsDistanceAndItsObjects) {
   lose(hosts, 2, 30, 20);  // 10 % of the cars at 30 m under the cuboid: more than 5 % with 95 %
   lose(hosts, 3, 50, 20);
   const Score score = score_outcomes(hosts, kObjects, kFrames);
-  EXPECT_EQ(cell(score, ObjectLevel::shapes, 0).held, Held::holds);
-  EXPECT_EQ(cell(score, ObjectLevel::shapes, 1).held, Held::fails);
+  EXPECT_EQ(cell(score, ObjectLevel::shapes, 0).status, CellStatus::holds);
+  EXPECT_EQ(cell(score, ObjectLevel::shapes, 1).status, CellStatus::fails);
   EXPECT_DOUBLE_EQ(cell(score, ObjectLevel::shapes, 1).bound.share.value, 0.1);
   EXPECT_NEAR(cell(score, ObjectLevel::shapes, 1).bound.share.low, 0.06726, 1e-5);  // Clopper and Pearson
   EXPECT_FALSE(cell(score, ObjectLevel::shapes, 1).needed);
@@ -101,7 +101,7 @@ TEST(Score, AsManyCarsAsAnOpenCellAsksForTellIt) {
     lose(hosts, 3, 30, lost);
     const Score score = score_outcomes(hosts, kObjects, as_size(frames));
     const ScoreCell& open = cell(score, ObjectLevel::learned, 1);
-    ASSERT_EQ(open.held, Held::open);
+    ASSERT_EQ(open.status, CellStatus::open);
     ASSERT_TRUE(open.needed);
     EXPECT_GE(score.frames_needed, *open.needed);  // a car a frame
     EXPECT_THAT(score.answer.back(), HasSubstr("would tell"));
@@ -109,7 +109,8 @@ TEST(Score, AsManyCarsAsAnOpenCellAsksForTellIt) {
     const int more = static_cast<int>(*open.needed);
     auto larger = sound(more);
     lose(larger, 3, 30, more * lost / frames);
-    EXPECT_NE(cell(score_outcomes(larger, kObjects, as_size(more)), ObjectLevel::learned, 1).held, Held::open)
+    EXPECT_NE(cell(score_outcomes(larger, kObjects, as_size(more)), ObjectLevel::learned, 1).status,
+              CellStatus::open)
         << frames << " " << lost;
   }
 }
@@ -119,7 +120,7 @@ TEST(Score, WhoDoesNotFindTheCarsAsRecordedHasNoBetterGrade) {
   for (HostOutcome& host : hosts)
     if (host.range == 10 && std::stoi(host.id.frame.substr(1)) < 40) host.clean_iou = 0;
   const Score score = score_outcomes(hosts, kObjects, kFrames);
-  EXPECT_EQ(cell(score, ObjectLevel::recorded, 0).held, Held::fails);
+  EXPECT_EQ(cell(score, ObjectLevel::recorded, 0).status, CellStatus::fails);
   EXPECT_DOUBLE_EQ(cell(score, ObjectLevel::recorded, 0).bound.share.value, 0.2);
   EXPECT_EQ(cell(score, ObjectLevel::loads, 0).bound.vehicles, 160);  // of those that are found
   EXPECT_EQ(score.grade, "D");
@@ -167,7 +168,7 @@ TEST(Score, OfADetectorWithoutGradientsFromNothing) {
   ScoreRequest request;
   request.out = folder / "score";
   request.detector.detector = fmt::format("exec:/usr/bin/python3 -B {}", (folder / "detector.py").string());
-  request.asked = {{"data", (folder / "data").string()}, {"rooftop", "box"}};
+  request.overrides = {{"data", (folder / "data").string()}, {"rooftop", "box"}};
   request.learn_data = folder / "data";
   request.queries = 150;
   request.quiet = true;
@@ -192,7 +193,7 @@ TEST(Score, OfADetectorWithoutGradientsFromNothing) {
   EXPECT_EQ(to_json(again), to_json(first));
   // With frames of another number where some were made.
   ScoreRequest generated = request;
-  generated.asked.erase("data");
+  generated.overrides.erase("data");
   generated.frames = 1;
   EXPECT_THAT(test::error_text<FieldError>([&] { score(generated); }), HasSubstr("frames: 1: is too few"));
 }

@@ -85,9 +85,9 @@ TEST(Settings, EachFieldOutOfItsRangeIsRefusedByItsName) {
     };
     if constexpr (Number<T> || NumberVector<T>) {
       const bool fits = !std::integral<T> || (field.range.low > -1e9 && field.range.high < 2e9);
-      if (field.range.low > -Range::kMost && std::is_signed_v<T>) expect_refusal(field.range.low - 1);
-      if (NumberVector<T> && field.range.low > -Range::kMost) expect_refusal(field.range.low - 1);
-      if (field.range.high < Range::kMost && fits) expect_refusal(field.range.high + 1);
+      if (field.range.low > -Range::kMax && std::is_signed_v<T>) expect_refusal(field.range.low - 1);
+      if (NumberVector<T> && field.range.low > -Range::kMax) expect_refusal(field.range.low - 1);
+      if (field.range.high < Range::kMax && fits) expect_refusal(field.range.high + 1);
       if constexpr (!std::integral<T>) expect_refusal(std::nan(""));
     }
   });

@@ -20,8 +20,8 @@ using testing::HasSubstr;
 
 TEST(JsonDepth, CountsArraysAndObjectsButNoTexts) {
   const auto nested = [](int levels) { return std::string(as_size(levels), '['); };
-  check_json_depth(nested(kDeepestJson), "a.json");
-  EXPECT_THAT(error_text<InputError>([&] { check_json_depth(nested(kDeepestJson + 1), "a.json", "JSON"); }),
+  check_json_depth(nested(kMaxJsonDepth), "a.json");
+  EXPECT_THAT(error_text<InputError>([&] { check_json_depth(nested(kMaxJsonDepth + 1), "a.json", "JSON"); }),
               AllOf(HasSubstr("a.json: JSON"), HasSubstr("byte 128"), HasSubstr("128 levels")));
   std::string wide = "[";
   for (int i = 0; i < 1000; ++i) wide += "[{}],";
@@ -48,7 +48,7 @@ class JsonRows : public testing::Test {
   using json = nlohmann::json;
 
   std::vector<json> rows_of(const std::string& text, const std::string& list = "",
-                            std::size_t longest = kLongestRow) {
+                            std::size_t longest = kMaxRowBytes) {
     write_file(folder_ / "rows.json", text);
     std::vector<json> rows;
     for_each_json_row(
@@ -61,7 +61,7 @@ class JsonRows : public testing::Test {
     return rows;
   }
   std::string refusal(const std::string& text, const std::string& list = "",
-                      std::size_t longest = kLongestRow) {
+                      std::size_t longest = kMaxRowBytes) {
     return error_text<InputError>([&] { rows_of(text, list, longest); });
   }
   TemporaryFolder folder_;
@@ -90,7 +90,7 @@ TEST_F(JsonRows, WhatIsNoListOrNoJsonIsNamed) {
   EXPECT_THAT(refusal("[1, 2"), HasSubstr("not valid JSON"));
   EXPECT_THAT(refusal("[1] 2"), HasSubstr("not valid JSON"));
   EXPECT_THAT(refusal("[1e999]"), HasSubstr("out of range"));
-  EXPECT_THAT(refusal(std::string(kDeepestJson + 2, '[')), HasSubstr("nested deeper"));
+  EXPECT_THAT(refusal(std::string(kMaxJsonDepth + 2, '[')), HasSubstr("nested deeper"));
 }
 
 TEST_F(JsonRows, RowsBeforeAFaultAreVisited) {

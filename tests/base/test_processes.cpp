@@ -85,13 +85,13 @@ TEST(Process, HowItEndedIsTold) {
   for (const auto& [command, end] : {std::pair{"exit 3", "exit code 3"}, {"kill -9 $$", "signal 9"}}) {
     JsonWorker worker({"/bin/sh", "-c", command}, "", "it was at work");
     nlohmann::json answer;
-    EXPECT_FALSE(worker.ask({{"job", "any"}}, 20, answer));
+    EXPECT_FALSE(worker.exchange({{"job", "any"}}, 20, answer));
     EXPECT_EQ(worker.lost(), "ended unexpectedly");
     EXPECT_EQ(worker.end().value_or("it has not"), end);
   }
   JsonWorker silent({"/bin/sleep", "60"}, "", "it was at work");
   nlohmann::json answer;
-  EXPECT_FALSE(silent.ask({{"job", "any"}}, 0.2, answer));
+  EXPECT_FALSE(silent.exchange({{"job", "any"}}, 0.2, answer));
   EXPECT_EQ(silent.lost(), "gave no answer in 0.2 s");
   EXPECT_FALSE(silent.end());
 }

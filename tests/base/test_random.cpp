@@ -95,34 +95,34 @@ TEST(ProgramIdentity, IsItsContentButForTheCommit) {
   other[other.size() / 2] ^= 1;
   write_file(file, other);
   EXPECT_NE(program_identity(file), own);
-  EXPECT_THAT(Provenance().made_of().at("program"), testing::StrEq(own));
+  EXPECT_THAT(Provenance().provenance().at("program"), testing::StrEq(own));
 }
 
 TEST(Provenance, IdentityIsOfProgramInputsAndSettingsAlone) {
   const test::TemporaryFolder folder;
   write_file(folder / "mesh.glb", "mesh");
-  const auto made_of = [&](const auto& change) {
+  const auto provenance = [&](const auto& change) {
     Provenance all;
     all.set("score", 0.3);
     all.file("mesh", folder / "mesh.glb");
     all.input("data", "1");
-    all.tell("date", "2026-11-27");
+    all.record("date", "2026-11-27");
     change(all);
     return all.identity();
   };
-  const std::string before = made_of([](Provenance&) {});
-  EXPECT_NE(made_of([](Provenance& p) { p.set("score", 0.4); }), before);
-  EXPECT_NE(made_of([](Provenance& p) { p.set("iou", 0.4); }), before);
-  EXPECT_NE(made_of([](Provenance& p) { p.input("data", "2"); }), before);
-  EXPECT_EQ(made_of([](Provenance& p) { p.tell("date", "2026-11-28"); }), before);
+  const std::string before = provenance([](Provenance&) {});
+  EXPECT_NE(provenance([](Provenance& p) { p.set("score", 0.4); }), before);
+  EXPECT_NE(provenance([](Provenance& p) { p.set("iou", 0.4); }), before);
+  EXPECT_NE(provenance([](Provenance& p) { p.input("data", "2"); }), before);
+  EXPECT_EQ(provenance([](Provenance& p) { p.record("date", "2026-11-28"); }), before);
   write_file(folder / "mesh.glb", "mess");
-  EXPECT_NE(made_of([](Provenance&) {}), before);
+  EXPECT_NE(provenance([](Provenance&) {}), before);
 }
 
 TEST(Provenance, AResultSaysEverything) {
   Provenance all;
   all.input("weights", "abc");
-  all.tell("command", "mirage detect");
+  all.record("command", "mirage detect");
   const nlohmann::json json = all.json();
   for (const char* key : {"program", "version", "commit", "identity", "inputs", "settings", "command"})
     EXPECT_TRUE(json.contains(key)) << key;

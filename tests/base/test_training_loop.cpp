@@ -43,11 +43,11 @@ void train(const TrainingSchedule& schedule, Toy& toy, std::int64_t validate_eve
     const nlohmann::json stored = read_json(loop.state().weights);
     toy.weight = stored.at("weight"), toy.momentum = stored.at("momentum");
   }
-  SamplesAhead<double> ahead([&](std::int64_t step) {
+  SamplePrefetcher<double> ahead([&](std::int64_t step) {
     return RandomStream(schedule.seed, "toy samples", static_cast<std::uint64_t>(step)).uniform(-1, 1);
   });
   TrainingWork work;
-  work.tell_every = 2;
+  work.report_every = 2;
   work.learn = [&](std::int64_t step, double rate) {
     std::this_thread::sleep_for(nap);
     const double away = toy.weight - ahead.take(step);
@@ -67,7 +67,7 @@ void train(const TrainingSchedule& schedule, Toy& toy, std::int64_t validate_eve
     std::filesystem::remove(beside(step));
   };
   work.note = [] { return std::string(); };
-  work.tell = [&](double rate) { loop.log({{"rate", rate}, {"loss", loop.state().losses[0]}}); };
+  work.report = [&](double rate) { loop.log({{"rate", rate}, {"loss", loop.state().losses[0]}}); };
   work.validate_every = validate_every;
   work.validate = [&] {
     EXPECT_EQ(toy.saved.back(), loop.state().step);
@@ -205,7 +205,7 @@ TEST(TrainingLoop, WritesItsStateWhenThatIsDue) {
 }
 
 TEST(TrainingLoop, SamplesThatCannotBeReadEndTheStepThatTakesThem) {
-  SamplesAhead<std::int64_t> ahead([](std::int64_t step) {
+  SamplePrefetcher<std::int64_t> ahead([](std::int64_t step) {
     if (step == 1) throw InputError("frame", "", "is damaged", "mend it");
     return 10 * step;
   });
@@ -220,15 +220,15 @@ TEST(TrainingSchedule, ItsFieldsAreCheckedAndTheseDecideTheResult) {
   EXPECT_EQ(
       fields_json(schedule),
       nlohmann::json({{"steps", 4000}, {"batch", 2}, {"learning_rate", 2e-3}, {"minutes", 0}, {"seed", 0}}));
-  const auto told = [](auto change) {
+  const auto message_of = [](auto change) {
     TrainingSchedule wrong;
     change(wrong);
     return error_text<FieldError>([&] { check_fields(wrong); });
   };
-  EXPECT_EQ(told([](auto& s) { s.steps = 0; }), "steps: 0: out of range; use at least 1");
-  EXPECT_EQ(told([](auto& s) { s.batch = -1; }), "batch: -1: out of range; use at least 1");
-  EXPECT_EQ(told([](auto& s) { s.learning_rate = 0; }), "learning_rate: 0: out of range; use above 0");
-  EXPECT_EQ(told([](auto& s) { s.checkpoint.steps = 0; }),
+  EXPECT_EQ(message_of([](auto& s) { s.steps = 0; }), "steps: 0: out of range; use at least 1");
+  EXPECT_EQ(message_of([](auto& s) { s.batch = -1; }), "batch: -1: out of range; use at least 1");
+  EXPECT_EQ(message_of([](auto& s) { s.learning_rate = 0; }), "learning_rate: 0: out of range; use above 0");
+  EXPECT_EQ(message_of([](auto& s) { s.checkpoint.steps = 0; }),
             "checkpoint_every: 0: out of range; use at least 1");
 }
 

@@ -34,14 +34,14 @@ TEST(Words, SlipsAreCountedAsTheyAreMade) {
 
 TEST(Words, OnlyWhatIsNearIsMeant) {
   const std::vector<std::string> known = {"lidar", "camera", "painted", "fusion", "late", "refined"};
-  EXPECT_THAT(meant_by("fusoin", known), ElementsAre("fusion"));
-  EXPECT_THAT(meant_by("lat", known), ElementsAre("late"));
-  EXPECT_THAT(meant_by("pointpillars", known), IsEmpty());
-  EXPECT_THAT(meant_by("", known), IsEmpty());
-  EXPECT_THAT(meant_by("iter", {"batch", "iterations"}), ElementsAre("iterations"));
-  EXPECT_THAT(meant_by("kitti", {"nuscenes", "kitti64", "xenith"}), ElementsAre("kitti64"));
-  EXPECT_THAT(meant_by("frame", {"frame-rate", "farm", "frames"}), ElementsAre("frames", "frame-rate"));
-  EXPECT_THAT(meant_by("a", {"b"}), IsEmpty());
+  EXPECT_THAT(closest_words("fusoin", known), ElementsAre("fusion"));
+  EXPECT_THAT(closest_words("lat", known), ElementsAre("late"));
+  EXPECT_THAT(closest_words("pointpillars", known), IsEmpty());
+  EXPECT_THAT(closest_words("", known), IsEmpty());
+  EXPECT_THAT(closest_words("iter", {"batch", "iterations"}), ElementsAre("iterations"));
+  EXPECT_THAT(closest_words("kitti", {"nuscenes", "kitti64", "xenith"}), ElementsAre("kitti64"));
+  EXPECT_THAT(closest_words("frame", {"frame-rate", "farm", "frames"}), ElementsAre("frames", "frame-rate"));
+  EXPECT_THAT(closest_words("a", {"b"}), IsEmpty());
 }
 
 TEST(Words, AllThatThereIsIsNamedTheNearestFirst) {
@@ -80,7 +80,7 @@ TEST(Words, RangesHaveOneNotation) {
   EXPECT_EQ(kNotNegative.words(), "at least 0");
   EXPECT_EQ((Range{0, 1024}).words(), "0 to 1024");
   EXPECT_EQ((Range{1e-4, 1 << 20}).words(), "0.0001 to 1048576");
-  EXPECT_EQ((Range{-Range::kMost, 3}).words(), "at most 3");
+  EXPECT_EQ((Range{-Range::kMax, 3}).words(), "at most 3");
 }
 
 using test::error_text;

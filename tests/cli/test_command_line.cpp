@@ -182,14 +182,14 @@ TEST_F(CommandLine, BashCompletesWordsOfOptions) {
 }
 
 TEST_F(CommandLine, AResultSaysWhatItIsMadeOfWhereverThatLies) {
-  const auto made_of = [&](const std::string& data, const std::string& more = "") {
+  const auto provenance = [&](const std::string& data, const std::string& more = "") {
     const Outcome outcome =
         run("depth --quiet --data " + at(data) + " --frames 1 --backends ip-basic --out " + at("o") + more);
     EXPECT_EQ(outcome.code, 0) << outcome.err;
     return json("o/result.json").at("provenance");
   };
   generate("--frames 2");
-  const auto first = made_of("data");
+  const auto first = provenance("data");
   for (const char* key : {"program", "version", "commit", "date", "command", "seed", "settings", "inputs",
                           "identity", "data", "data_hash", "frames"})
     EXPECT_TRUE(first.contains(key)) << key;
@@ -198,13 +198,13 @@ TEST_F(CommandLine, AResultSaysWhatItIsMadeOfWhereverThatLies) {
   // Another place, other threads and the frame that is not looked at are nothing to it.
   fs::rename(folder_ / "data", folder_ / "moved");
   write_file(folder_ / "moved/training/label_2/000001.txt", "");
-  EXPECT_EQ(made_of("moved", " --threads 1").at("identity"), first.at("identity"));
-  EXPECT_NE(made_of("moved", " --hide 0.3").at("identity"), first.at("identity"));
+  EXPECT_EQ(provenance("moved", " --threads 1").at("identity"), first.at("identity"));
+  EXPECT_NE(provenance("moved", " --hide 0.3").at("identity"), first.at("identity"));
   const std::string sweep = "moved/training/velodyne/000000.bin";
   std::string bytes = text(sweep);
   bytes[12] ^= 1;
   write_file(folder_ / sweep, bytes);
-  EXPECT_NE(made_of("moved").at("identity"), first.at("identity"));
+  EXPECT_NE(provenance("moved").at("identity"), first.at("identity"));
 }
 
 TEST_F(CommandLine, WhatCannotBeIsOneLine) {

@@ -304,7 +304,7 @@ TEST(Certificate, LocalPassesUnderAFewMasksCertifyTheCarsOfTheWholeLattice) {
     const Certificate &a = few.hosts[h].sizes.at(0), &b = whole.hosts[h].sizes.at(0);
     EXPECT_EQ(a.covered, b.covered) << h;
     EXPECT_LT(a.lattice_iou, b.lattice_iou + 1e-4) << h;
-    EXPECT_NEAR(a.known_iou, b.known_iou, 1e-4) << h;
+    EXPECT_NEAR(a.with_roof_iou, b.with_roof_iou, 1e-4) << h;
     for (const double iou : {0.5, 0.7}) EXPECT_EQ(a.lattice_iou > iou, b.lattice_iou > iou) << h;
     covered += a.covered, certain += a.lattice_iou > 0.5;
   }

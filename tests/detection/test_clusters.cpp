@@ -325,29 +325,29 @@ TEST(Clusters, NeedsNoWeightsAndTakesAPictureNetworks) {
   options.detector = "clusters";
   EXPECT_TRUE(weights_file(options).empty());
   EXPECT_FALSE(weights_hash(options).empty());
-  EXPECT_TRUE(witnesses(options).empty());
+  EXPECT_TRUE(auxiliary_detectors(options).empty());
   const auto alone = load_detector(options);
   EXPECT_EQ(alone->name(), "clusters");
   EXPECT_FALSE(alone->capabilities().reads_image);
-  const auto told = [&] { return test::error_text<InputError>([&] { load_detector(options); }); };
+  const auto message_of = [&] { return test::error_text<InputError>([&] { load_detector(options); }); };
   options.defense = "adversarial";
-  EXPECT_THAT(told(), AllOf(HasSubstr("defense"), HasSubstr("use none, ceiling:HEIGHT or shadows")));
+  EXPECT_THAT(message_of(), AllOf(HasSubstr("defense"), HasSubstr("use none, ceiling:HEIGHT or shadows")));
   options.defense = "none";
   for (const char* file : {"gone.weights", "gone.pt"}) {
     options.weights = file;
-    EXPECT_THAT(told(), AllOf(HasSubstr("no such"), Not(HasSubstr("\n")))) << file;
+    EXPECT_THAT(message_of(), AllOf(HasSubstr("no such"), Not(HasSubstr("\n")))) << file;
   }
   options.weights = kRealWeights;
-  EXPECT_THAT(told(), HasSubstr("no shipped weights of camera"));
+  EXPECT_THAT(message_of(), HasSubstr("no shipped weights of camera"));
 #ifdef MIRAGE_HAS_FUSION
   options.weights = MIRAGE_BUILD "/plugins/weights/camera-kitti64.weights";
   const auto fused = load_detector(options);
   EXPECT_EQ(fused->name(), "clusters");
   EXPECT_TRUE(fused->capabilities().reads_image && fused->capabilities().reads_points);
   EXPECT_FALSE(fused->capabilities().has_gradients);
-  EXPECT_EQ(witnesses(options).size(), 1u);
+  EXPECT_EQ(auxiliary_detectors(options).size(), 1u);
   options.weights = MIRAGE_BUILD "/plugins/weights/lidar-kitti64.weights";
-  EXPECT_THAT(told(), Not(HasSubstr("\n")));
+  EXPECT_THAT(message_of(), Not(HasSubstr("\n")));
 #endif
 }
 

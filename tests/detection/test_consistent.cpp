@@ -23,9 +23,9 @@ using test::Scripted;
 const Capabilities kFuses{true, true, true, false}, kLidar{false, true, true, false},
     kCamera{true, false, false, true};
 
-/// Of the members' logits: what is found under a cap, and what two witnesses agree on.
+/// Of the members' logits: what is found under a cap, and what two votes agree on.
 double soft(double decides, double other) {
-  return (1 - kWitnessLeak) * decides + kWitnessLeak * other;
+  return (1 - kVoteLeak) * decides + kVoteLeak * other;
 }
 
 constexpr int kWidth = 124, kHeight = 38;
@@ -45,9 +45,9 @@ struct Crossing {
     return *car_in_picture(box, -1.7, pixel_from_velo(calibration), kWidth, kHeight);
   }
   std::unique_ptr<Detector> detector() {
-    return with_witnesses(std::make_unique<Scripted>("fusion", kFuses, fused),
-                          std::make_unique<Scripted>("lidar", kLidar, lidar),
-                          std::make_unique<Scripted>("camera", kCamera, camera));
+    return with_consistency(std::make_unique<Scripted>("fusion", kFuses, fused),
+                            std::make_unique<Scripted>("lidar", kLidar, lidar),
+                            std::make_unique<Scripted>("camera", kCamera, camera));
   }
   std::vector<Detection> answers() { return detector()->forward(view(), 0, false); }
 
@@ -66,7 +66,7 @@ TEST(Consistent, WhatNoSensorSeesAloneIsNoCar) {
   const auto found = world.answers();
   ASSERT_EQ(found.size(), 3u);  // LiDAR's own needs the camera
   EXPECT_DOUBLE_EQ(found[0].logit, soft(3.5, 6));
-  EXPECT_DOUBLE_EQ(found[1].logit, soft(kSilentLogit + kWitnessMargin, 6));
+  EXPECT_DOUBLE_EQ(found[1].logit, soft(kNoDetectionLogit + kVoteMargin, 6));
   EXPECT_LT(found[1].score(), 0.01);
   EXPECT_DOUBLE_EQ(found[2].logit, -5);  // too low to be changed
 }
@@ -144,14 +144,14 @@ TEST(Consistent, GradientIsThatOfTheLogitThatDecides) {
              (measures ? first.of_point * world.points[0].x : 0);
     };
     const double fused = said(world.fused, true, true), lidar = said(world.lidar, false, true),
-                 camera = said(world.camera, true, false), cap = std::max(lidar, camera) + kWitnessMargin;
+                 camera = said(world.camera, true, false), cap = std::max(lidar, camera) + kVoteMargin;
     EXPECT_NEAR(found[0].logit, cap < fused ? soft(cap, fused) : fused, 1e-6);
     ++(fused <= cap ? by_fusion : lidar > camera ? by_lidar : by_camera);
   }
   EXPECT_GT(std::min({by_fusion, by_camera, by_lidar}), 5);
 }
 
-TEST(Consistent, SuppressionKeepsTheBestBoxOfThoseThatOneWitnessSpeaksFor) {
+TEST(Consistent, SuppressionKeepsTheBestBoxOfThoseWithTheSameVote) {
   Crossing world;
   BevBox poor = kSeen;
   poor.x += 1.5;
@@ -173,9 +173,9 @@ TEST(Consistent, SaysWhatItsMembersCan) {
     Capabilities fuses = kFuses, ranges = kLidar, sees = kCamera;
     for (Capabilities* can : {&fuses, &ranges}) can->why_whole.clear(), can->knows_presence = true;
     sees.why_whole = camera_is_local ? "" : "it is slow";
-    return with_witnesses(std::make_unique<Scripted>("fusion", fuses, world.fused),
-                          std::make_unique<Scripted>("lidar", ranges, world.lidar),
-                          std::make_unique<Scripted>("camera", sees, world.camera))
+    return with_consistency(std::make_unique<Scripted>("fusion", fuses, world.fused),
+                            std::make_unique<Scripted>("lidar", ranges, world.lidar),
+                            std::make_unique<Scripted>("camera", sees, world.camera))
         ->capabilities();
   };
   EXPECT_TRUE(all_local(true).knows_presence);
@@ -183,13 +183,13 @@ TEST(Consistent, SaysWhatItsMembersCan) {
   EXPECT_EQ(all_local(false).why_whole, "it is slow");
   world.fused.lines = {{{kElsewhere, 6}}};
   EXPECT_DOUBLE_EQ(detector->share()->forward(world.view(), 0, false)[0].logit,
-                   soft(kSilentLogit + kWitnessMargin, 6));
+                   soft(kNoDetectionLogit + kVoteMargin, 6));
   EXPECT_EQ(detector->train_step({}, 0).total, 1);
   EXPECT_TRUE(detector->forward({&world.image, {}, &world.calibration}, 0, false).size() == 1);
   EXPECT_THAT(error_text<FieldError>([&] {
-                with_witnesses(std::make_unique<Scripted>("camera", kCamera, world.camera),
-                               std::make_unique<Scripted>("lidar", kLidar, world.lidar),
-                               std::make_unique<Scripted>("camera", kCamera, world.camera));
+                with_consistency(std::make_unique<Scripted>("camera", kCamera, world.camera),
+                                 std::make_unique<Scripted>("lidar", kLidar, world.lidar),
+                                 std::make_unique<Scripted>("camera", kCamera, world.camera));
               }),
               ::testing::HasSubstr("camera finds no boxes from above"));
 }

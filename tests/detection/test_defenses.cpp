@@ -144,7 +144,7 @@ TEST(Ceiling, TheCleanFrameAndTrainingAreSeenAlike) {
   const CeilingScene scene;
   Given given;
   const auto detector = under_ceiling(std::make_unique<Witness>(given), kCeiling, kUnit);
-  CleanView clean{&scene.image, scene.points, 7, {0, 0, 10, 10}};
+  UnchangedInput clean{&scene.image, scene.points, 7, {0, 0, 10, 10}};
   SensorView view = scene.view();
   view.clean = &clean;
   detector->share()->forward(view, 0, false);
@@ -291,8 +291,8 @@ TEST(Shadows, ABodyIsFoundThoughTheDetectorDoesNotAndWhatRaysPassIsNoCar) {
   street.script.lines = {{{turned, -3}}, {{kEmpty, 5}}, {{{40, -2, 4, 1.7, 0}, 5}}};
   const auto found = street.answers();
   ASSERT_EQ(found.size(), 4u);
-  EXPECT_NEAR(found[0].logit, kBodyLogit + kBodySlope * (-3 - kBodyLogit), 1e-12);
-  EXPECT_NEAR(found[1].logit, kThroughLogit + kBodySlope * (5 - kThroughLogit), 1e-12);
+  EXPECT_NEAR(found[0].logit, kBodyLogit + kSaturatedSlope * (-3 - kBodyLogit), 1e-12);
+  EXPECT_NEAR(found[1].logit, kThroughLogit + kSaturatedSlope * (5 - kThroughLogit), 1e-12);
   EXPECT_EQ(found[2].logit, 5);  // nobody knows
   EXPECT_GT(found[3].logit, found[0].logit);
   EXPECT_GT(iou(found[3].box.bev, kSide), 0.75);  // the body's own box comes first

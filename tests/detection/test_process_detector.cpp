@@ -169,7 +169,7 @@ TEST_F(ProcessTest, ALocalOneIsToldOfTheFrameWithoutTheObject) {
   points_ = clean_points;
   points_.erase(points_.begin() + 7);
   points_.push_back({0.5f, 1, 1, 1});
-  const auto ask = [&](const CleanView* clean) {
+  const auto ask = [&](const UnchangedInput* clean) {
     SensorView now = view();
     now.clean = clean;
     std::vector<double> logits;
@@ -177,7 +177,7 @@ TEST_F(ProcessTest, ALocalOneIsToldOfTheFrameWithoutTheObject) {
     return logits;
   };
   const double sum = 99 * 100 / 2 - 7 + 0.5;
-  const CleanView clean{&clean_image, clean_points, 0xfedcba9876543210, {1, 0, 6, 3}};
+  const UnchangedInput clean{&clean_image, clean_points, 0xfedcba9876543210, {1, 0, 6, 3}};
   EXPECT_EQ(ask(nullptr), (std::vector<double>{sum, 100, 0, 0}));
   EXPECT_EQ(ask(&clean), (std::vector<double>{sum, 101, 6, 3}));
   EXPECT_EQ(ask(&clean), (std::vector<double>{sum, 1, 6, 3}));  // the rest was kept

@@ -132,7 +132,7 @@ TEST(Reliance, ADamagedOneIsNamedByFileAndField) {
   Reliance whole;
   whole.ap70_none = 0.25;
   const nlohmann::json good = to_json(whole);
-  const auto complaint_of = [](const nlohmann::json& bad) {
+  const auto usage_error = [](const nlohmann::json& bad) {
     return test::error_text<InputError>([&] {
       reliance_from_json({"a/result.json", bad, "measure it again"});
     });
@@ -140,7 +140,7 @@ TEST(Reliance, ADamagedOneIsNamedByFileAndField) {
   const auto complaint = [&](const char* key, const nlohmann::json& value) {
     nlohmann::json bad = good;
     bad[key] = value;
-    return complaint_of(bad);
+    return usage_error(bad);
   };
   EXPECT_THAT(complaint("ap70", "x"), HasSubstr("a/result.json: ap70"));
   EXPECT_THAT(complaint("ap70_none", nullptr), HasSubstr("ap70_none"));
@@ -153,7 +153,7 @@ TEST(Reliance, ADamagedOneIsNamedByFileAndField) {
     if (key == "ap70_none" || key == "delta_logit_high") continue;  // may be missing
     nlohmann::json bad = good;
     bad.erase(key);
-    EXPECT_THAT(complaint_of(bad), HasSubstr(fmt::format("a/result.json: {}: missing", key)));
+    EXPECT_THAT(usage_error(bad), HasSubstr(fmt::format("a/result.json: {}: missing", key)));
   }
 }
 
@@ -197,7 +197,7 @@ TEST(Reliance, ShippedDetectorsSeeWhatTheyClaim) {
     const Reliance here = measure_reliance(only, data, list_frames(data));
     EXPECT_GT(here.vehicles, 10) << stem;
     if (claim.at("uses_picture").get<bool>()) {
-      EXPECT_GE(here.mean_delta_logit, kLeastDeltaLogit) << stem << ": " << describe(here);
+      EXPECT_GE(here.mean_delta_logit, kMinDeltaLogit) << stem << ": " << describe(here);
       EXPECT_GT(here.drop.value, 0) << stem << ": " << describe(here);
     } else {
       EXPECT_FALSE(here.uses_picture())

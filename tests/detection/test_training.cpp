@@ -39,10 +39,10 @@ TEST(Training, APoseMovesBoxesWithTheirPoints) {
 }
 
 TEST(Training, TheScheduleRisesAndFalls) {
-  EXPECT_LT(one_cycle(1, 0), 0.1);
-  EXPECT_DOUBLE_EQ(one_cycle(1, 0.05), 1);
-  EXPECT_GT(one_cycle(1, 0.3), one_cycle(1, 0.6));
-  EXPECT_NEAR(one_cycle(1, 1), 0.01, 1e-12);
+  EXPECT_LT(one_cycle_rate(1, 0), 0.1);
+  EXPECT_DOUBLE_EQ(one_cycle_rate(1, 0.05), 1);
+  EXPECT_GT(one_cycle_rate(1, 0.3), one_cycle_rate(1, 0.6));
+  EXPECT_NEAR(one_cycle_rate(1, 1), 0.01, 1e-12);
 }
 
 TEST(Training, WhatDecidesARunKeepsItsKeys) {
@@ -131,7 +131,7 @@ TEST(Training, AStoppedRunGoesOnToTheSameWeights) {
     for (std::int64_t step = 0; step < 2; ++step) {
       const auto samples = data.prepare(step, 1);
       const std::vector<TrainingSample> views = {samples[0].view()};
-      detector->train_step(views, one_cycle(options.learning_rate, static_cast<double>(step) / 4));
+      detector->train_step(views, one_cycle_rate(options.learning_rate, static_cast<double>(step) / 4));
     }
     detector->save(options.out / "checkpoint-2.weights", true);
     auto state = read_json(base / "whole" / "training.json");

@@ -243,7 +243,7 @@ TEST(MeshFiles, VerticesAtOnePlaceAreJoinedAndWhatNoFaceHasIsLeftOut) {
   const Mesh split = {
       {{5, 5, 5}, {0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {-0.0, 0, 0}},
       {{1, 2, 3}, {4, 5, 6}, {1, 7, 5}}};
-  const Mesh one = joined(split);
+  const Mesh one = welded(split);
   EXPECT_EQ(one.vertices, (std::vector<Vec3d>{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}));
   EXPECT_EQ(one.faces, (std::vector<Face>{{0, 1, 2}, {1, 3, 2}}));
 }

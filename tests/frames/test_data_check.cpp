@@ -49,7 +49,7 @@ TEST(DataCheck, OwnUnitsAreSilentAndOthersAreNot) {
   Heard heard;
   check_data(data, "", UnitUse::casts_rays);
   EXPECT_EQ(heard.warnings(), 0) << heard.text();
-  EXPECT_GT(look_at_data(data, "").on_rays, 0.99);
+  EXPECT_GT(data_statistics(data, "").on_rays, 0.99);
   check_data(data, "nuscenes", UnitUse::casts_rays);  // the user says so: a warning
   EXPECT_THAT(heard.text(),
               AllOf(HasSubstr("rig nuscenes"), HasSubstr("mirage rig --data"), HasSubstr("--rig")));
@@ -85,7 +85,7 @@ TEST(DataCheck, BeamsWithoutReturnsAreSaid) {
     if (beams[i] % 2 == 0) thinned.push_back(frame.sweep[i]);
   frame.sweep = thinned;
   write_frame(folder / "data", frame);
-  const DataLook look = look_at_data(folder / "data", "");
+  const DataStatistics look = data_statistics(folder / "data", "");
   EXPECT_GT(look.on_rays, 0.98);
   EXPECT_NEAR(static_cast<double>(look.beams_without), static_cast<double>(look.beams) / 2, 1);
   Heard heard;
@@ -111,7 +111,7 @@ TEST(DataCheck, RecordedKittiIsSilent) {
   Heard heard;
   check_data(test::real_frames(), "", UnitUse::casts_rays);
   EXPECT_EQ(heard.warnings(), 0) << heard.text();
-  const DataLook look = look_at_data(test::real_frames(), "");
+  const DataStatistics look = data_statistics(test::real_frames(), "");
   EXPECT_GE(look.on_rays, 0.9985);
   EXPECT_GE(look.cars_with_returns, 0.9 * static_cast<double>(look.cars));
 }

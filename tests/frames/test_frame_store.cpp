@@ -18,9 +18,9 @@
 #include "base/sizes.h"
 #include "detection/audit.h"
 #include "frames/frame_cache.h"
+#include "frames/frame_provenance.h"
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
-#include "frames/made_of.h"
 #include "scene/data/read_frames.h"
 #include "support/each_field.h"
 #include "support/files.h"
@@ -43,7 +43,7 @@ class CacheIn {
 };
 
 /// Everything of a store's frames that could differ, by bits.
-std::string told(FrameStore& store, const std::vector<std::string>& ids) {
+std::string classify(FrameStore& store, const std::vector<std::string>& ids) {
   std::string text;
   const auto add = [&](const void* bytes, std::size_t size) {
     text.append(static_cast<const char*>(bytes), size);
@@ -78,7 +78,7 @@ class FrameStoreTest : public testing::Test {
  protected:
   void SetUp() override { test::write_tiny_data(data_, 3, true); }
   FrameStore store() const { return FrameStore(FrameSource{data_, "ip-basic", "shape"}); }
-  std::string all(FrameStore& of) const { return told(of, {"000000", "000001", "000002"}); }
+  std::string all(FrameStore& of) const { return classify(of, {"000000", "000001", "000002"}); }
   std::string without_cache() const {
     setenv("MIRAGE_CACHE", "off", 1);
     FrameStore plain = store();

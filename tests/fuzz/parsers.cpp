@@ -229,8 +229,9 @@ void rig(const fs::path& file) {
 void placement(const fs::path& file) {
   PlaceChoice place;
   set_from_text(file.string(), place);
-  demand(place.at.allFinite() && place.at.cwiseAbs().maxCoeff() <= kFarthestPlace && std::isfinite(place.yaw),
-         "the object stands nowhere");
+  demand(
+      place.at.allFinite() && place.at.cwiseAbs().maxCoeff() <= kMaxPlaceDistance && std::isfinite(place.yaw),
+      "the object stands nowhere");
   demand(place.volume.minCoeff() > 0 && place.volume.allFinite(), "there is no room for an object");
   demand((place.victim == Victim::neighbour) == (place.within > 0), "a neighbour is nowhere");
   demand(to_json(read_place(to_json(place), file, "placed", place.name)) == to_json(place),
@@ -329,7 +330,7 @@ void weights(const fs::path& file) {
     all += size;
   }
   demand(all < bytes.size(), "tensors overlap");
-  demand(read.parts.size() <= kMostParts, "parts without end");
+  demand(read.parts.size() <= kMaxParts, "parts without end");
   for (const NamedPart& part : read.parts)
     demand(part.file.find('/') == std::string::npos, "a part lies elsewhere");
 }

@@ -153,7 +153,7 @@ TEST(GenerateDrives, AreReadAsDrivesWithTheirPosesAndIdentities) {
   sum = generate_drives(small_rig(), 5, 1, 1, 0.4, out, silent);
   set_thread_count(0);
   EXPECT_EQ(sum.written, 1);
-  EXPECT_EQ(sum.kept, 3);
+  EXPECT_EQ(sum.existing, 3);
   EXPECT_EQ(read_file(out / "training/label_02/0001.txt"), labels);
   EXPECT_EQ(read_file(out / "training/image_02/0001/000002.png"), picture);
   EXPECT_THAT(test::error_text<InputError>([&] { generate_drives(small_rig(), 5, 1, 1, 2, out, silent); }),

@@ -86,7 +86,7 @@ TEST(FrameRecord, SeveralCamerasComeBackAsTheyWereWritten) {
     EXPECT_EQ(first.labels.size(), own);
   }
   EXPECT_GT(behind, 0) << "the street goes on behind the car";
-  EXPECT_EQ(make().kept, 2);
+  EXPECT_EQ(make().existing, 2);
   const std::string hash = frame_hash(folder.path(), "000000"),
                     whole = frame_hash(folder.path(), "000000", Cameras::all);
   const fs::path about = folder / "training/cameras/000000.json",
@@ -161,11 +161,11 @@ TEST(FrameRecord, AFileThatIsNotWhatWasWrittenIsMadeAgain) {
   }
   write_file(folder.path() / "training/image_2/000001.png", "");
   const DatasetSummary again = generate(folder.path(), 2, Truth::all);
-  EXPECT_EQ(again.kept, 1);
+  EXPECT_EQ(again.existing, 1);
   EXPECT_EQ(again.written, 1);
   EXPECT_EQ(contents(folder.path()), good);
-  EXPECT_EQ(generate(folder.path(), 2, Truth::all).kept, 2);
-  EXPECT_EQ(generate(folder.path(), 2, Truth::none).kept, 2);
+  EXPECT_EQ(generate(folder.path(), 2, Truth::all).existing, 2);
+  EXPECT_EQ(generate(folder.path(), 2, Truth::none).existing, 2);
 }
 
 TEST(FrameRecord, WithoutARecordOrWithADamagedOneTheFrameIsMadeAgain) {

@@ -61,7 +61,7 @@ PictureBox around_box(const Label& label, const Calibration& calibration) {
   PictureBox around{1e9, 1e9, -1e9, -1e9};
   for (const Vec3d& corner : corners(label.box)) {
     const Vec2d pixel = calibration.camera.project<double>(calibration.camera_from_velo * corner);
-    around = joined(around, {pixel.x(), pixel.y(), pixel.x(), pixel.y()});
+    around = united(around, {pixel.x(), pixel.y(), pixel.x(), pixel.y()});
   }
   return around;
 }
@@ -130,7 +130,7 @@ TEST(Generator, DatasetGoesOnWhereItStopped) {
   std::filesystem::remove(out / "training/label_2/000001.txt");
   sum = generate_dataset(small_rig(), 3, 0, 3, out, silent);
   EXPECT_EQ(sum.written, 2);
-  EXPECT_EQ(sum.kept, 1);
+  EXPECT_EQ(sum.existing, 1);
   EXPECT_EQ(list_frames(out).size(), 3u);
   const Frame frame = read_frame(out, "000002"), made = generate_frame(small_rig(), 3, 2);
   EXPECT_EQ(frame.sweep.size(), made.sweep.size());
@@ -171,7 +171,7 @@ TEST(Generator, ADatasetCanBeGivenItsTrueDepthLater) {
   const std::string picture = read_file(out / "training/image_2/000000.png");
   EXPECT_FALSE(std::filesystem::exists(true_depth_file(out, "000000")));
   EXPECT_EQ(generate_dataset(small_rig(), 3, 0, 1, out, silent, Truth::depth).written, 1);
-  EXPECT_EQ(generate_dataset(small_rig(), 3, 0, 1, out, silent, Truth::depth).kept, 1);
+  EXPECT_EQ(generate_dataset(small_rig(), 3, 0, 1, out, silent, Truth::depth).existing, 1);
   EXPECT_EQ(read_file(out / "training/image_2/000000.png"), picture);
   FrameTruth truth;
   generate_frame(small_rig(), 3, 0, &truth);

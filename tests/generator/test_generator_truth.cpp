@@ -195,10 +195,10 @@ TEST(GeneratedTruth, CanBeAddedLaterAndIsResumed) {
                     sweep = read_file(out / "training/velodyne/000001.bin");
   EXPECT_FALSE(std::filesystem::exists(instance_file(out, "000001")));
   EXPECT_EQ(generate_dataset(rig, 3, 0, 2, out, silent, Truth::all).written, 2);
-  EXPECT_EQ(generate_dataset(rig, 3, 0, 2, out, silent, Truth::all).kept, 2);
+  EXPECT_EQ(generate_dataset(rig, 3, 0, 2, out, silent, Truth::all).existing, 2);
   std::filesystem::remove(instance_file(out, "000000"));
   std::filesystem::remove(point_label_file(out, "000001"));
-  EXPECT_EQ(generate_dataset(rig, 3, 0, 2, out, silent, Truth::depth).kept, 2);
+  EXPECT_EQ(generate_dataset(rig, 3, 0, 2, out, silent, Truth::depth).existing, 2);
   EXPECT_EQ(generate_dataset(rig, 3, 0, 2, out, silent, Truth::all).written, 2);
   EXPECT_EQ(read_file(out / "training/image_2/000001.png"), picture);
   EXPECT_EQ(read_file(out / "training/velodyne/000001.bin"), sweep);

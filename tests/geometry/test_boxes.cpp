@@ -163,7 +163,7 @@ TEST(PictureBox, ItsRectangleOverlapsAsItDoes) {
 }
 
 TEST(PictureBox, JoinedHoldsBoth) {
-  const PictureBox both = joined({10, 20, 30, 40}, {25, 5, 50, 30});
+  const PictureBox both = united({10, 20, 30, 40}, {25, 5, 50, 30});
   EXPECT_EQ(both.left, 10);
   EXPECT_EQ(both.top, 5);
   EXPECT_EQ(both.right, 50);

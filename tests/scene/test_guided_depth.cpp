@@ -242,7 +242,7 @@ TEST(DepthTraining, AStoppedRunGoesOnToTheSameWeights) {
       const std::vector<DepthSample> samples = {
           augmented_crop(frames[swapped ? 1 : 0], options.crop, options.seed, 2 * step),
           augmented_crop(frames[swapped ? 0 : 1], options.crop, options.seed, 2 * step + 1)};
-      model->train_step(samples, one_cycle(options.learning_rate, static_cast<double>(step) / 4));
+      model->train_step(samples, one_cycle_rate(options.learning_rate, static_cast<double>(step) / 4));
     }
     model->save(options.out / "checkpoint-2.weights", true);
     auto state = read_json(folder / "whole/training.json");

@@ -409,7 +409,7 @@ TEST_F(Kitti, GivenLabelsStandForMissingOnes) {
   const auto given = folder_ / "given";
   write_file(folder_ / "dataset.json", R"({"rig": "xenith"})");
   write_labels(given / "label_2/000042.txt", whole.labels, whole.calibration);
-  write_given_labels(given, folder_.path(), {{"score", 0.3}});
+  write_separate_labels(given, folder_.path(), {{"score", 0.3}});
   const Frame frame = read_frame(given, "000042");
   EXPECT_TRUE(frame.labelled);
   EXPECT_EQ(frame.labels.size(), whole.labels.size());

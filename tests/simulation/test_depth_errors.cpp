@@ -72,7 +72,7 @@ TEST(DepthErrors, HeldBackReturnsDependOnSeedAndFrame) {
   for (std::size_t i = 0; i < sweep.size(); ++i) sweep[i].x = static_cast<float>(i);
   const auto held_of = [&](std::uint64_t seed, const char* id) {
     Sweep kept, held;
-    hold_back(sweep, 0.2, seed, id, kept, held);
+    withhold(sweep, 0.2, seed, id, kept, held);
     EXPECT_EQ(kept.size() + held.size(), sweep.size());
     std::vector<float> which;
     for (const LidarPoint& point : held) which.push_back(point.x);

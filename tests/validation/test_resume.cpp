@@ -140,7 +140,7 @@ TEST(Resume, TheObjectIsAsTheWorkshopMadeItForBothRenderers) {
   // vehicle.
   FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
   for (const HostId& id : {HostId{"000000", 0}, HostId{"000001", 0}}) {
-    const WorldDraw draw(parse_expectation(settings.expect), settings.seed, draw_of(id));
+    const SampledEnvironment draw(parse_expectation(settings.expect), settings.seed, draw_of(id));
     const Mesh expected = place(draw.built(designed), draw.placement(store.placement(id))).mesh;
     const RenderScene scene = read_scene(settings.out / "scenes" / (host_name(id) + ".glb"));
     double off = 1;

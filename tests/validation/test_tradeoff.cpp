@@ -51,13 +51,13 @@ TEST(TradeoffPoints, TheFrontHoldsWhatNothingBeatsInBoth) {
 
 TEST(TradeoffPoints, TheRuleForDraftAndExact) {
   const TradeoffPoint standard = point("default", 2, 4, 0.8);
-  const double slowest = 2 * kExactTime;
+  const double slowest = 2 * kExactTimeRatio;
   const std::vector<TradeoffPoint> points = {
-      point("image too far off", 0.1, 4 * kDraftImage + 0.1, 0.9),
-      point("gradient too far off", 0.2, 4, 0.8 - kDraftGradient - 0.01),
-      point("as fast as draft", 0.5, 4, 0.8 - kDraftGradient + 1e-9),
-      point("draft", 0.5 * kSameTime, 4 * kDraftImage, 0.79),
-      point("slower than draft", 0.5 * kSameTime + 0.01, 4, 0.9),
+      point("image too far off", 0.1, 4 * kDraftImageErrorRatio + 0.1, 0.9),
+      point("gradient too far off", 0.2, 4, 0.8 - kDraftGradientError - 0.01),
+      point("as fast as draft", 0.5, 4, 0.8 - kDraftGradientError + 1e-9),
+      point("draft", 0.5 * kEqualTimeRatio, 4 * kDraftImageErrorRatio, 0.79),
+      point("slower than draft", 0.5 * kEqualTimeRatio + 0.01, 4, 0.9),
       standard,
       point("least error", 5, 1, 0.7),
       point("exact", slowest, kExactImage, 0.85),
@@ -76,9 +76,9 @@ TEST(TradeoffPoints, TheRuleForDraftAndExact) {
 
 TradeoffSettings tiny(const std::filesystem::path& data, const std::filesystem::path& out) {
   TradeoffSettings settings;
-  if (!data.empty()) settings.asked["data"] = data;
+  if (!data.empty()) settings.overrides["data"] = data;
   settings.out = out;
-  settings.asked["rooftop"] = "box";
+  settings.overrides["rooftop"] = "box";
   settings.hosts = 1;
   settings.frames = 1;
   settings.repeats = 1;
@@ -105,7 +105,7 @@ TEST(Tradeoff, TheRoofThatIsAskedForStandsBeforeTheRuns) {
   settings.grid = false;
   settings.depth_frames = 0;
   EXPECT_EQ(to_json(tradeoff(settings)).at("rooftop"), "box");
-  settings.asked.erase("rooftop");
+  settings.overrides.erase("rooftop");
   EXPECT_EQ(to_json(tradeoff(settings)).at("rooftop"), "shape");
 }
 
@@ -268,8 +268,9 @@ TEST(Tradeoff, NumbersOutOfRangeAreNamed) {
   EXPECT_THAT(complaint([](auto& s) { s.directions = 1; }), StartsWith("directions: "));
   EXPECT_THAT(complaint([](auto& s) { s.attack_seconds = -1; }), StartsWith("attack_seconds: "));
   EXPECT_THAT(complaint([](auto& s) { s.attack_seconds = std::nan(""); }), StartsWith("attack_seconds: "));
-  EXPECT_THAT(complaint([](auto& s) { s.asked.erase("data"); }), StartsWith("data: "));
-  EXPECT_THAT(complaint([&](auto& s) { s.asked["data"] = (folder / "none").string(); }), HasSubstr("none"));
+  EXPECT_THAT(complaint([](auto& s) { s.overrides.erase("data"); }), StartsWith("data: "));
+  EXPECT_THAT(complaint([&](auto& s) { s.overrides["data"] = (folder / "none").string(); }),
+              HasSubstr("none"));
 }
 
 }  // namespace

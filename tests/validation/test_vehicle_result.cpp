@@ -34,8 +34,8 @@ VehicleResult whole_vehicle() {
   seen.full.mae = 0.1, seen.full.error.unbiased = -0.25, seen.full.error.interval = {-0.5, -1, 0.5};
   seen.range = 9.5, seen.detected = true, seen.clean = {0.8, 0.9};
   seen.raster = {0.1, 0.2, -1.5, true, false}, seen.cycles = {0.9, 0.8, 1.5, false, true};
-  seen.arms = ArmsResult{{{{ArmLight::raster, ArmReturns::ideal}, seen.raster}},
-                         {{{Channel::image, "noise"}, seen.cycles}}};
+  seen.conditions = VerdictResults{{{{ConditionLight::raster, ConditionReturns::ideal}, seen.raster}},
+                                   {{{Channel::image, "noise"}, seen.cycles}}};
   seen.pictures = {{"clean", "pictures/000003_2_clean.png"}};
   LadderResult& ladder = seen.ladder.emplace();
   LightRungResult rung;
@@ -251,9 +251,9 @@ TEST(UnbiasedError, RowsPoolTheSquaresOfTheVehicles) {
   EXPECT_EQ(row.at("error_plain"), pooled.plain);
   // One frame alone: its vehicles; one vehicle alone: its picture's own.
   const std::vector<VehicleResult> frame{vehicle_with("a", 0.01, 0.1), vehicle_with("a", 0.03, 0.1)};
-  EXPECT_EQ(summarize_vehicles(frame, {}).ladder.at(0).error.over, DrawnOver::vehicles);
+  EXPECT_EQ(summarize_vehicles(frame, {}).ladder.at(0).error.over, IntervalBasis::vehicles);
   const PooledError one = summarize_vehicles({frame[0]}, {}).ladder.at(0).error;
-  EXPECT_EQ(one.over, DrawnOver::pixels);
+  EXPECT_EQ(one.over, IntervalBasis::pixels);
   EXPECT_NEAR(one.unbiased.low, 0, 1e-9);
 }
 

@@ -136,7 +136,7 @@ void attack_steps(benchmark::State& state, const std::string& name) {
           rounds.add("cosine " + variant.word, cosine(other.gradient, changed.gradient));
           rounds.add("error " + variant.word, difference(other.gradient, changed.gradient));
         }
-        const HostSeconds& s = changed.seconds;
+        const HostTimings& s = changed.seconds;
         if (round > 0) {
           simulation += s.simulation_forward + s.simulation_vjp;
           all += s.simulation_forward + s.simulation_vjp + s.detector_forward + s.detector_backward + s.rest;
@@ -146,7 +146,7 @@ void attack_steps(benchmark::State& state, const std::string& name) {
         SensorView view = view_of(stand.prepared, simulated, whole->capabilities());
         rounds.cpu("full evaluation", [&] { detections(*whole, view, {}); });
         rounds.cpu("local evaluation", [&] {
-          const CleanView clean = clean_view(stand.prepared, simulated.rect);
+          const UnchangedInput clean = unchanged_input(stand.prepared, simulated.rect);
           view.clean = &clean;
           detections(*local, view, {});
         });

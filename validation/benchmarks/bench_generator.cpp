@@ -85,7 +85,7 @@ ONCE(BENCHMARK_CAPTURE(generator_frames, xenith, "xenith"));
 // The vehicle fit, by stage, over the cars within 30 m of a few generated streets. One thread.
 
 constexpr int kStreets = 6;
-constexpr double kFarthest = 30;  // m
+constexpr double kMaxDistance = 30;  // m
 
 void fit(benchmark::State& state) {
   const LidarModel lidar = read_lidar_model(shipped_file("scenes/rigs/kitti64.toml"));
@@ -96,7 +96,7 @@ void fit(benchmark::State& state) {
       const auto street = generator::make_street(12, static_cast<std::uint64_t>(index), lidar.height);
       const SweepIndex sweep(simulate_sweep(RayScene(street.surfaces), lidar, 1), lidar);
       for (const auto& thing : street.placed) {
-        if (thing.type != "Car" || std::hypot(thing.box.bev.x, thing.box.bev.y) > kFarthest) continue;
+        if (thing.type != "Car" || std::hypot(thing.box.bev.x, thing.box.bev.y) > kMaxDistance) continue;
         VehicleEvidence evidence;
         const double gather = milliseconds([&] { evidence = gather_evidence(sweep, thing.box); });
         ShapeFit fit;

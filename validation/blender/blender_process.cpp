@@ -105,7 +105,7 @@ void BlenderWorker::start() {
                                  program_.string(), "-b", "--factory-startup", "--disable-autoexec",
                                  "--python-exit-code", "1", "-P", script_.string(), "--"},
         log_, "Blender was rendering");
-    if (child_->ask({{"job", "ping"}}, start_timeout_, answer, true)) break;
+    if (child_->exchange({{"job", "ping"}}, start_timeout_, answer, true)) break;
     const std::string lost = child_->lost();
     const bool dies = child_->end().has_value();  // one that is silent would only be waited for again
     child_.reset();
@@ -123,7 +123,7 @@ void BlenderWorker::start() {
 nlohmann::json BlenderWorker::request(nlohmann::json job, double timeout) {
   nlohmann::json answer;
   for (int attempt = 1;; ++attempt) {
-    if (child_ && child_->ask(job, timeout, answer)) break;
+    if (child_ && child_->exchange(job, timeout, answer)) break;
     losses_.push_back({job.value("job", ""), child_ ? child_->lost() : losses_.back().how, attempt});
     child_.reset();
     if (attempt < kAttempts) spdlog::warn("Blender {}; starting it again", losses_.back().how);

@@ -18,7 +18,7 @@ using nlohmann::json;
 
 constexpr double kRidge = 1;
 constexpr double kFloor = 1e-4;  // error at which its logarithm levels off
-constexpr double kLargestLambda = 8, kLambdaStep = 0.05;
+constexpr double kMaxLambda = 8, kLambdaStep = 0.05;
 
 double logarithm(double error) {
   return std::log(error + kFloor);
@@ -280,7 +280,7 @@ void BudgetRule::fit_rungs(const std::vector<BudgetScene>& calibration, const Pr
 /// From the largest λ down, as long as the bound holds.
 void BudgetRule::calibrate(const std::vector<BudgetScene>& calibration, const Groups& groups,
                            const Predictions& left_out, double confidence) {
-  for (int step = static_cast<int>(std::lround(kLargestLambda / kLambdaStep)); step >= 0; --step) {
+  for (int step = static_cast<int>(std::lround(kMaxLambda / kLambdaStep)); step >= 0; --step) {
     const double lambda = step * kLambdaStep;
     const auto is_beyond = [&](std::size_t i) {
       const int rung = choose(left_out[i], lambda);

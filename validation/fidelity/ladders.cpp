@@ -312,8 +312,8 @@ Noise noise_of(const Halves& halves, const ImageF& mask, int samples) {
 }
 
 int samples_for(const Noise& noise, double target) {
-  const double wanted = std::ceil(noise.samples * std::pow(noise.relative / target, 2));
-  return static_cast<int>(std::clamp<double>(wanted, 4, 4096));
+  const double needed = std::ceil(noise.samples * std::pow(noise.relative / target, 2));
+  return static_cast<int>(std::clamp<double>(needed, 4, 4096));
 }
 
 FullLight full_light(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated) {

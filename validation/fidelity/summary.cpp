@@ -60,28 +60,28 @@ struct Paired {
   }
 };
 
-/// The vehicles' arms or controls against the first of their arms, in the order of their coming.
-template <class Look, class Entry>
-std::vector<Compared<Look>> compared(const Vehicles& vehicles, std::vector<Entry> ArmsResult::*which) {
-  std::vector<std::pair<Look, Paired>> all;
+/// The vehicles' conditions or controls against their first condition, in the order of their coming.
+template <class Key, class Entry>
+std::vector<Compared<Key>> compared(const Vehicles& vehicles, std::vector<Entry> VerdictResults::*which) {
+  std::vector<std::pair<Key, Paired>> all;
   for (const VehicleResult* vehicle : vehicles) {
-    if (!vehicle->seen->arms) continue;
-    const ArmsResult& looks = *vehicle->seen->arms;
-    for (const auto& [look, outcome] : looks.*which) {
-      const Look& wanted = look;
+    if (!vehicle->seen->conditions) continue;
+    const VerdictResults& verdicts = *vehicle->seen->conditions;
+    for (const auto& [key, outcome] : verdicts.*which) {
+      const Key& wanted = key;
       auto place = std::find_if(all.begin(), all.end(), [&](const auto& of) { return of.first == wanted; });
-      if (place == all.end()) place = all.insert(all.end(), {look, Paired()});
-      place->second.add(own_cluster(*vehicle), outcome, looks.arms.at(0).outcome);
+      if (place == all.end()) place = all.insert(all.end(), {key, Paired()});
+      place->second.add(own_cluster(*vehicle), outcome, verdicts.conditions.at(0).outcome);
     }
   }
-  constexpr bool kArms = std::is_same_v<Look, VerdictArm>;  // whose first is not compared with itself
-  std::vector<Compared<Look>> list;
-  for (const auto& [look, paired] : all) {
+  constexpr bool kArms = std::is_same_v<Key, VerdictCondition>;  // whose first is not compared with itself
+  std::vector<Compared<Key>> list;
+  for (const auto& [key, paired] : all) {
     const double n = paired.tally.vehicles;
     const std::optional<Interval> difference =
         kArms && list.empty() ? std::nullopt : std::optional(paired.difference().asr);
     list.push_back(
-        {paired.tally.success(), look, difference, paired.flips, paired.logit / n, paired.score / n});
+        {paired.tally.success(), key, difference, paired.flips, paired.logit / n, paired.score / n});
   }
   return list;
 }
@@ -148,7 +148,7 @@ VerdictGroup group(const Vehicles& vehicles) {
           count,
           clusters.count(),
           variants_of(vehicles),
-          compared<VerdictArm>(vehicles, &ArmsResult::arms),
+          compared<VerdictCondition>(vehicles, &VerdictResults::conditions),
           cycles.difference(),
           (count - cycles.flips) / n,
           correlation(scores),
@@ -178,13 +178,14 @@ json success_figures(const Success& success) {
   return out;
 }
 
-template <class Look>
-json compared_figures(const std::vector<Compared<Look>>& all) {
-  return list_json(all, [](const Compared<Look>& entry) {
+template <class Key>
+json compared_figures(const std::vector<Compared<Key>>& all) {
+  return list_json(all, [](const Compared<Key>& entry) {
     json out = success_figures(entry);
-    out.update(fields_json(entry.look));
+    out.update(fields_json(entry.key));
     if (entry.difference)
-      out.update({{"difference", to_json(*entry.difference)}, {"told", to_string(told(*entry.difference))}});
+      out.update(
+          {{"difference", to_json(*entry.difference)}, {"told", to_string(classify(*entry.difference))}});
     out.update({{"flips", entry.flips},
                 {"mean_delta_logit", entry.mean_delta_logit},
                 {"mean_delta_score", entry.mean_delta_score}});
@@ -202,9 +203,9 @@ json group_figures(const VerdictGroup& group) {
           {"vehicles", group.vehicles},
           {"clusters", to_json(group.clusters)},
           {"variants", std::move(variants)},
-          {"arms", compared_figures(group.arms)},
+          {"arms", compared_figures(group.conditions)},
           {"difference", share_figures(group.difference)},
-          {"told", to_string(told(group.difference.asr))},
+          {"told", to_string(classify(group.difference.asr))},
           {"agree", group.agree},
           {"score_correlation", group.score_correlation ? json(*group.score_correlation) : json()},
           {"score_mean_difference", group.score_mean_difference}};
@@ -267,9 +268,9 @@ class Errors {
     const ClusteredShare& over = by_cluster ? clusters_ : vehicles_;
     return {signed_root(plain_ / n), signed_root(floor_ / n), signed_root(drawn_ / n),
             alone ? picture_ : signed_root(over.mean_interval()),
-            alone        ? DrawnOver::pixels
-            : by_cluster ? DrawnOver::clusters
-                         : DrawnOver::vehicles};
+            alone        ? IntervalBasis::pixels
+            : by_cluster ? IntervalBasis::clusters
+                         : IntervalBasis::vehicles};
   }
 
  private:
@@ -501,17 +502,18 @@ json fooled_figures(const FooledSummary& fooled) {
 std::optional<bool> Verdict::vacuous(Channel channel) const {
   std::optional<bool> vacuous;
   for (const Compared<VerdictControl>& control : controls) {
-    if (control.look.channel != channel) continue;
-    const bool changed = control.flips > 0 || control.mean_delta_logit >= kLeastDeltaLogit;
+    if (control.key.channel != channel) continue;
+    const bool changed = control.flips > 0 || control.mean_delta_logit >= kMinDeltaLogit;
     vacuous = vacuous.value_or(true) && !changed;
   }
   return vacuous;
 }
 
-const Compared<VerdictArm>* Verdict::nearest_to_reality(bool sees) const {
-  const VerdictArm wanted{sees ? ArmLight::cycles : ArmLight::raster, ArmReturns::realistic};
-  for (const Compared<VerdictArm>& arm : judged().arms)
-    if (arm.look == wanted) return &arm;
+const Compared<VerdictCondition>* Verdict::nearest_to_reality(bool sees) const {
+  const VerdictCondition wanted{sees ? ConditionLight::cycles : ConditionLight::raster,
+                                ConditionReturns::realistic};
+  for (const Compared<VerdictCondition>& condition : judged().conditions)
+    if (condition.key == wanted) return &condition;
   return nullptr;
 }
 
@@ -531,7 +533,7 @@ Verdict verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::
   }
   result.held_back = group(held_back);
   result.all = group(all);
-  result.controls = compared<VerdictControl>(all, &ArmsResult::controls);
+  result.controls = compared<VerdictControl>(all, &VerdictResults::controls);
   return result;
 }
 
@@ -542,12 +544,12 @@ json to_json(const Verdict& verdict) {
           {"pairs", list_json(verdict.pairs, pair_figures)},
           {"flips", list_json(verdict.flips, flip_figures)},
           {"of", &verdict.judged() == &verdict.held_back ? "held_back" : "all"},
-          {"arms", compared_figures(verdict.judged().arms)},
+          {"arms", compared_figures(verdict.judged().conditions)},
           {"controls", compared_figures(verdict.controls)},
           {"vacuous",
            {{"image", truth(verdict.vacuous(Channel::image))},
             {"lidar", truth(verdict.vacuous(Channel::lidar))},
-            {"bound", kLeastDeltaLogit}}}};
+            {"bound", kMinDeltaLogit}}}};
 }
 
 std::vector<Target> targets_of(const ValidationSummary& summary) {

@@ -35,12 +35,12 @@ struct VerdictVariant : Success {
   std::string name;  ///< the kind's, or the rung's effect
 };
 
-/// What is looked at (VerdictArm, VerdictControl) against the first arm, as the attack was learned, on the
-/// same vehicles.
-template <class Look>
+/// What is looked at (VerdictCondition, VerdictControl) against the first condition, as the attack was
+/// learned, on the same vehicles.
+template <class Key>
 struct Compared : Success {
-  Look look;
-  std::optional<Interval> difference;  ///< asr − that of the first arm, paired; none of the first itself
+  Key key;
+  std::optional<Interval> difference;  ///< asr − that of the first condition, paired; none of the first
   int flips = 0;                       ///< how many end otherwise, hidden or with a false positive
   double mean_delta_logit = 0, mean_delta_score = 0;  ///< of |Δ|
 };
@@ -50,7 +50,7 @@ struct VerdictGroup {
   int frames = 0, vehicles = 0;
   ClusterCount clusters;
   std::vector<VerdictVariant> variants;  ///< by kind, rungs in the ladder's order; none without vehicles
-  std::vector<Compared<VerdictArm>> arms;
+  std::vector<Compared<VerdictCondition>> conditions;
   SuccessShares difference;                 ///< cycles − soft, paired
   double agree = 0;                         ///< share of the same outcome, soft and cycles
   std::optional<double> score_correlation;  ///< of the same two; none where one does not vary
@@ -82,22 +82,22 @@ struct Verdict {
   /// Which of the groups the verdict is on: all vehicles where none was held back.
   const VerdictGroup& judged() const { return held_back.vehicles > 0 ? held_back : all; }
   /// Whether taking the object out of that channel changes nothing: no outcome flips under any of the
-  /// channel's controls, and the mean |Δlogit| stays below kLeastDeltaLogit (detection/reliance.h) under
+  /// channel's controls, and the mean |Δlogit| stays below kMinDeltaLogit (detection/reliance.h) under
   /// each. Then who drew the object there says nothing about the attack. None without controls.
   std::optional<bool> vacuous(Channel channel) const;
-  /// The arm nearest to what is driven through: realistic returns, Cycles' picture if the detector `sees`,
-  /// else the rasteriser's. None without vehicles.
-  const Compared<VerdictArm>* nearest_to_reality(bool sees) const;
+  /// The condition nearest to what is driven through: realistic returns, Cycles' picture if the detector
+  /// `sees`, else the rasteriser's. None without vehicles.
+  const Compared<VerdictCondition>* nearest_to_reality(bool sees) const;
 };
 
 /// `test_frames`: those whose vehicles are held back.
 Verdict verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::string>& test_frames);
 
 /// {confidence, held_back, all, pairs, flips, of, arms, controls, vacuous}: the structs' fields by name, with
-///   difference: of a group {fn_asr, fp_asr, asr}; of an arm or a control one interval, none of the first
-///   arm; told: what a difference of asr says (base/intervals.h); pairs, flips: with split, "test" or
-///   "train"; flips with from and to, "hidden" or "found"; of: "held_back" or "all", the judged group, whose
-///   arms stand here again; vacuous: {image, lidar, bound}.
+///   difference: of a group {fn_asr, fp_asr, asr}; of a condition or a control one interval, none of the
+///   first condition; told: what a difference of asr says (base/intervals.h); pairs, flips: with split,
+///   "test" or "train"; flips with from and to, "hidden" or "found"; of: "held_back" or "all", the judged
+///   group, whose arms stand here again; vacuous: {image, lidar, bound}.
 nlohmann::json to_json(const Verdict& verdict);
 
 /// Rasteriser and rays against the reference's, light for light (MatchedResult), over the vehicles: errors
@@ -129,8 +129,8 @@ struct MeanChange {
 };
 
 /// What an interval is drawn over.
-enum class DrawnOver { pixels, vehicles, clusters };
-constexpr auto words_of(DrawnOver) {
+enum class IntervalBasis { pixels, vehicles, clusters };
+constexpr auto words_of(IntervalBasis) {
   return std::to_array<const char*>({"pixels", "vehicles", "clusters"});
 }
 
@@ -140,7 +140,7 @@ constexpr auto words_of(DrawnOver) {
 struct PooledError {
   double plain = 0, floor = 0, drawn = 0;
   Interval unbiased;
-  DrawnOver over = DrawnOver::pixels;
+  IntervalBasis over = IntervalBasis::pixels;
 };
 
 /// The rasteriser's picture against full Cycles.

@@ -13,7 +13,7 @@
 #include "base/json_fields.h"
 #include "base/logging.h"
 #include "base/ranks.h"
-#include "frames/made_of.h"
+#include "frames/frame_provenance.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/shape/shape_fit.h"
 #include "simulation/insertion.h"
@@ -68,7 +68,7 @@ void require_result(fs::path& file, const char* key, const std::string& command)
 /// The hosts' results, kept or made, each stored as it is finished, so that ranks find what others made.
 /// Those that the renderer was lost on go to `failed`.
 std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std::vector<HostId>& hosts,
-                                           std::vector<GivenUp>& failed) {
+                                           std::vector<AbandonedVehicle>& failed) {
   const ValidationSettings& settings = context.settings;
   std::map<std::string, std::string> keys;  // by frame
   const std::vector<bool> has_ladder =
@@ -110,8 +110,8 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
 
 }  // namespace
 
-void write_report(const ValidationSettings& given) {
-  ValidationSettings settings = given;
+void write_report(const ValidationSettings& requested) {
+  ValidationSettings settings = requested;
   require_result(settings.evaluation, "fn_asr", "evaluate");
   require_result(settings.tradeoff, "recommended", "tradeoff");
   const std::string python = plotting_python().string();
@@ -127,33 +127,33 @@ void write_report(const ValidationSettings& given) {
   if (const fs::path viewer = built_file("report/model-viewer.min.js"); fs::exists(viewer))
     arguments.insert(arguments.end(), {"--viewer", viewer.string()});
   if (settings.sign_off) arguments.push_back("--sign-off");
-  std::string said;
-  if (const int status = run_program(arguments, &said); status != 0)
-    throw Failure("report.py", said.empty() ? fmt::format("ended with status {}", status) : said,
-                  said.starts_with("ModuleNotFoundError") ? "install python3-jinja2 and python3-pil"
-                                                          : "finished vehicles are kept");
+  std::string output;
+  if (const int status = run_program(arguments, &output); status != 0)
+    throw Failure("report.py", output.empty() ? fmt::format("ended with status {}", status) : output,
+                  output.starts_with("ModuleNotFoundError") ? "install python3-jinja2 and python3-pil"
+                                                            : "finished vehicles are kept");
 }
 
 std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& frame,
                            const ReferenceIdentity& reference) {
-  Provenance made_of;
-  add_frames(made_of, run.settings, {&frame, 1});
-  add_detector(made_of, settings.detector);
-  made_of.add(run.settings.simulation);
-  made_of.file("adversary", settings.run / "adversary.glb");
-  reference.add_to(made_of);
-  made_of.set("samples", settings.samples);
-  made_of.set("noise", settings.noise);
-  made_of.set("seed", settings.seed);
+  Provenance provenance;
+  add_frames(provenance, run.settings, {&frame, 1});
+  add_detector(provenance, settings.detector);
+  provenance.add(run.settings.simulation);
+  provenance.file("adversary", settings.run / "adversary.glb");
+  reference.add_to(provenance);
+  provenance.set("samples", settings.samples);
+  provenance.set("noise", settings.noise);
+  provenance.set("seed", settings.seed);
   const EvaluationSettings& evaluation = settings.evaluation_settings;
-  made_of.set("score_threshold", evaluation.score_threshold);
-  made_of.set("detected_iou", evaluation.detected_iou);
-  made_of.set("false_positive_iou", evaluation.false_positive_iou);
+  provenance.set("score_threshold", evaluation.score_threshold);
+  provenance.set("detected_iou", evaluation.detected_iou);
+  provenance.set("false_positive_iou", evaluation.false_positive_iou);
   if (evaluation.expectation.any()) {
-    made_of.set("expectation", fields_json(evaluation.expectation));
-    made_of.set("expectation_seed", evaluation.expectation_seed);
+    provenance.set("expectation", fields_json(evaluation.expectation));
+    provenance.set("expectation_seed", evaluation.expectation_seed);
   }
-  return made_of.identity();
+  return provenance.identity();
 }
 
 std::vector<HostId> select_hosts(const Run& run, int frames) {
@@ -192,14 +192,14 @@ std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count) {
   return on_ladder;
 }
 
-Validation validate(const ValidationSettings& given, const StartReference& start) {
-  ValidationSettings settings = given;
+Validation validate(const ValidationSettings& requested, const StartReference& start) {
+  ValidationSettings settings = requested;
   settings.evaluation_settings.expectation = parse_expectation(settings.expect);
   settings.evaluation_settings.expectation_seed = settings.seed;
   require_built(settings.evaluation_settings.expectation);
   Run run = read_run(settings.run, settings.trust);
   const SimulationSettings learned = run.settings.simulation;
-  override_settings(run, settings.asked, settings.seed);
+  override_settings(run, settings.overrides, settings.seed);
   check_fields(run.settings);
   // Rays and pixels are compared with the reference's; the ladders add the effects.
   run.settings.simulation.lidar_effects = {};
@@ -240,26 +240,27 @@ Validation validate(const ValidationSettings& given, const StartReference& start
     validation.hosts.push_back(vehicle.name);
     for (const ReferenceLoss& loss : vehicle.losses) validation.losses.emplace_back(vehicle.name, loss);
   }
-  validation.settings = given;
+  validation.settings = requested;
   validation.placement = run.settings.placement;
   validation.reference = renderer->identity();
-  settings.made_of->add(run.settings);
-  settings.made_of->set("samples", settings.samples);
-  settings.made_of->set("expect", settings.expect);
-  settings.made_of->input(validation.reference.key, validation.reference.version);
-  add_frames(*settings.made_of, run.settings, hosts);
-  add_detector(*settings.made_of, settings.detector);
+  settings.provenance->add(run.settings);
+  settings.provenance->set("samples", settings.samples);
+  settings.provenance->set("expect", settings.expect);
+  settings.provenance->input(validation.reference.key, validation.reference.version);
+  add_frames(*settings.provenance, run.settings, hosts);
+  add_detector(*settings.provenance, settings.detector);
   return validation;
 }
 
 std::string headline(const Validation& validation) {
   const bool sees = validation.reliance.uses_picture();
   std::string words = "No vehicle was found without the object: there is no success rate";
-  if (const auto* arm = validation.verdict.nearest_to_reality(sees)) {
-    words =
-        fmt::format("Attack success {:.1f} % ({:.1f}–{:.1f}) {}with realistic returns", 100 * arm->asr.value,
-                    100 * arm->asr.low, 100 * arm->asr.high, sees ? "in Cycles " : "");
-    if (arm->difference) words += "; against what was learned: " + to_string(told(*arm->difference));
+  if (const auto* condition = validation.verdict.nearest_to_reality(sees)) {
+    words = fmt::format("Attack success {:.1f} % ({:.1f}–{:.1f}) {}with realistic returns",
+                        100 * condition->asr.value, 100 * condition->asr.low, 100 * condition->asr.high,
+                        sees ? "in Cycles " : "");
+    if (condition->difference)
+      words += "; against what was learned: " + to_string(classify(*condition->difference));
   }
   const std::vector<Target> targets = targets_of(validation.summary);
   const bool met = std::all_of(targets.begin(), targets.end(), [](const Target& of) { return of.met; });
@@ -272,7 +273,7 @@ json to_json(const Validation& validation) {
     const auto& [vehicle, loss] = lost;
     return {{"job", loss.job}, {"how", loss.how}, {"attempt", loss.attempt}, {"vehicle", vehicle}};
   });
-  auto failed = list_json(validation.failed, [](const GivenUp& vehicle) -> json {
+  auto failed = list_json(validation.failed, [](const AbandonedVehicle& vehicle) -> json {
     return {{"name", vehicle.name}, {"problem", vehicle.problem}};
   });
   if (validation.budget) out["budget"] = to_json(*validation.budget);
@@ -283,7 +284,7 @@ json to_json(const Validation& validation) {
     return entry;
   });
   out["headline"] = headline(validation);
-  const auto& arms = validation.verdict.judged().arms;
+  const auto& conditions = validation.verdict.judged().conditions;
   const auto* nearest = validation.verdict.nearest_to_reality(validation.reliance.uses_picture());
   out.update({{"verdict", to_json(validation.verdict)},
               {"reliance", to_json(validation.reliance)},
@@ -300,7 +301,7 @@ json to_json(const Validation& validation) {
               {"expect", validation.settings.expect},
               {"clusters", to_json(validation.verdict.judged().clusters)},
               {"report", (validation.settings.out / "report.html").string()}});
-  if (nearest) out["verdict"]["nearest"] = nearest - arms.data();
+  if (nearest) out["verdict"]["nearest"] = nearest - conditions.data();
   return out;
 }
 

@@ -21,7 +21,7 @@
 namespace mirage {
 
 /// A vehicle without a result: the renderer was lost on it too often (ReferenceLost).
-struct GivenUp {
+struct AbandonedVehicle {
   std::string name, problem;
 };
 
@@ -34,7 +34,7 @@ struct Validation {
   std::vector<std::string> hosts;  ///< names of the vehicles, in the order that they were looked at
   /// With the vehicle's name; of the stopped runs before this one as well.
   std::vector<std::pair<std::string, ReferenceLoss>> losses;
-  std::vector<GivenUp> failed;
+  std::vector<AbandonedVehicle> failed;
   ReferenceIdentity reference;
   ValidationSettings settings;  ///< as asked for
   PlaceChoice placement;        ///< of the object
@@ -47,8 +47,8 @@ Validation validate(const ValidationSettings& settings, const StartReference& st
 /// Python; Failure if report.py fails.
 void write_report(const ValidationSettings& settings);
 
-/// What the page says first: success in the arm nearest to reality, what its difference from the first arm
-/// tells, and whether matched light misses a target. One sentence.
+/// What the page says first: success under the condition nearest to reality, what its difference from the
+/// first tells, and whether matched light misses a target. One sentence.
 std::string headline(const Validation& validation);
 
 /// result.json (src/README.md): the summary's fields among its own.

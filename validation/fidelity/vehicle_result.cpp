@@ -36,7 +36,7 @@ VehicleResult read_vehicle(const std::filesystem::path& file, const json& raw) {
   read_fields(from, vehicle);
   if (!vehicle.seen) return vehicle;
   const SeenResult& seen = *vehicle.seen;
-  if (seen.arms && seen.arms->arms.empty()) from.fail("arms", "has no entries");
+  if (seen.conditions && seen.conditions->conditions.empty()) from.fail("arms", "has no entries");
   if (seen.surround && seen.surround->cameras.empty()) from.fail("cameras", "has no entries");
   if (seen.ladder && seen.detected)
     for (const LightRungResult& rung : seen.ladder->light)

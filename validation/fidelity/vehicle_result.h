@@ -30,21 +30,21 @@ void visit_fields(Visitor& visit, S& s) {
               s.false_positive);
 }
 
-/// Who draws the object of an arm, and how it meets the rays (vehicle_validation.h).
-enum class ArmLight { learned, raster, visible, cycles };
-constexpr auto words_of(ArmLight) {
+/// Who draws the object under a condition, and how it meets the rays (vehicle_validation.h).
+enum class ConditionLight { learned, raster, visible, cycles };
+constexpr auto words_of(ConditionLight) {
   return std::to_array<const char*>({"learned", "raster", "visible", "cycles"});
 }
-enum class ArmReturns { learned, ideal, realistic };
-constexpr auto words_of(ArmReturns) {
+enum class ConditionReturns { learned, ideal, realistic };
+constexpr auto words_of(ConditionReturns) {
   return std::to_array<const char*>({"learned", "ideal", "realistic"});
 }
-struct VerdictArm {
-  ArmLight light = ArmLight::raster;
-  ArmReturns returns = ArmReturns::ideal;
-  bool operator==(const VerdictArm&) const = default;
+struct VerdictCondition {
+  ConditionLight light = ConditionLight::raster;
+  ConditionReturns returns = ConditionReturns::ideal;
+  bool operator==(const VerdictCondition&) const = default;
 };
-template <class Visitor, FieldsOf<VerdictArm> S>
+template <class Visitor, FieldsOf<VerdictCondition> S>
 void visit_fields(Visitor& visit, S& s) {
   visit_named(visit, "light", s.light, "returns", s.returns);
 }
@@ -64,14 +64,14 @@ void visit_fields(Visitor& visit, S& s) {
   visit_named(visit, "channel", s.channel, "control", s.control);
 }
 
-/// What the detector makes of an arm, and of a control.
-struct ArmResult {
-  VerdictArm arm;
+/// What the detector makes of a condition, and of a control.
+struct ConditionResult {
+  VerdictCondition condition;
   OutcomeResult outcome;
 };
-template <class Visitor, FieldsOf<ArmResult> S>
+template <class Visitor, FieldsOf<ConditionResult> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit_fields(visit, s.arm);
+  visit_fields(visit, s.condition);
   visit_fields(visit, s.outcome);
 }
 struct ControlResult {
@@ -84,13 +84,13 @@ void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, s.outcome);
 }
 /// {arms, controls} of vehicle_validation.h: none of a vehicle that is not found without the adversary.
-struct ArmsResult {
-  std::vector<ArmResult> arms;
+struct VerdictResults {
+  std::vector<ConditionResult> conditions;
   std::vector<ControlResult> controls;
 };
-template <class Visitor, FieldsOf<ArmsResult> S>
+template <class Visitor, FieldsOf<VerdictResults> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit_named(visit, "arms", s.arms, "controls", s.controls);
+  visit_named(visit, "arms", s.conditions, "controls", s.controls);
 }
 
 /// Rasteriser and rays against the reference's, light for light (ladders.h).
@@ -233,7 +233,7 @@ struct SeenResult {
   bool detected = false;
   CleanResult clean;
   OutcomeResult raster, hard, cycles;
-  std::optional<ArmsResult> arms;
+  std::optional<VerdictResults> conditions;
   std::optional<LadderResult> ladder;
   std::map<std::string, std::string> pictures;  ///< files, relative to OUT
 };
@@ -246,7 +246,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit_named(visit, "detected", s.detected, "clean", s.clean, "raster", s.raster, "hard", s.hard, "cycles",
               s.cycles);
   visit.among("cameras", s.surround);
-  visit.among("arms", s.arms);
+  visit.among("arms", s.conditions);
   visit.among("ladder", s.ladder);
   visit({.name = "pictures", .plain = true}, s.pictures);
 }

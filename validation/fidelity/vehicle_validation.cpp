@@ -59,21 +59,21 @@ json boxes_json(const std::vector<Detection>& proposals, bool in_picture, Matchi
 
 /// What the detector makes of a view: its detections, and the logit of the proposal that speaks for the host
 /// (detection/reliance.h), which goes on below the threshold of detections.
-struct Appearance {
+struct ViewResponse {
   std::vector<Detection> found;
   double logit = 0;
 };
 
-Appearance look_at(Detector& detector, const SensorView& view, const ObjectBoxes& host,
-                   const EvaluationSettings& settings) {
+ViewResponse evaluate_view(Detector& detector, const SensorView& view, const ObjectBoxes& host,
+                           const EvaluationSettings& settings) {
   const std::vector<Detection> proposals =
       detector.forward(view, std::min(kFaintScore, settings.score_threshold), false);
-  Appearance look;
-  look.logit = speaker(proposals, host, settings.matching).logit;
-  std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(look.found),
+  ViewResponse response;
+  response.logit = matching_proposal(proposals, host, settings.matching).logit;
+  std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(response.found),
                [&](const Detection& proposal) { return proposal.score() > settings.score_threshold; });
-  look.found = suppress(std::move(look.found), settings.matching);
-  return look;
+  response.found = suppress(std::move(response.found), settings.matching);
+  return response;
 }
 
 /// A look judged.
@@ -132,7 +132,7 @@ ImageF difference(const ImageF& a, const ImageF& b, float gain) {
 }
 
 /// What one camera shows of the vehicle, drawn by Mirage and by the reference.
-struct Looked {
+struct DrawnView {
   std::size_t camera = 0;
   std::optional<PreparedFrame> turned;  ///< its frame, where it is not the first camera
   HostScene scene;                      ///< in that frame
@@ -170,7 +170,7 @@ std::vector<std::size_t> cameras_seeing(const Simulated& simulated, const Label&
 /// The ladders of light (in one camera) and LiDAR, each rung with what the detector makes of it, and the
 /// features by which a budget chooses (budget.h).
 template <class Outcome>
-LadderResult ladders(ReferenceRenderer& renderer, const Looked& at, const Simulated& simulated,
+LadderResult ladders(ReferenceRenderer& renderer, const DrawnView& at, const Simulated& simulated,
                      const Outcome& outcome) {
   const auto& [camera, turned, scene, drawn, matched, full] = at;
   LadderResult result;
@@ -214,21 +214,22 @@ ImageF noise_in_place(const CameraSight& seen, const ImageF& photograph, std::ui
   return image;
 }
 
-ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const Simulated& learned,
-                        const Pictures& cycles, const LookAt& look) {
+VerdictResults evaluate_conditions(const HostScene& scene, const Simulated& attacked,
+                                   const Simulated& learned, const Pictures& cycles,
+                                   const ViewEvaluator& evaluate) {
   const Frame& frame = scene.prepared->frame;
   const Sweep ideal = sweep_with(scene, {}), realistic = sweep_with(scene, realistic_returns(scene));
   const Simulated raster = drawn_under(scene, attacked, LightModel::plain),
                   visible = drawn_under(scene, attacked, LightModel::visible);
-  ArmsResult result;
-  result.arms.push_back(
-      {{ArmLight::learned, ArmReturns::learned}, look(pictures_of(learned), learned.sweep)});
-  const std::pair<ArmLight, Pictures> lights[] = {{ArmLight::raster, pictures_of(raster)},
-                                                  {ArmLight::visible, pictures_of(visible)},
-                                                  {ArmLight::cycles, cycles}};
+  VerdictResults result;
+  result.conditions.push_back(
+      {{ConditionLight::learned, ConditionReturns::learned}, evaluate(pictures_of(learned), learned.sweep)});
+  const std::pair<ConditionLight, Pictures> lights[] = {{ConditionLight::raster, pictures_of(raster)},
+                                                        {ConditionLight::visible, pictures_of(visible)},
+                                                        {ConditionLight::cycles, cycles}};
   for (const auto& [light, pictures] : lights) {
-    result.arms.push_back({{light, ArmReturns::ideal}, look(pictures, ideal)});
-    result.arms.push_back({{light, ArmReturns::realistic}, look(pictures, realistic)});
+    result.conditions.push_back({{light, ConditionReturns::ideal}, evaluate(pictures, ideal)});
+    result.conditions.push_back({{light, ConditionReturns::realistic}, evaluate(pictures, realistic)});
   }
   std::vector<ImageF> noise(frame.cameras());
   Pictures noisy(frame.cameras());
@@ -238,7 +239,7 @@ ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const
       noisy[k] = &noise[k];
     }
   const auto control = [&](Channel channel, const char* name, const Pictures& pictures, const Sweep& sweep) {
-    result.controls.push_back({{channel, name}, look(pictures, sweep)});
+    result.controls.push_back({{channel, name}, evaluate(pictures, sweep)});
   };
   control(Channel::image, "noise", noisy, learned.sweep);
   control(Channel::image, "photograph", Pictures(frame.cameras()), learned.sweep);
@@ -247,18 +248,18 @@ ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const
 }
 
 VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, bool with_ladder) {
-  const auto held = context.store.get(id.frame);
-  const PreparedFrame& prepared = *held;
+  const auto frame_handle = context.store.get(id.frame);
+  const PreparedFrame& prepared = *frame_handle;
   const Frame& frame = prepared.frame;
   const fs::path& out = context.settings.out;
   const std::string name = host_name(id);
   const Placement known = context.store.placement(id);
   require_hosted(context.store.place(), known, id);
-  // Built once: every renderer and every arm has this object, in this pose.
+  // Built once: every renderer and every condition has this object, in this pose.
   const EvaluationSettings& evaluation = context.settings.evaluation_settings;
-  const WorldDraw draw(evaluation.expectation, evaluation.expectation_seed, draw_of(id));
-  const DrawnHost built(evaluation.expectation.any() ? &draw : nullptr, prepared, known,
-                        context.run.adversary, context.learned);
+  const SampledEnvironment draw(evaluation.expectation, evaluation.expectation_seed, draw_of(id));
+  const SampledHost built(evaluation.expectation.any() ? &draw : nullptr, prepared, known,
+                          context.run.adversary, context.learned);
   HostScene scene =
       scene_of({prepared, id, built.placement(), context.run.settings.simulation}, built.object());
   scene.samples = context.settings.samples;
@@ -280,9 +281,9 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   if (cameras.empty()) return result;
   SeenResult& seen = result.seen.emplace();
   const std::size_t lost_before = context.renderer.losses().size();
-  std::deque<Looked> looks;
+  std::deque<DrawnView> looks;
   for (const std::size_t camera : cameras) {
-    Looked& at = looks.emplace_back();
+    DrawnView& at = looks.emplace_back();
     at.camera = camera;
     if (camera > 0) {
       at.scene = facing(scene, at.turned.emplace(facing(prepared, camera)), camera);
@@ -309,26 +310,26 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
       seen.surround->cameras.push_back({frame.name_of(camera), at.matched, at.full_result()});
     }
   }
-  const Looked& best = looks.front();
+  const DrawnView& best = looks.front();
   const FullLight& full = best.full;
   seen.matched.add(check_lidar(context.renderer, scene, simulated));
   seen.samples = scene.samples;
   seen.full = seen.surround ? seen.surround->cameras[0].full : best.full_result();
   EvaluationSettings judge_by = context.settings.evaluation_settings;
   judge_by.matching = context.detector.capabilities().matching();
-  const JudgedBoxes boxes = labelled_boxes(scene.placement, scene.placed.mesh, frame.calibration,
-                                           carried_box(simulated, scene.placement));
+  const EvaluationLabels boxes = labelled_boxes(scene.placement, scene.placed.mesh, frame.calibration,
+                                                carried_box(simulated, scene.placement));
   // One look at a frame serves all its hosts, unless it has a plain object in it.
   const auto looked = context.clean.try_emplace(boxes.plain ? host_name(id) : id.frame);
   std::vector<Detection>& clean = looked.first->second;
   if (looked.second)
     clean = clean_of(context.detector, prepared, scene.placement, scene.simulation, judge_by);
   // What the detector made of the frame as recorded saves it work: pictures differ in the window alone.
-  CleanView as_recorded = clean_view(prepared, simulated.rect);
+  UnchangedInput as_recorded = unchanged_input(prepared, simulated.rect);
   const Simulated learned = simulate(prepared, scene.placement, scene.adversary, built.simulation());
   as_recorded.changed = learned.rect;
   Pictures in_cycles(frame.cameras());
-  for (const Looked& at : looks) {
+  for (const DrawnView& at : looks) {
     in_cycles[at.camera] = &at.full.image;
     if (at.camera == 0) as_recorded.changed = united(at.full.rect, learned.rect);
   }
@@ -346,8 +347,8 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
       if (pictures[k] && can.names(frame.name_of(k)))
         view.others.push_back(sensor_beside(frame, k - 1, pictures[k]));
     if (can.why_whole.empty()) view.clean = &as_recorded;
-    Appearance look = look_at(context.detector, view, host_boxes, judge_by);
-    return {judge(id, frame, clean, std::move(look.found), judge_by, boxes), look.logit};
+    ViewResponse response = evaluate_view(context.detector, view, host_boxes, judge_by);
+    return {judge(id, frame, clean, std::move(response.found), judge_by, boxes), response.logit};
   };
   const Judged seen_raster_as = outcome_of(pictures_of(simulated), simulated.sweep);
   const Judged seen_cycles_as = outcome_of(in_cycles, simulated.sweep);
@@ -361,15 +362,16 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   seen.raster = seen_raster_as.result();
   seen.hard = outcome_of(pictures_of(hard), simulated.sweep).result();
   seen.cycles = seen_cycles_as.result();
-  const auto look = [&](const Pictures& pictures, const Sweep& sweep) {
+  const auto evaluate = [&](const Pictures& pictures, const Sweep& sweep) {
     return outcome_of(pictures, sweep).result();
   };
   if (raster.detected)
-    seen.arms = look_at_arms(scene, simulated, learned, in_cycles, look);  // else no outcome to change
+    seen.conditions =
+        evaluate_conditions(scene, simulated, learned, in_cycles, evaluate);  // else no outcome to change
   if (with_ladder) {
     // Where the detector misses the vehicle without the adversary there is no outcome to change.
     const auto outcome = [&](const Pictures& pictures, const Sweep& sweep) {
-      return raster.detected ? std::optional(look(pictures, sweep)) : std::nullopt;
+      return raster.detected ? std::optional(evaluate(pictures, sweep)) : std::nullopt;
     };
     seen.ladder = ladders(context.renderer, best, simulated, outcome);
   }
@@ -382,7 +384,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   result.shown["host_rect"] = as_size(host.camera) == best.camera
                                   ? json({host.left, host.top, host.right, host.bottom})
                                   : result.shown["crop_rect"];
-  for (const Looked& at : looks) {
+  for (const DrawnView& at : looks) {
     const auto save = [&](const std::string& picture, const ImageF& image) {
       const std::string kind = &at == &best ? picture : picture + "_" + frame.name_of(at.camera);
       const std::string file = "pictures/" + name + "_" + kind + ".png";

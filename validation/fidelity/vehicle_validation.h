@@ -21,7 +21,7 @@ namespace mirage {
 
 struct ValidationSettings {
   std::filesystem::path run, out;
-  Overrides asked;  ///< in place of the run's settings
+  Overrides overrides;  ///< in place of the run's settings
   DetectorOptions detector = detector_of_the_run();
   EvaluationSettings evaluation_settings;
   TrustRun trust = TrustRun::no;     ///< whether code that the run names may be loaded
@@ -41,7 +41,7 @@ struct ValidationSettings {
   std::uint64_t seed = 0;
   bool quiet = false;
   /// What result.json says that it is made of: the command's options, to which validate() adds.
-  std::shared_ptr<Provenance> made_of = std::make_shared<Provenance>();
+  std::shared_ptr<Provenance> provenance = std::make_shared<Provenance>();
 };
 
 // What the verdict rests on at one vehicle: the detector before the object as the attack learned it, before
@@ -54,20 +54,21 @@ using Pictures = std::vector<const ImageF*>;
 Pictures pictures_of(const Simulated& simulated);
 
 /// What the detector makes of pictures of the frame and a sweep.
-using LookAt = std::function<OutcomeResult(const Pictures& pictures, const Sweep& sweep)>;
+using ViewEvaluator = std::function<OutcomeResult(const Pictures& pictures, const Sweep& sweep)>;
 
-/// Arms and controls of a vehicle.
-///   arms: the first is learned × learned, `learned` itself. Then light "raster" (the plain model), "visible"
+/// Conditions and controls of a vehicle.
+///   conditions: the first is learned × learned, `learned` itself. Then light "raster" (plain), "visible"
 ///     (with visibility, edges as the scene's) or "cycles" (`cycles`), by returns "ideal" (thin noiseless
 ///     rays) or "realistic" (all effects of realistic_returns).
-///   controls, by channel, against that first arm.
+///   controls, by channel, against that first condition.
 ///     image, "noise": the object's pixels replaced by noise, uniform in each pixel and channel;
 ///     image, "photograph": the picture as recorded, the object unseen;
 ///     lidar, "no returns": the sweep as recorded, the object unmet.
 /// `attacked`: simulate() with the scene's settings. `learned`: with the run's own, which may have other
 /// light, edges and sensors' effects.
-ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const Simulated& learned,
-                        const Pictures& cycles, const LookAt& look);
+VerdictResults evaluate_conditions(const HostScene& scene, const Simulated& attacked,
+                                   const Simulated& learned, const Pictures& cycles,
+                                   const ViewEvaluator& evaluate);
 
 /// `photograph` with noise in the place of what its `camera` saw, as far as its silhouette covers each pixel.
 ImageF noise_in_place(const CameraSight& seen, const ImageF& photograph, std::uint64_t seed,

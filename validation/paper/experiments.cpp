@@ -16,8 +16,8 @@
 namespace mirage::paper {
 
 std::filesystem::path data_folder(const ReproduceSettings& settings, const std::string& rig) {
-  const auto& given = rig == "real" ? settings.real : rig == "xenith" ? settings.xenith : settings.kitti64;
-  return given.empty() ? settings.out / "data" / rig : given;
+  const auto& chosen = rig == "real" ? settings.real : rig == "xenith" ? settings.xenith : settings.kitti64;
+  return chosen.empty() ? settings.out / "data" / rig : chosen;
 }
 
 std::string Case::setting(const std::string& key, const std::string& otherwise) const {
@@ -115,7 +115,7 @@ class CaseList {
     const std::string name = last_part(run);
     const AttackName attacked(name);
     const bool usual = through_all(attacked.rig, attacked.detector).text == name;
-    Case command = judging(name, run, usual ? "start,sized,cuboid" : "sized");
+    Case command = evaluation_case(name, run, usual ? "start,sized,cuboid" : "sized");
     add_hosts(command, attacked.rig);
     if (usual && attacked.detector == "fusion")
       command.settings["pictures"] = std::to_string(settings_.pictures);
@@ -125,7 +125,7 @@ class CaseList {
   /// Of a run on the held-back hosts, data and detector of another, beside random meshes of its size.
   std::string transfer(const std::string& from, const std::string& onto) {
     const AttackName there(last_part(onto));
-    Case command = judging(last_part(from) + "--on--" + there.text, from, "sized");
+    Case command = evaluation_case(last_part(from) + "--on--" + there.text, from, "sized");
     if (settings_.judge_frames == 0) {
       command.needs.emplace_back("hosts_of", onto);
       return add(command);
@@ -138,7 +138,8 @@ class CaseList {
   /// Of a run on all usable vehicles of the user's frames, judged by the detector, beside random meshes of
   /// its size; with `cuboid` beside that, too.
   std::string on_real(const std::string& run, const std::string& detector, bool cuboid) {
-    Case command = judging(last_part(run) + "--on--real-" + detector, run, cuboid ? "sized,cuboid" : "sized");
+    Case command =
+        evaluation_case(last_part(run) + "--on--real-" + detector, run, cuboid ? "sized,cuboid" : "sized");
     command.settings["detector"] = detector;
     add_data(command, "real");
     return add(command);
@@ -158,7 +159,7 @@ class CaseList {
 
  private:
   /// The evaluation "evaluations/NAME" of a run on its own held-back hosts, beside the baselines.
-  Case judging(const std::string& name, const std::string& run, const std::string& baselines) const {
+  Case evaluation_case(const std::string& name, const std::string& run, const std::string& baselines) const {
     return {"evaluations/" + name,
             Case::Kind::evaluate,
             {{"random_meshes", std::to_string(settings_.random_meshes)}, {"baseline", baselines}},
@@ -339,17 +340,17 @@ const std::string kEvaluations = "evaluations/";
 
 /// Keeps the rows of these evaluations, and the cases that they need.
 void leave_out_others(Experiments& experiments, const Strings& only) {
-  std::set<std::string> wanted, met, needed;
-  for (const std::string& name : only) wanted.insert(kEvaluations + name);
+  std::set<std::string> selected, met, needed;
+  for (const std::string& name : only) selected.insert(kEvaluations + name);
   for (Table& table : experiments.tables) {
-    std::erase_if(table.rows, [&](const Row& row) { return !wanted.contains(row.evaluation); });
+    std::erase_if(table.rows, [&](const Row& row) { return !selected.contains(row.evaluation); });
     for (const Row& row : table.rows) {
       met.insert(row.evaluation);
       experiments.add_closure(row.evaluation, needed);
       experiments.add_closure(row.detection, needed);
     }
   }
-  for (const std::string& name : wanted)
+  for (const std::string& name : selected)
     if (!met.contains(name))
       throw FieldError("only", name.substr(kEvaluations.size()), "is no evaluation of what is asked for",
                        "use names such as kitti64-fusion-both, the folders in OUT/evaluations");

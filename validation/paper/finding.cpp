@@ -87,7 +87,7 @@ std::string with_thousands(long number) {
 
 /// Open, and that is an answer.
 bool same(const Comparison& c) {
-  return c.verdict == Verdict::open && told(c.difference) == Told::same;
+  return c.verdict == Verdict::open && classify(c.difference) == DifferenceVerdict::same;
 }
 
 void settle_check(Check& check) {
@@ -97,10 +97,10 @@ void settle_check(Check& check) {
     std::string list;
     for (const Comparison& c : check.comparisons)
       list += fmt::format("{}{}: {}", list.empty() ? "" : ", ", c.what,
-                          same(c) ? to_string(Told::same) : to_string(c.verdict));
+                          same(c) ? to_string(DifferenceVerdict::same) : to_string(c.verdict));
     check.sentence += "; " + list;
   } else if (same(check.comparisons.front())) {
-    check.sentence += "; " + to_string(Told::same);
+    check.sentence += "; " + to_string(DifferenceVerdict::same);
   }
   for (const Comparison& c : check.comparisons)
     if (!check.few && c.verdict == Verdict::open && judge(c.claim, c.difference) != Verdict::open)
@@ -124,7 +124,7 @@ void settle_check(Check& check) {
         "its spread is not known";
     return;
   }
-  check.vehicles_needed = check.few ? std::max<long>(*most, kFewest) : *most;
+  check.vehicles_needed = check.few ? std::max<long>(*most, kMinCount) : *most;
   check.sentence += fmt::format("; it would take about {} vehicles", with_thousands(*check.vehicles_needed));
 }
 
@@ -476,7 +476,7 @@ std::optional<long> vehicles_needed(const Comparison& comparison, int vehicles) 
   if (!(away > 0) || !std::isfinite(error) || vehicles <= 0) return std::nullopt;
   constexpr double kPower = 0.8416;  // a normal variable exceeds −0.8416 with a chance of 80 %
   const double threshold = kAlpha / std::max(1, comparison.family - comparison.rank);
-  return vehicles_to_tell(vehicles, (two_sided_z(threshold) + kPower) * error, away);
+  return sample_size(vehicles, (two_sided_z(threshold) + kPower) * error, away);
 }
 
 std::string title(const std::string& rig) {
@@ -508,7 +508,7 @@ Check check(const std::string& where, const std::vector<const Outcomes*>& used,
     frames = std::min(frames, outcomes->frames());
     clusters = std::min(clusters, outcomes->clusters().count);
   }
-  check.few = check.vehicles < kFewest || clusters < kFewestClusters;
+  check.few = check.vehicles < kMinCount || clusters < kMinClusters;
   check.sentence = std::move(sentence);
   if (check.few)
     check.sentence += fmt::format("; too few to tell: {} vehicle{} in {} frame{}", check.vehicles,

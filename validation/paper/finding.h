@@ -67,8 +67,8 @@ std::optional<long> vehicles_needed(const Comparison& comparison, int vehicles);
 // A finding, and the checks of it (findings.toml has the list).
 
 /// Fewer vehicles or false positives than this, or fewer clusters, tell nothing whatever the interval says.
-inline constexpr int kFewest = 10;
-inline constexpr int kFewestClusters = 5;
+inline constexpr int kMinCount = 10;
+inline constexpr int kMinClusters = 5;
 
 /// A finding on one rig's data.
 struct Check {

@@ -22,7 +22,7 @@
 #include "base/ranks.h"
 #include "base/schedule.h"
 #include "base/sizes.h"
-#include "frames/made_of.h"
+#include "frames/frame_provenance.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "validation/paper/finding.h"
@@ -199,35 +199,36 @@ DetectorOptions detector_of(const Case& command, const fs::path& out) {
 
 /// What the case's result is made of (base/provenance.h): cases that it needs count by what those are made
 /// of, so that OUT may be moved.
-json made_of(const Case& command, const fs::path& out) {
-  Provenance made_of;
-  made_of.set("command", to_word(command.kind));
-  for (const auto& [name, value] : command.settings) made_of.set(name, value);
+json provenance(const Case& command, const fs::path& out) {
+  Provenance provenance;
+  provenance.set("command", to_word(command.kind));
+  for (const auto& [name, value] : command.settings) provenance.set(name, value);
   for (const auto& [folder, need] : command.needs) {
-    made_of.set(folder, need);
+    provenance.set(folder, need);
     // Frames are what they were generated from; of a run its mesh and hosts count (below).
-    if (folder == "data") made_of.input(folder, content_hash(recorded(Case{need, {}, {}, {}}, out).dump()));
+    if (folder == "data")
+      provenance.input(folder, content_hash(recorded(Case{need, {}, {}, {}}, out).dump()));
   }
   // What is missing or can't be read: the command itself says so.
   if (const std::string data = command.setting("data"); !data.empty()) try {
-      made_of.input("data", data_hash(data));
+      provenance.input("data", data_hash(data));
     } catch (const InputError&) {
     }
   if (!command.setting("detector").empty()) try {
-      add_detector(made_of, detector_of(command, out));
+      add_detector(provenance, detector_of(command, out));
     } catch (const InputError&) {
     }
   if (command.kind == Case::Kind::evaluate) {
-    made_of.file("adversary", out / command.run() / "adversary.glb");
-    made_of.file("hosts", out / command.hosts_of() / "run.json");
+    provenance.file("adversary", out / command.run() / "adversary.glb");
+    provenance.file("hosts", out / command.hosts_of() / "run.json");
   }
-  return made_of.made_of();
+  return provenance.provenance();
 }
 
 /// Seconds that the finished case took. InputError naming file and field.
 double recorded_seconds(const fs::path& file) {
   const json record = read_json(file);
-  return JsonFields(file, record, kMakeAgain).number("seconds", 0, Range::kMost);
+  return JsonFields(file, record, kMakeAgain).number("seconds", 0, Range::kMax);
 }
 
 /// This rank's part of the work.
@@ -309,8 +310,8 @@ class Steps {
     }
     const fs::path failure = failure_file(command, settings_.out);
     if (!among_others_ || !fs::exists(failure)) return false;
-    const json told = read_json(failure);
-    fail(step, JsonFields(failure, told, kMakeAgain).text("error"));
+    const json failure_record = read_json(failure);
+    fail(step, JsonFields(failure, failure_record, kMakeAgain).text("error"));
     return true;
   }
 
@@ -323,7 +324,7 @@ class Steps {
   }
 
   void run_case(const Case& command) {
-    const json now = made_of(command, settings_.out);
+    const json now = provenance(command, settings_.out);
     make_output_folder(settings_.out / command.name);
     start_afresh(command, now);
     NamedSettings named = command.settings_in(settings_.out);
@@ -333,7 +334,7 @@ class Steps {
     write_json(record_file(command, settings_.out), {{"case", command.name}, {"made_of", now}});
     const auto start = Clock::now();
     {
-      const AloneAmongRanks alone;
+      const SingleRankScope alone;
       run_(to_word(command.kind), named);
     }
     return_unused_memory();
@@ -446,7 +447,7 @@ bool is_finished(const Case& command, const fs::path& out) {
   const fs::path record = record_file(command, out);
   if (!fs::exists(record) || !fs::exists(out / command.name / "result.json")) return false;
   try {
-    return read_json(record).contains("seconds") && recorded(command, out) == made_of(command, out);
+    return read_json(record).contains("seconds") && recorded(command, out) == provenance(command, out);
   } catch (const std::exception&) {
     return false;  // the command itself will say what is wrong
   }
@@ -461,9 +462,9 @@ fs::path text_file(const fs::path& out, const std::string& table) {
   return out / (table + ".md");
 }
 
-json reproduce(const ReproduceSettings& given, const Execute& run) {
-  ReproduceSettings settings = given;
-  const fs::path out = settings.out = fs::absolute(given.out).lexically_normal();
+json reproduce(const ReproduceSettings& requested, const Execute& run) {
+  ReproduceSettings settings = requested;
+  const fs::path out = settings.out = fs::absolute(requested.out).lexically_normal();
   const Experiments list = experiments(settings);
   const std::map<std::string, Step> steps = execute(list, settings, run);
   if (rank() > 0) return json::object();

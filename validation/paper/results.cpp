@@ -29,14 +29,14 @@ Places places_of(const Outcomes& outcomes) {
 }
 
 Outcomes read_arm(const JsonFields& evaluation, const std::string& data) {
-  Outcomes arm;
-  arm.data = data;
-  arm.vehicles = evaluation.count("vehicles");
+  Outcomes mesh_outcomes;
+  mesh_outcomes.data = data;
+  mesh_outcomes.vehicles = evaluation.count("vehicles");
   for (HostOutcome& host : read_outcomes(evaluation)) {
-    arm.meshes = std::max(arm.meshes, host.mesh + 1);
-    arm.hosts.push_back({std::move(host)});
+    mesh_outcomes.meshes = std::max(mesh_outcomes.meshes, host.mesh + 1);
+    mesh_outcomes.hosts.push_back({std::move(host)});
   }
-  return arm;
+  return mesh_outcomes;
 }
 
 template <class Keep>
@@ -101,9 +101,9 @@ Judged read_evaluation(const std::filesystem::path& file, const std::string& dat
   for (const auto& [key, kind] : {std::pair("random", Baseline::start), std::pair("sized", Baseline::sized),
                                   std::pair("cuboid", Baseline::cuboid)}) {
     if (!fields.has(key) || fields.is_null(key)) continue;
-    Outcomes& arm = judged[to_word(kind)] = read_arm(fields.object(key), data);
-    arm.reliance = learned.reliance;
-    arm.name = describe(kind);
+    Outcomes& mesh_outcomes = judged[to_word(kind)] = read_arm(fields.object(key), data);
+    mesh_outcomes.reliance = learned.reliance;
+    mesh_outcomes.name = describe(kind);
   }
   return judged;
 }
@@ -235,13 +235,13 @@ nlohmann::json read_detection(const std::filesystem::path& file) {
   for (const std::string key : {"ap50", "ap70"}) {
     if (fields.has(key + "_interval")) {
       const JsonFields interval = fields.object(key + "_interval");
-      detection[key] = {{"value", interval.number("value", 0, Range::kMost)}};
+      detection[key] = {{"value", interval.number("value", 0, Range::kMax)}};
       for (const char* bound : {"low", "high"})  // null for what is infinite
         detection[key][bound] = interval.is_null(bound)
                                     ? nlohmann::json()
-                                    : nlohmann::json(interval.number(bound, -Range::kMost, Range::kMost));
+                                    : nlohmann::json(interval.number(bound, -Range::kMax, Range::kMax));
     } else if (fields.has(key)) {
-      detection[key] = {{"value", fields.number(key, 0, Range::kMost)}};
+      detection[key] = {{"value", fields.number(key, 0, Range::kMax)}};
     }
   }
   return detection;

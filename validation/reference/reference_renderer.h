@@ -90,9 +90,9 @@ struct ReferenceIdentity {
   std::string version;
   std::vector<std::filesystem::path> programs;  ///< files that decide what it draws
   /// Version and the programs' content. InputError if one can't be read.
-  void add_to(Provenance& made_of) const {
-    for (const std::filesystem::path& program : programs) made_of.file(program.filename(), program);
-    made_of.input(key, version);
+  void add_to(Provenance& provenance) const {
+    for (const std::filesystem::path& program : programs) provenance.file(program.filename(), program);
+    provenance.input(key, version);
   }
 };
 

@@ -129,8 +129,8 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
   FrameStore& store = *evaluation.store;
   Detector& detector = *evaluation.detectors.front();
   const HostId& id = outcome.id;
-  const auto held = store.get(id.frame);
-  const PreparedFrame& prepared = *held;
+  const auto frame_handle = store.get(id.frame);
+  const PreparedFrame& prepared = *frame_handle;
   const Frame& frame = prepared.frame;
   const Label& host = label_of(frame, {id.frame, outcome.victim < 0 ? id.label : outcome.victim});
   const TexturedMesh& mesh =

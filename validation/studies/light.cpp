@@ -44,8 +44,8 @@
 #include "base/types.h"
 #include "exchange/gltf.h"
 #include "exchange/mesh_files.h"
+#include "frames/frame_provenance.h"
 #include "frames/hosts.h"
-#include "frames/made_of.h"
 #include "scene/data/read_frames.h"
 #include "sensors/light_nodes.h"
 #include "validation/blender/blender_process.h"
@@ -298,24 +298,24 @@ int study(const Options& options) {
     ++seed;
     for (bool front : {true, false}) {
       const std::string side = front ? "front" : "back", name = host_name(place_of.id) + "_" + side;
-      Provenance made_of;
-      add_frames(made_of, source, {&place_of.id.frame, 1});
-      made_of.set("side", side);
-      made_of.set("seed", seed);
-      made_of.set("samples", options.samples);
+      Provenance provenance;
+      add_frames(provenance, source, {&place_of.id.frame, 1});
+      provenance.set("side", side);
+      provenance.set("seed", seed);
+      provenance.set("samples", options.samples);
       if (mesh == "random")
-        made_of.set("mesh", mesh);
+        provenance.set("mesh", mesh);
       else
-        made_of.file("mesh", mesh);
-      renderer->identity().add_to(made_of);
+        provenance.file("mesh", mesh);
+      renderer->identity().add_to(provenance);
       for (const Variant& variant : list) {
         Provenance its;
         its.add(variant.settings);
         its.set("uniform", variant.uniform);
         its.set("as_faces", variant.as_faces);
-        made_of.input(variant.name, its.identity());
+        provenance.input(variant.name, its.identity());
       }
-      const std::string identity = made_of.identity();
+      const std::string identity = provenance.identity();
       const std::filesystem::path file = options.out / (name + ".json");
       nlohmann::json record = std::filesystem::exists(file) ? read_json(file) : nlohmann::json::object();
       if (record.value("identity", "") != identity) {

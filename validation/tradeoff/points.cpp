@@ -67,7 +67,7 @@ std::vector<Recommendation> recommend(const std::vector<TradeoffPoint>& points,
   for (const TradeoffPoint& point : points) {
     if (point.group != "camera" || point.axis != "grid") continue;
     usable.push_back(&point);
-    if (point.ms <= kExactTime * standard.ms) affordable.push_back(&point);
+    if (point.ms <= kExactTimeRatio * standard.ms) affordable.push_back(&point);
   }
   const auto image = [](const TradeoffPoint* p) { return p->image_error(); };
   const auto cosine = [](const TradeoffPoint* p) { return p->gradient_cosine(); };
@@ -75,14 +75,14 @@ std::vector<Recommendation> recommend(const std::vector<TradeoffPoint>& points,
   std::vector<const TradeoffPoint*> rough;
   double shortest = std::numeric_limits<double>::infinity();
   for (const TradeoffPoint* point : usable)
-    if (image(point) <= kDraftImage * image(&standard) &&
-        cosine(point) >= cosine(&standard) - kDraftGradient) {
+    if (image(point) <= kDraftImageErrorRatio * image(&standard) &&
+        cosine(point) >= cosine(&standard) - kDraftGradientError) {
       rough.push_back(point);
       shortest = std::min(shortest, point->ms);
     }
   const TradeoffPoint* draft = nullptr;
   for (const TradeoffPoint* point : rough)
-    if (point->ms <= kSameTime * shortest && (!draft || cosine(point) > cosine(draft))) draft = point;
+    if (point->ms <= kEqualTimeRatio * shortest && (!draft || cosine(point) > cosine(draft))) draft = point;
 
   double least = std::numeric_limits<double>::infinity();
   for (const TradeoffPoint* point : affordable) least = std::min(least, image(point));
@@ -93,13 +93,13 @@ std::vector<Recommendation> recommend(const std::vector<TradeoffPoint>& points,
   return {{"draft",
            fmt::format("best gradient cosine within {} times the least time, with an image error of at most "
                        "{} times the default's and a cosine at most {} below the default's",
-                       kSameTime, kDraftImage, kDraftGradient),
+                       kEqualTimeRatio, kDraftImageErrorRatio, kDraftGradientError),
            draft},
           {"default", "the program's standing settings", &standard},
           {"exact",
            fmt::format("best gradient cosine within {} times the default's time and {} times the least image "
                        "error to be had in it",
-                       kExactTime, kExactImage),
+                       kExactTimeRatio, kExactImage),
            exact}};
 }
 

@@ -54,14 +54,14 @@ struct Recommendation {
 };
 
 /// The rule, over the camera's points that an attack could use (axis "grid"; `standard` is today's default):
-///   draft    among those whose image error is at most kDraftImage times the default's and whose gradient's
-///            cosine with finite differences is at most kDraftGradient below the default's, and of these
-///            among the ones within kSameTime of the least ms: the best such cosine;
+///   draft    image error at most kDraftImageErrorRatio times the default's, the gradient's cosine at most
+///            kDraftGradientError below the default's, ms within kEqualTimeRatio of the least of these: the
+///            best such cosine with finite differences;
 ///   default  today's settings, whatever was measured;
-///   exact    the best such cosine among those that take at most kExactTime times the default's ms and whose
-///            image error is at most kExactImage times the least of them.
-inline constexpr double kDraftImage = 1.5, kDraftGradient = 0.05, kSameTime = 1.15, kExactTime = 4,
-                        kExactImage = 1.25;
+///   exact    at most kExactTimeRatio times the default's ms, image error at most kExactImage times the least
+///            of these: the best such cosine.
+inline constexpr double kDraftImageErrorRatio = 1.5, kDraftGradientError = 0.05, kEqualTimeRatio = 1.15,
+                        kExactTimeRatio = 4, kExactImage = 1.25;
 std::vector<Recommendation> recommend(const std::vector<TradeoffPoint>& points,
                                       const TradeoffPoint& standard);
 

@@ -90,7 +90,7 @@ void enlarge(const PixelRect& rect, int factor, int small_width, int small_heigh
   }
 }
 
-constexpr int kFewest = 8;  // hits that a host needs
+constexpr int kMinCount = 8;  // hits that a host needs
 
 enum class Arithmetic { embree, face, plain };
 
@@ -468,7 +468,7 @@ void CameraStudy::time(const CameraVariant& variant, TradeoffPoint& point) const
 std::vector<TradeoffPoint> lidar_study(const PreparedFrame& prepared, const TexturedMesh& placed,
                                        const SimulationSettings& settings, int repeats) {
   const Study study(prepared, placed, settings);
-  if (study.hits() < kFewest) return {};
+  if (study.hits() < kMinCount) return {};
   std::vector<TradeoffPoint> all = {
       study.measure("arithmetic", "Embree's float range", Arithmetic::embree, 1, repeats),
       study.measure("arithmetic", "Embree's face, range in double", Arithmetic::face, 1, repeats),

@@ -60,8 +60,8 @@ Subjects choose_subjects(const TradeoffSettings& settings, const Run* run, Frame
         fmt::format("no car with {:.0f} % of the object in view in the frames looked at", 100 * kInView),
         "give --frames 0 or another data set");
   const auto distance = [&](const HostId& id) {
-    const auto held = store.get(id.frame);
-    const BevBox& box = label_of(held->frame, id).box.bev;
+    const auto frame_handle = store.get(id.frame);
+    const BevBox& box = label_of(frame_handle->frame, id).box.bev;
     return std::hypot(box.x, box.y);
   };
   std::stable_sort(all.begin(), all.end(),

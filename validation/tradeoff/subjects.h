@@ -17,7 +17,7 @@
 namespace mirage {
 
 struct TradeoffSettings {
-  Overrides asked;                 ///< in place of the run's settings, or of the defaults
+  Overrides overrides;             ///< in place of the run's settings, or of the defaults
   FrameSource source;              ///< what follows; filled in by tradeoff()
   std::filesystem::path run, out;  ///< run: whose adversary and hosts; empty: a random mesh on any car
   TrustRun trust = TrustRun::no;   ///< whether code that the run names may be loaded
@@ -47,7 +47,7 @@ void visit_fields(Visitor& visit, S& s) {
         s.reference_samples);
   visit({.name = "directions",
          .help = "directions of the finite differences of the hard render",
-         .range = {2, Range::kMost}},
+         .range = {2, Range::kMax}},
         s.directions);
   visit({.name = "depth_frames",
          .help = "frames on which depth completion is scored; 0: none",
@@ -59,7 +59,7 @@ void visit_fields(Visitor& visit, S& s) {
         s.detector_hosts);
   visit({.name = "cycles", .help = "light effects and samples of Blender Cycles as well"}, s.cycles);
   visit({.name = "cycles_hosts", .help = "vehicles rendered in Cycles", .range = kFromOne}, s.cycles_hosts);
-  visit({.name = "cycles_samples", .help = "samples of Cycles' reference", .range = {4, Range::kMost}},
+  visit({.name = "cycles_samples", .help = "samples of Cycles' reference", .range = {4, Range::kMax}},
         s.cycles_samples);
   visit({.name = "attack_seconds",
          .help = "length of an attack at each quality, precision and locality, and its success; 0: none",

@@ -243,8 +243,8 @@ SensorPoints sensor_points(const TradeoffSettings& settings, const Subjects& sub
   Progress progress("trade-off", subjects.hosts.size() * (variants.size() + 2), settings.quiet);
   std::size_t done = 0;
   for (const HostId& id : subjects.hosts) {
-    const auto held = store.get(id.frame);
-    const PreparedFrame& prepared = *held;
+    const auto frame_handle = store.get(id.frame);
+    const PreparedFrame& prepared = *frame_handle;
     const Placement placement = store.placement(id);
     const TexturedMesh placed = place(subjects.adversary, placement);
     const CameraStudy study(prepared, placement, placed, settings),
@@ -282,12 +282,12 @@ SensorPoints sensor_points(const TradeoffSettings& settings, const Subjects& sub
 
 std::vector<TradeoffPoint> pass_points(const TradeoffSettings& settings, const Subjects& subjects,
                                        FrameStore& store) {
-  std::vector<std::shared_ptr<const PreparedFrame>> held;
+  std::vector<std::shared_ptr<const PreparedFrame>> frame_handles;
   std::vector<StepHost> hosts;
   if (settings.detector_hosts > 0)
     for (const HostId& id : evenly(subjects.hosts, as_size(settings.detector_hosts))) {
-      held.push_back(store.get(id.frame));
-      hosts.push_back({*held.back(), id, store.placement(id)});
+      frame_handles.push_back(store.get(id.frame));
+      hosts.push_back({*frame_handles.back(), id, store.placement(id)});
     }
   if (hosts.empty()) return {};
   const DetectorOptions options = for_data(settings.detector, settings.source);
@@ -324,8 +324,8 @@ std::vector<TradeoffPoint> cycles_points(const TradeoffSettings& settings, const
   unoccluded.occlusion_margin = 1e9;  // the scene file holds nothing that could be in front
   for (const HostId& id : hosts) {
     throw_if_interrupted("a study writes nothing until it is done; run it again");
-    const auto held = store.get(id.frame);
-    const PreparedFrame& prepared = *held;
+    const auto frame_handle = store.get(id.frame);
+    const PreparedFrame& prepared = *frame_handle;
     const Placement placement = store.placement(id);
     const ImageF& photograph = prepared.frame.image;
     RenderJob job;
@@ -424,7 +424,7 @@ std::vector<TimedAttack> attack_study(const TradeoffSettings& settings) {
   static_cast<FrameSource&>(attack) = settings.source;
   attack.seed = settings.seed;
   attack.quiet = settings.quiet;
-  attack.iterations = kMostIterations;
+  attack.iterations = kMaxIterations;
   attack.seconds = settings.attack_seconds;
   const DetectorOptions options = for_data(settings.detector, settings.source);
   const DetectorPool judges = load_detector_pool(options, attack.batch);
@@ -554,18 +554,18 @@ nlohmann::json to_json(const TradeoffResult& result) {
   return json;
 }
 
-TradeoffResult tradeoff(const TradeoffSettings& given, const StartReference& start) {
-  check_fields(given);
+TradeoffResult tradeoff(const TradeoffSettings& requested, const StartReference& start) {
+  check_fields(requested);
   TradeoffResult result;
-  TradeoffSettings& settings = result.settings = given;
+  TradeoffSettings& settings = result.settings = requested;
   std::unique_ptr<Run> run;
   if (!settings.run.empty()) {
     run = std::make_unique<Run>(read_run(settings.run, settings.trust));
-    override_settings(*run, settings.asked, settings.seed);
+    override_settings(*run, settings.overrides, settings.seed);
     settings.source = run->settings;
   } else {
     AttackSettings plain;
-    override_settings(plain, settings.asked, settings.seed);
+    override_settings(plain, settings.overrides, settings.seed);
     settings.source = plain;
   }
   if (settings.source.data.empty())

@@ -24,13 +24,13 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 
 constexpr const char* kAgain = "run the same mirage drive again into an empty folder";
-constexpr std::size_t kMostRows = 100000, kNamed = 12;
+constexpr std::size_t kMaxRows = 100000, kNamed = 12;
 constexpr int kFrameQuality = 92;
 
 /// The names of a drive's vehicles, those first whose gaps the object prolongs most.
 std::vector<std::string> names_by_gap(const JsonFields& drive) {
   std::vector<VehicleDrive> vehicles;
-  for (const json& entry : drive.list("vehicles", kMostRows))
+  for (const json& entry : drive.list("vehicles", kMaxRows))
     vehicles.push_back(read_vehicle_drive(drive.inner(fmt::format("vehicles[{}]", vehicles.size()), entry)));
   std::vector<std::string> names;
   for (const VehicleDrive* vehicle : by_added_gap(vehicles))
@@ -40,7 +40,7 @@ std::vector<std::string> names_by_gap(const JsonFields& drive) {
 
 void require_vehicle(const std::string& name, const std::vector<std::string>& known) {
   if (std::find(known.begin(), known.end(), name) != known.end()) return;
-  std::vector<std::string> offered = meant_by(name, known);
+  std::vector<std::string> offered = closest_words(name, known);
   if (offered.empty()) offered = known;
   if (offered.size() > kNamed) offered.resize(kNamed);
   throw InputError("--vehicle", name, "is no vehicle of that drive", use_one_of(name, offered));
@@ -86,18 +86,18 @@ std::vector<ViewDetections> shown_of(const JsonFields& vehicle, DriveVersion ver
 /// that is loaded for a user who trusts it.
 Overrides asked_of(const fs::path& file, const JsonFields& result, TrustRun trust) {
   const JsonFields stored = result.object("asked");
-  Overrides asked;
-  for (const std::string& name : stored.names()) asked[name] = stored.text(name);
-  if (trust == TrustRun::yes) return asked;
+  Overrides overrides;
+  for (const std::string& name : stored.names()) overrides[name] = stored.text(name);
+  if (trust == TrustRun::yes) return overrides;
   const auto refuse = [&](const char* field) {
-    throw InputError(file.string(), field, "would be loaded, which is code: " + asked.at(field),
+    throw InputError(file.string(), field, "would be loaded, which is code: " + overrides.at(field),
                      fmt::format("if you trust it, name it yourself (--{}) or add --trust-run", field));
   };
-  if (asked.contains("depth") && !is_shipped_depth(asked.at("depth"))) refuse("depth");
-  if (asked.contains("sensors"))
-    for (const std::string& word : listed_words(asked.at("sensors")))
+  if (overrides.contains("depth") && !is_shipped_depth(overrides.at("depth"))) refuse("depth");
+  if (overrides.contains("sensors"))
+    for (const std::string& word : listed_words(overrides.at("sensors")))
       if (!is_shipped_sensor(word)) refuse("sensors");
-  return asked;
+  return overrides;
 }
 
 /// A run's adversary or a mesh.
@@ -136,17 +136,17 @@ DriveView::DriveView(const DriveChoice& choice) {
 
   run_ = object_of(file, result, choice);
   object_ = fs::weakly_canonical(choice.run.empty() ? fs::path(result.text("object")) : choice.run).stem();
-  Overrides asked = choice.asked;
-  asked.merge(asked_of(file, result, choice.trust));
-  asked["data"] = choice.data.empty() ? provenance.text("data") : choice.data.string();
-  override_settings(run_, asked, provenance.counter("seed"), true);
+  Overrides overrides = choice.overrides;
+  overrides.merge(asked_of(file, result, choice.trust));
+  overrides["data"] = choice.data.empty() ? provenance.text("data") : choice.data.string();
+  override_settings(run_, overrides, provenance.counter("seed"), true);
 
   const SequencePart part = {.sequence = vehicle_.sequence,
                              .between = provenance.object("settings").truth("between")};
   const std::vector<Sequence> sequences = read_sequences(run_.settings.data, part);
   std::map<int, const SequenceFrame*> by_index;
   for (const SequenceFrame& frame : sequences.front().frames) by_index[frame.moment.index] = &frame;
-  std::vector<std::pair<Moment, HostId>> ridden;
+  std::vector<std::pair<Moment, HostId>> on_vehicle;
   for (const DriveFrame& seen : vehicle_.frames) {
     const auto at = by_index.find(seen.index);
     const auto label = at == by_index.end() ? -1 : [&] {
@@ -164,10 +164,10 @@ DriveView::DriveView(const DriveChoice& choice) {
     places_[id] = frames_.size();
     frames_.push_back(id);
     hosts_.push_back({id, label});
-    ridden.emplace_back(at->second->moment, hosts_.back());
+    on_vehicle.emplace_back(at->second->moment, hosts_.back());
   }
   store_ = std::make_unique<FrameStore>(run_.settings);
-  carriers_ = ride(*store_, ridden).carriers;
+  carriers_ = roof_track(*store_, on_vehicle).carriers;
 }
 
 void DriveView::add(ViewFrame& view) {
@@ -178,8 +178,8 @@ void DriveView::add(ViewFrame& view) {
   view.found = clean_[k];
   ViewAttack attack = attack_of(view, *prepared, hosts_[k], simulated);
   attack.found = attacked_[k];
-  const auto& sights = vehicle_.frames[k].sights;
-  const auto found = [&](DriveVersion version) { return sights[as_size(version)].found; };
+  const auto& observations = vehicle_.frames[k].observations;
+  const auto found = [&](DriveVersion version) { return observations[as_size(version)].found; };
   attack.outcome.update({{"learned_on", false},
                          {"detected", found(DriveVersion::clean)},
                          {"hidden", found(DriveVersion::clean) && !found(DriveVersion::attacked)}});

@@ -22,7 +22,7 @@ struct DriveChoice {
   std::string vehicle;  ///< SEQUENCE_TRACK; empty: the one whose gap of detection the object prolongs most
   std::filesystem::path run;   ///< or mesh, where it has moved; empty: the drive's
   std::filesystem::path data;  ///< likewise
-  Overrides asked;
+  Overrides overrides;
   TrustRun trust = TrustRun::no;
 };
 

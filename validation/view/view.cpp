@@ -79,20 +79,20 @@ class Attacker {
 
  private:
   void judge_attack(const Frame& whole, const PreparedFrame& prepared, const HostId& id,
-                    const std::vector<Detection>& clean, const Simulated& simulated, const JudgedBoxes& boxes,
-                    ViewAttack& attack) {
+                    const std::vector<Detection>& clean, const Simulated& simulated,
+                    const EvaluationLabels& boxes, ViewAttack& attack) {
     const Frame& seen = prepared.frame;
     const auto attacked =
         detections(*detector_, view_of(prepared, simulated, detector_->capabilities()), evaluation_);
     attack.found = {kitti_detections(attacked, evaluation_.matching, whole, detector_->capabilities().types),
                     true};
-    EvaluationSettings judging = evaluation_;
-    judging.score_threshold = EvaluationSettings{}.score_threshold;
+    EvaluationSettings judged_by = evaluation_;
+    judged_by.score_threshold = EvaluationSettings{}.score_threshold;
     const auto sure = [&](std::vector<Detection> proposals) {
-      std::erase_if(proposals, [&](const Detection& p) { return p.score() < judging.score_threshold; });
+      std::erase_if(proposals, [&](const Detection& p) { return p.score() < judged_by.score_threshold; });
       return proposals;
     };
-    const HostOutcome outcome = judge(id, seen, sure(clean), sure(attacked), judging, boxes);
+    const HostOutcome outcome = judge(id, seen, sure(clean), sure(attacked), judged_by, boxes);
     attack.outcome.update({{"clean_iou", outcome.clean_iou},
                            {"attacked_iou", outcome.attacked_iou},
                            {"clean_score", outcome.clean_score},
@@ -146,8 +146,8 @@ std::string harmless(const json& value) {
 
 }  // namespace
 
-json make_view(const ViewSettings& given) {
-  ViewSettings settings = given;
+json make_view(const ViewSettings& requested) {
+  ViewSettings settings = requested;
   Stopwatch clock;
   std::optional<Run> run;
   std::optional<DriveView> drive;
@@ -155,14 +155,14 @@ json make_view(const ViewSettings& given) {
   std::vector<std::string> ids;
   Cameras cameras = Cameras::all;
   if (!settings.drive.empty()) {
-    drive.emplace(DriveChoice{settings.drive, settings.vehicle, settings.run, settings.data, settings.asked,
-                              settings.trust});
+    drive.emplace(DriveChoice{settings.drive, settings.vehicle, settings.run, settings.data,
+                              settings.overrides, settings.trust});
     ids = drive->frames();
     settings.data = drive->settings().data;
     cameras = drive->settings().cameras;
   } else if (!settings.run.empty()) {
     run = read_run(settings.run, settings.trust);
-    override_settings(*run, settings.asked, settings.detector.seed);
+    override_settings(*run, settings.overrides, settings.detector.seed);
     if (settings.data.empty()) settings.data = run->settings.data;
     require_own_data(*run, settings.data);
     run->settings.data = settings.data;
@@ -176,9 +176,9 @@ json make_view(const ViewSettings& given) {
     if (settings.data.empty())
       throw InputError("view", "DIR", "is missing", "give a data set in KITTI layout, or --run");
     ids = list_frames(settings.data);
-    if (settings.asked.contains("cameras"))
-      cameras = parse_word<Cameras>(settings.asked.at("cameras"), "cameras");
-    check_data(settings.data, settings.asked.contains("rig") ? settings.asked.at("rig") : "",
+    if (settings.overrides.contains("cameras"))
+      cameras = parse_word<Cameras>(settings.overrides.at("cameras"), "cameras");
+    check_data(settings.data, settings.overrides.contains("rig") ? settings.overrides.at("rig") : "",
                UnitUse::reads_sweeps);
     if (settings.frames > 0 && ids.size() > as_size(settings.frames)) ids.resize(as_size(settings.frames));
   }

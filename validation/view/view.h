@@ -20,7 +20,7 @@ struct ViewSettings {
   std::filesystem::path page;        ///< the .html that is written
   /// The first so many; 0: all. With a run as shown_hosts() (validation/fidelity/validate.h).
   int frames = 0;
-  Overrides asked;                ///< in place of the run's
+  Overrides overrides;            ///< in place of the run's
   TrustRun trust = TrustRun::no;  ///< of the run
   bool detect = true;             ///< with a run: its detector looks at the frames as recorded and attacked
   /// Who looks; what is empty is the run's.

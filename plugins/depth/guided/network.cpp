@@ -13,7 +13,7 @@ namespace {
 namespace fn = torch::nn::functional;
 
 constexpr int kReach = 2;              // columns that a return fills to its sides
-constexpr float kNearest = 0.5f;       // m; bounds the inverse depth
+constexpr float kMinDistance = 0.5f;   // m; bounds the inverse depth
 constexpr float kHalfDistance = 8;     // pixels at which a distance reads 1/2; beams lie about 5 apart
 constexpr float kEnclosed = 12;        // pixels
 constexpr float kMeanLogDepth = 2.8f;  // about 16 m
@@ -31,7 +31,7 @@ std::vector<float> widened(const MirageDepthInput& input) {
         const float left = u >= reach ? row[u - reach] : 0, right = u + reach < w ? row[u + reach] : 0;
         const float depth = left > 0 && right > 0 ? std::min(left, right) : std::max(left, right);
         if (!(depth > 0)) continue;
-        wide[as_size(v) * as_size(w) + as_size(u)] = 1 / std::max(depth, kNearest);
+        wide[as_size(v) * as_size(w) + as_size(u)] = 1 / std::max(depth, kMinDistance);
         break;
       }
   }
@@ -59,7 +59,7 @@ using torch::Tensor;
 
 constexpr int kHalf = 16, kQuarter = 32, kEighth = 48, kSixteenth = 64;  // channels
 constexpr double kFreeLogDepth = 3, kFreeLogSpan = 2;                    // the free guess: 2.7 to 148 m
-constexpr double kMostCorrection = 0.25;                                 // |r|
+constexpr double kMaxCorrection = 0.25;                                  // |r|
 
 nn::Conv2d conv(int in, int out, int kernel, int stride = 1) {
   nn::Conv2d layer(nn::Conv2dOptions(in, out, kernel).stride(stride).padding((kernel - 1) / 2));
@@ -82,7 +82,7 @@ Tensor mixed_inverse_depth(const Tensor& scores, const Tensor& inverse) {
 constexpr double kHuber = 20, kSquare = 16;       // m, m: squares count e² / kSquare
 constexpr double kScored = 85, kFarWeight = 0.2;  // m; what lies beyond counts little
 constexpr double kGuessWeight = 0.25;             // where IP-Basic has no value
-constexpr double kFarthestTruth = 140;            // m; what the network can say
+constexpr double kMaxTruthDistance = 140;         // m; what the network can say
 constexpr double kAbsolute = 0.3, kRelative = 1, kPresenceWeight = 1;
 
 }  // namespace
@@ -109,9 +109,9 @@ Features make_features(const MirageDepthInput& input) {
   std::copy_n(input.sparse, area, sparse.data.begin());
   const ImageF prior = complete_depth(sparse);
   for (std::size_t i = 0; i < area; ++i) {
-    const bool known = prior.data[i] < kFarDepth;
-    inverse[kPrior * area + i] = known ? 1 / std::max(prior.data[i], kNearest) : 0;
-    distance[kPrior * area + i] = known ? 0.f : 1.f;
+    const bool has_depth = prior.data[i] < kFarDepth;
+    inverse[kPrior * area + i] = has_depth ? 1 / std::max(prior.data[i], kMinDistance) : 0;
+    distance[kPrior * area + i] = has_depth ? 0.f : 1.f;
   }
   const torch::Tensor q = features.candidates;
   values.narrow(0, 3, kCandidates)
@@ -181,13 +181,13 @@ Prediction NetworkImpl::forward(const Features& features) {
       torch::exp(-(kFreeLogDepth + kFreeLogSpan * torch::tanh(out.narrow(0, kFree, 1) / kFreeLogSpan)));
   const Tensor inverse =
       mixed_inverse_depth(out.narrow(0, kScore, kCandidates + 1), torch::cat({features.candidates, free}, 0));
-  const Tensor correction = kMostCorrection * torch::tanh(out.select(0, kCorrection));
+  const Tensor correction = kMaxCorrection * torch::tanh(out.select(0, kCorrection));
   return {torch::exp(correction) / inverse, out.select(0, kPresence)};
 }
 
 LossTerms completion_loss(const Prediction& prediction, const Features& features, const Tensor& truth) {
   const Tensor present = truth > 0;
-  const Tensor target = torch::where(present, truth, 1.0).clamp_max(kFarthestTruth);
+  const Tensor target = torch::where(present, truth, 1.0).clamp_max(kMaxTruthDistance);
   const Tensor weight = present.to(torch::kFloat) * torch::where(target <= kScored, 1.0, kFarWeight) *
                         torch::where(features.candidates[kPrior] > 0, 1.0, kGuessWeight);
   const Tensor depth = torch::where(present, prediction.depth, 1.0);
@@ -198,12 +198,12 @@ LossTerms completion_loss(const Prediction& prediction, const Features& features
   const Tensor relative = torch::abs(torch::log(depth) - torch::log(target));
   const Tensor depth_loss =
       ((huber + kAbsolute * absolute + kRelative * relative) * weight).sum() / weight.sum().clamp_min(1);
-  const Tensor known = (truth >= 0).to(torch::kFloat);
+  const Tensor has_depth = (truth >= 0).to(torch::kFloat);
   const Tensor presence_loss =
       fn::binary_cross_entropy_with_logits(
           prediction.presence, present.to(torch::kFloat),
-          fn::BinaryCrossEntropyWithLogitsFuncOptions().weight(known).reduction(torch::kSum)) /
-      known.sum().clamp_min(1);
+          fn::BinaryCrossEntropyWithLogitsFuncOptions().weight(has_depth).reduction(torch::kSum)) /
+      has_depth.sum().clamp_min(1);
   return {depth_loss + kPresenceWeight * presence_loss, depth_loss.item<double>(),
           presence_loss.item<double>()};
 }

@@ -45,8 +45,8 @@ namespace {
 using torch::Tensor;
 
 constexpr const char* kFormat = "mirage guided depth completion 2";
-constexpr double kWeightDecay = 1e-3, kLargestGradient = 2.0;
-constexpr float kFarthest = 200;  // m; the network's depth is bounded by its formula, this guards the file
+constexpr double kWeightDecay = 1e-3, kMaxGradient = 2.0;
+constexpr float kMaxDistance = 200;  // m; the network's depth is bounded by its formula, this guards the file
 
 constexpr double kSpanMargin = 0.02;
 
@@ -105,7 +105,7 @@ void GuidedCompletion::complete(const MirageDepthInput& input, float* dense) {
   const Tensor present = torch::logical_or(prediction.presence > 0, features.enclosed).contiguous();
   const float* z = depth.data_ptr<float>();
   const bool* here = present.data_ptr<bool>();
-  for (std::int64_t i = 0; i < depth.numel(); ++i) dense[i] = here[i] ? std::min(z[i], kFarthest) : 0;
+  for (std::int64_t i = 0; i < depth.numel(); ++i) dense[i] = here[i] ? std::min(z[i], kMaxDistance) : 0;
 }
 
 std::array<float, 3> GuidedCompletion::train_step(std::span<const MirageDepthSample> samples,
@@ -136,7 +136,7 @@ std::array<float, 3> GuidedCompletion::train_step(std::span<const MirageDepthSam
   }
   if (!std::isfinite(loss[0]))
     throw std::runtime_error("the training loss is not finite; lower the learning rate");
-  torch::nn::utils::clip_grad_norm_(network_->parameters(), kLargestGradient);
+  torch::nn::utils::clip_grad_norm_(network_->parameters(), kMaxGradient);
   for (auto& group : optimiser_.param_groups())
     static_cast<torch::optim::AdamWOptions&>(group.options()).lr(learning_rate);
   optimiser_.step();

@@ -68,8 +68,8 @@ class Profile {
   double ahead(double rho) const { return seen_.back().z + slope_ * (rho - seen_.back().rho); }
   /// How far the ground may be from where the slope leads after a way without any (m).
   double play(double rho) const {
-    constexpr double kNoise = 0.12, kBend = 0.06, kMost = 0.6;
-    return std::min(kNoise + kBend * (rho - seen_.back().rho), kMost);
+    constexpr double kNoise = 0.12, kBend = 0.06, kMax = 0.6;
+    return std::min(kNoise + kBend * (rho - seen_.back().rho), kMax);
   }
   void add(const Low& ground) {
     constexpr double kBase = 4;  // m over which a slope is told
@@ -77,9 +77,9 @@ class Profile {
     std::size_t far = seen_.size() - 1;
     while (far > 0 && ground.rho - seen_[far].rho < kBase) --far;
     const double run = ground.rho - seen_[far].rho, rise = ground.z - seen_[far].z;
-    const double told = run > 0 ? rise / run : first_slope_;
-    slope_ = std::clamp(run < kBase ? first_slope_ + (told - first_slope_) * run / kBase : told, -kSteepest,
-                        kSteepest);
+    const double measured = run > 0 ? rise / run : first_slope_;
+    slope_ = std::clamp(run < kBase ? first_slope_ + (measured - first_slope_) * run / kBase : measured,
+                        -kSteepest, kSteepest);
   }
   /// Between what was seen, or as the slope leads.
   double at(double rho) const {
@@ -105,9 +105,9 @@ class Profile {
 constexpr double kFar = 80;      // m
 constexpr double kClear = 0.2;   // m over the ground from which on a return is no road's
 constexpr double kTall = 2.5;    // m: what hangs over that joins nothing
-constexpr double kLargest = 20;  // m: the diagonal of a wall or a hedge
+constexpr double kMaxSize = 20;  // m: the diagonal of a wall or a hedge
 constexpr double kBehind = 0.5;  // m from which on a ray went through
-constexpr int kFewest = 3;
+constexpr int kMinCount = 3;
 constexpr double kThin = 0.1;  // m: of the returns in a square of this side one is joined for all
 
 /// How far returns of one thing lie apart: what its surface leaves open, and more with the distance, as beams
@@ -289,7 +289,8 @@ double Ground::height(double x, double y) const {
   return of[low] + (of[low + 1] - of[low]) * (bins - static_cast<double>(low));
 }
 
-std::vector<int> joined(const std::vector<Vec2d>& places, const std::vector<double>& reach, double longest) {
+std::vector<int> cluster_numbers(const std::vector<Vec2d>& places, const std::vector<double>& reach,
+                                 double longest) {
   std::unordered_map<std::uint64_t, std::vector<std::size_t>> cells;
   for (std::size_t i = 0; i < places.size(); ++i) cells[cell_of(places[i], longest)].push_back(i);
   Sets sets(places.size());
@@ -328,7 +329,7 @@ std::vector<Cluster> clusters_of(std::span<const Return> returns) {
     standing.push_back({p, over});
     thinned.push_back(square->second);
   }
-  const std::vector<int> number = joined(places, reach, reach_at(kFar));
+  const std::vector<int> number = cluster_numbers(places, reach, reach_at(kFar));
   const std::size_t count = number.empty() ? 0 : as_size(*std::max_element(number.begin(), number.end())) + 1;
   std::vector<std::vector<Standing>> things(count);
   for (std::size_t i = 0; i < standing.size(); ++i)
@@ -337,7 +338,7 @@ std::vector<Cluster> clusters_of(std::span<const Return> returns) {
   std::vector<Cluster> found;
   std::vector<Vec2d> from_above;
   for (const auto& thing : things) {
-    if (static_cast<int>(thing.size()) < kFewest) continue;
+    if (static_cast<int>(thing.size()) < kMinCount) continue;
     Cluster cluster;
     cluster.returns = static_cast<int>(thing.size());
     double farthest = 0;
@@ -348,7 +349,7 @@ std::vector<Cluster> clusters_of(std::span<const Return> returns) {
       farthest = std::max<double>(farthest, std::hypot(p.at.x, p.at.y));
     }
     cluster.seen = closest_rectangle(from_above);
-    if (std::hypot(cluster.seen.along.size(), cluster.seen.across.size()) > kLargest) continue;
+    if (std::hypot(cluster.seen.along.size(), cluster.seen.across.size()) > kMaxSize) continue;
     const BevBox box = cluster.seen.box();
     cluster.ground = ground.height(box.x, box.y);
     const Window outline = outline_of(thing);

@@ -56,7 +56,8 @@ struct Cluster {
 /// (Rusu, "Semantic 3D object maps for everyday manipulation in human living environments", 2010), seen from
 /// above as in Autoware's euclidean_cluster. Numbers of clusters in the order of their first place. `reach`
 /// (m): of the place; of two the smaller one counts; none over `longest`.
-std::vector<int> joined(const std::vector<Vec2d>& places, const std::vector<double>& reach, double longest);
+std::vector<int> cluster_numbers(const std::vector<Vec2d>& places, const std::vector<double>& reach,
+                                 double longest);
 
 /// Everything between ankle and lorry height that stands on the ground within 80 m, in a fixed order.
 std::vector<Cluster> clusters_of(std::span<const Return> returns);

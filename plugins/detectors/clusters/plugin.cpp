@@ -56,8 +56,8 @@ double solid_share(const Cluster& cluster) {
 
 /// How surely a thing is there: each return that a ray would not have passed is evidence.
 double thing_logit(const Cluster& cluster) {
-  constexpr double kMost = 4;
-  return std::min(std::log(cluster.returns * solid_share(cluster) / kEnough), kMost);
+  constexpr double kMax = 4;
+  return std::min(std::log(cluster.returns * solid_share(cluster) / kEnough), kMax);
 }
 
 /// How far a height is from a usual car's, in deviations. Glass and dark roofs give few returns, so that the
@@ -93,8 +93,8 @@ double probability(double logit) {
 
 /// The box of the car that a thing shows; nothing if it is none. A mirror widens what is seen.
 std::optional<BevBox> car_of(const Cluster& cluster) {
-  constexpr double kShortest = 0.7, kTallest = 2.4, kWidest = 2.0, kMirror = 0.4;  // m
-  if (cluster.height < kShortest || cluster.height > kTallest) return std::nullopt;
+  constexpr double kMinLength = 0.7, kTallest = 2.4, kWidest = 2.0, kMirror = 0.4;  // m
+  if (cluster.height < kMinLength || cluster.height > kTallest) return std::nullopt;
   SeenRectangle seen = cluster.seen;
   SeenSide& across = seen.along.size() < seen.across.size() ? seen.along : seen.across;
   if (across.size() > kWidest && across.size() <= kWidest + kMirror) across = across.sized(kWidest);

@@ -11,9 +11,9 @@ namespace {
 namespace fn = torch::nn::functional;
 using torch::Tensor;
 
-constexpr double kSmallest = 0.7, kLargest = 1.4;
-constexpr double kLeastLeft = 0.5;  // of a box's area, for it to be taught
-constexpr float kLeastHeight = 12;  // pixels
+constexpr double kMinSize = 0.7, kMaxSize = 1.4;
+constexpr double kMinVisibleShare = 0.5;  // of a box's area, for it to be taught
+constexpr float kMinHeight = 12;          // pixels
 
 /// Where a pixel of the given picture lies in the moved one.
 struct Pose {
@@ -45,10 +45,10 @@ MiragePictureBox cut(const MiragePictureBox& box, float width, float height) {
           std::clamp(box.right, 0.f, width - 1), std::clamp(box.bottom, 0.f, height - 1)};
 }
 
-constexpr double kMostThinning = 0.4, kMostShaking = 0.02;
+constexpr double kMaxThinning = 0.4, kMaxShaking = 0.02;
 
 torch::Tensor thin_and_shake(const torch::Tensor& points, RandomStream& random) {
-  const double dropped = random.uniform(0, kMostThinning), shaking = random.uniform(0, kMostShaking);
+  const double dropped = random.uniform(0, kMaxThinning), shaking = random.uniform(0, kMaxShaking);
   const bool thin = random.uniform() < 0.7;
   const std::int64_t count = points.size(0);
   torch::Tensor kept = torch::empty_like(points);
@@ -83,8 +83,8 @@ torch::Tensor change_picture(const torch::Tensor& picture, RandomStream& random)
 
 }  // namespace
 
-TaughtPicture taught_picture(const MirageSample& sample, const Tensor& image) {
-  TaughtPicture taught;
+LabelledPicture labelled_picture(const MirageSample& sample, const Tensor& image) {
+  LabelledPicture taught;
   taught.image = image;
   taught.boxes.assign(sample.picture_boxes, sample.picture_boxes + sample.picture_box_count);
   taught.ignored.assign(sample.picture_ignore, sample.picture_ignore + sample.picture_ignore_count);
@@ -93,14 +93,14 @@ TaughtPicture taught_picture(const MirageSample& sample, const Tensor& image) {
   return taught;
 }
 
-TaughtPicture moved_picture(const TaughtPicture& given, std::uint64_t seed, std::uint64_t index) {
+LabelledPicture augmented_picture(const LabelledPicture& labelled, std::uint64_t seed, std::uint64_t index) {
   RandomStream random(seed, "picture pose", index);
-  const std::int64_t height = given.image.size(0), width = given.image.size(1);
+  const std::int64_t height = labelled.image.size(0), width = labelled.image.size(1);
   Pose pose{};
   pose.mirrored = random.uniform() < 0.5;
-  const double wanted = std::exp(random.uniform(std::log(kSmallest), std::log(kLargest)));
+  const double zoom = std::exp(random.uniform(std::log(kMinSize), std::log(kMaxSize)));
   const auto scaled = [&](std::int64_t size) {
-    return std::max<std::int64_t>(1, std::llround(static_cast<double>(size) * wanted));
+    return std::max<std::int64_t>(1, std::llround(static_cast<double>(size) * zoom));
   };
   const std::int64_t rows = scaled(height), columns = scaled(width);
   pose.across = static_cast<double>(columns) / static_cast<double>(width);
@@ -116,14 +116,14 @@ TaughtPicture moved_picture(const TaughtPicture& given, std::uint64_t seed, std:
                                   .size(std::vector<std::int64_t>{rows, columns})
                                   .mode(torch::kBilinear)
                                   .align_corners(false)
-                                  .antialias(wanted < 1))
+                                  .antialias(zoom < 1))
         .narrow(2, pose.top, kept_rows)
         .narrow(3, pose.left, kept_columns);
   };
-  TaughtPicture result;
-  result.image = moved(given.image.permute({2, 0, 1}).unsqueeze(0))[0].permute({1, 2, 0}).contiguous();
-  if (!given.vehicle_mask.empty()) {
-    const Tensor mask = torch::from_blob(const_cast<std::uint8_t*>(given.vehicle_mask.data()),
+  LabelledPicture result;
+  result.image = moved(labelled.image.permute({2, 0, 1}).unsqueeze(0))[0].permute({1, 2, 0}).contiguous();
+  if (!labelled.vehicle_mask.empty()) {
+    const Tensor mask = torch::from_blob(const_cast<std::uint8_t*>(labelled.vehicle_mask.data()),
                                          {1, 1, height, width}, torch::kByte);
     const Tensor there = (moved(mask.to(torch::kFloat)) > 0.5).to(torch::kByte).contiguous();
     result.vehicle_mask.assign(there.data_ptr<std::uint8_t>(),
@@ -133,11 +133,11 @@ TaughtPicture moved_picture(const TaughtPicture& given, std::uint64_t seed, std:
     const MiragePictureBox whole = pose.moved(box);
     const MiragePictureBox left = cut(whole, static_cast<float>(kept_columns), static_cast<float>(kept_rows));
     if (!(area(left) > 0)) return;
-    taught = taught && area(left) >= kLeastLeft * area(whole) && left.bottom - left.top >= kLeastHeight;
+    taught = taught && area(left) >= kMinVisibleShare * area(whole) && left.bottom - left.top >= kMinHeight;
     (taught ? result.boxes : result.ignored).push_back(left);
   };
-  for (const MiragePictureBox& box : given.boxes) take(box, true);
-  for (const MiragePictureBox& box : given.ignored) take(box, false);
+  for (const MiragePictureBox& box : labelled.boxes) take(box, true);
+  for (const MiragePictureBox& box : labelled.ignored) take(box, false);
   return result;
 }
 

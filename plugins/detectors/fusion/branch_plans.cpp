@@ -59,10 +59,10 @@ BackbonePlan backbone_plan(NetworkImpl& net, bool bfloat16) {
   Plan& plan = backbone.plan;
   BackboneBuilder add{plan};
   backbone.voxels =
-      plan.given(kVoxelsZ + (net.parts.painted ? kPaintedChannels : 0), kVoxelsX, kVoxelsY, false);
+      plan.input(kVoxelsZ + (net.parts.painted ? kPaintedChannels : 0), kVoxelsX, kVoxelsY, false);
   const auto with = [&](std::size_t level, int x) {
     if (!net.parts.image) return x;
-    backbone.added[level] = plan.given(plan[x].channels, plan[x].rows, plan[x].columns, true);
+    backbone.added[level] = plan.input(plan[x].channels, plan[x].rows, plan[x].columns, true);
     return plan.sum(x, backbone.added[level], Curve::none);
   };
   const int x1 = add.residual(with(0, add.conv(backbone.voxels, net.stem)), net.group1);
@@ -90,7 +90,7 @@ CameraPlan camera_plan(CameraNetImpl& net, std::int64_t height, std::int64_t wid
   camera.height = height, camera.width = width;
   Plan& plan = camera.plan;
   CameraBuilder add{plan};
-  camera.picture = plan.given(12, padded_size(height) / 2, padded_size(width) / 2, false);
+  camera.picture = plan.input(12, padded_size(height) / 2, padded_size(width) / 2, false);
   const int x4 = add.csp(add.depthwise(add.silu(camera.picture, net.stem), net.down4), net.group4);
   const int x8 = add.csp(add.depthwise(x4, net.down8), net.group8);
   const int x16 = add.csp(add.depthwise(x8, net.down16), net.group16);

@@ -13,7 +13,7 @@ namespace fn = torch::nn::functional;
 using torch::Tensor;
 
 constexpr std::array<int, 3> kStrides = {8, 16, 32};
-constexpr std::int64_t kDeepest = 32;
+constexpr std::int64_t kMaxFeatureDepth = 32;
 constexpr double kPaddingGrey = 114;  // what the network was trained to see beyond a picture's border
 constexpr std::int64_t kCocoCar = 2, kCocoClasses = 80;
 
@@ -29,7 +29,7 @@ nn::Conv2d plain_conv(int in, int out) {
 }  // namespace
 
 std::int64_t padded_size(std::int64_t size) {
-  return (size + kDeepest - 1) / kDeepest * kDeepest;
+  return (size + kMaxFeatureDepth - 1) / kMaxFeatureDepth * kMaxFeatureDepth;
 }
 
 Tensor network_picture(const Tensor& linear, std::int64_t rows, std::int64_t columns) {

@@ -15,7 +15,7 @@ using torch::Tensor;
 
 /// What continuous fusion adds, and from which points.
 void add_fusion(const SensorTensors& input, NetworkImpl& network, CleanFrame& frame,
-                std::vector<Tensor>& given) {
+                std::vector<Tensor>& inputs) {
   const int width = static_cast<int>(frame.width), height = static_cast<int>(frame.height);
   const auto nearest = nearest_points({frame.points.data_ptr<float>(), as_size(frame.points.numel())},
                                       frame.projection, width, height);
@@ -37,7 +37,7 @@ void add_fusion(const SensorTensors& input, NetworkImpl& network, CleanFrame& fr
   }
   const auto added = network.fused(input);
   for (std::size_t level = 0; level < kGrids.size(); ++level)
-    given[as_size(frame.backbone_plan->added[level])] = added[level];
+    inputs[as_size(frame.backbone_plan->added[level])] = added[level];
 }
 
 }  // namespace
@@ -58,15 +58,15 @@ Footprint footprint_of(double column, double row, std::int64_t rows, std::int64_
           bound(column + kRounding + 1, columns)};
 }
 
-const char* CleanFrames::why_whole(const Parts& parts) {
+const char* CleanActivationCache::why_whole(const Parts& parts) {
   if (parts.denoising) return "its non-local means join all places of a map";
   if (parts.depth_gate) return "its depth gate compares a return with those around it";
   if (torch::cuda::is_available()) return "it runs on a GPU";
   return "";
 }
 
-std::shared_ptr<const CleanFrame> CleanFrames::of(std::uint64_t key,
-                                                  const std::function<SensorTensors()>& input) {
+std::shared_ptr<const CleanFrame> CleanActivationCache::of(std::uint64_t key,
+                                                           const std::function<SensorTensors()>& input) {
   std::unique_lock lock(mutex_);
   ready_.wait(lock, [&] { return !making_.contains(key); });  // another thread is at it
   const auto at = std::find_if(kept_.begin(), kept_.end(), [&](const Kept& k) { return k.first == key; });
@@ -100,7 +100,7 @@ std::shared_ptr<const CleanFrame> CleanFrames::of(std::uint64_t key,
   return frame;
 }
 
-void CleanFrames::forget() {
+void CleanActivationCache::forget() {
   const std::scoped_lock lock(mutex_);
   kept_.clear();
   bytes_ = 0;
@@ -108,12 +108,12 @@ void CleanFrames::forget() {
   backbone_.reset();
 }
 
-std::size_t CleanFrames::bytes() const {
+std::size_t CleanActivationCache::bytes() const {
   const std::scoped_lock lock(mutex_);
   return bytes_;
 }
 
-std::shared_ptr<const CameraPlan> CleanFrames::camera_plan(std::int64_t height, std::int64_t width) {
+std::shared_ptr<const CameraPlan> CleanActivationCache::camera_plan(std::int64_t height, std::int64_t width) {
   const std::scoped_lock lock(mutex_);
   auto& plan = camera_plans_[{height, width}];
   const Parts& parts = network_->parts;
@@ -123,13 +123,13 @@ std::shared_ptr<const CameraPlan> CleanFrames::camera_plan(std::int64_t height, 
   return plan;
 }
 
-std::shared_ptr<const BackbonePlan> CleanFrames::backbone() {
+std::shared_ptr<const BackbonePlan> CleanActivationCache::backbone() {
   const std::scoped_lock lock(mutex_);
   if (!backbone_) backbone_ = std::make_shared<const BackbonePlan>(backbone_plan(*network_, bfloat16_));
   return backbone_;
 }
 
-std::shared_ptr<CleanFrame> CleanFrames::make(const SensorTensors& given_input) {
+std::shared_ptr<CleanFrame> CleanActivationCache::make(const SensorTensors& given_input) {
   const torch::NoGradGuard guard;
   const Parts& parts = network_->parts;
   auto frame = std::make_shared<CleanFrame>();
@@ -140,27 +140,27 @@ std::shared_ptr<CleanFrame> CleanFrames::make(const SensorTensors& given_input) 
     frame->height = input.image.size(0), frame->width = input.image.size(1);
     frame->camera_plan = camera_plan(frame->height, frame->width);
     const CameraPlan& plan = *frame->camera_plan;
-    std::vector<Tensor> given(plan.plan.layers().size());
-    given[as_size(plan.picture)] = focused(input.image, plan.plan[plan.picture].whole());
-    frame->camera = run(plan.plan, given);
+    std::vector<Tensor> inputs(plan.plan.layers().size());
+    inputs[as_size(plan.picture)] = focused(input.image, plan.plan[plan.picture].whole());
+    frame->camera = run(plan.plan, inputs);
     input.camera.features = frame->camera[plan.features];
     input.camera.mask = frame->camera[plan.mask];
   }
   if (!parts.lidar) return frame;
   frame->backbone_plan = backbone();
   const BackbonePlan& plan = *frame->backbone_plan;
-  std::vector<Tensor> given(plan.plan.layers().size());
+  std::vector<Tensor> inputs(plan.plan.layers().size());
   Tensor voxels = soft_voxels(input.points);
   if (parts.painted) voxels = torch::cat({voxels, painted_voxels(input)}, 1);
-  given[as_size(plan.voxels)] = voxels;
-  if (parts.image && frame->camera_plan) add_fusion(input, *network_, *frame, given);
-  frame->backbone = run(plan.plan, given);
+  inputs[as_size(plan.voxels)] = voxels;
+  if (parts.image && frame->camera_plan) add_fusion(input, *network_, *frame, inputs);
+  frame->backbone = run(plan.plan, inputs);
   return frame;
 }
 
-bool touches(const Footprint& footprint, const Dirty& read) {
+bool touches(const Footprint& footprint, const ChangedRegion& read) {
   for (std::int64_t row = footprint.top; row <= footprint.bottom; ++row) {
-    const Dirty::Span& span = read.row(row);
+    const ChangedRegion::Span& span = read.row(row);
     if (!span.empty() && footprint.left < span.high && footprint.right >= span.low) return true;
   }
   return false;
@@ -193,7 +193,7 @@ SweepChange sweep_change(const Tensor& clean, const Tensor& points) {
 std::array<std::vector<ChangedCell>, kGrids.size()> changed_cells(const CleanFrame& clean,
                                                                   const Tensor& points,
                                                                   const SweepChange& change,
-                                                                  const Dirty& read) {
+                                                                  const ChangedRegion& read) {
   const int width = static_cast<int>(clean.width), height = static_cast<int>(clean.height);
   const float* now = points.data_ptr<float>();
   std::vector<const float*> moved = change.moved;  // where they matter
@@ -218,7 +218,7 @@ std::array<std::vector<ChangedCell>, kGrids.size()> changed_cells(const CleanFra
   std::array<std::vector<ChangedCell>, kGrids.size()> changed;
   for (std::size_t level = 0; level < kGrids.size(); ++level) {
     const Grid& grid = kGrids[level];
-    Dirty reached(grid.rows, grid.columns);
+    ChangedRegion reached(grid.rows, grid.columns);
     for (const float* p : moved) reached.add(cells_reached(grid, p));
     std::vector<std::uint8_t> settled(clean.nearest[level].size(), 0);
     for (const Window& cells : reached.windows(256)) {

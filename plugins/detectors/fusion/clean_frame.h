@@ -35,11 +35,11 @@ struct CleanFrame {
 
 /// The clean frames of one network, those used last. Instances that share the network share it; several
 /// threads may ask at once.
-class CleanFrames {
+class CleanActivationCache {
  public:
   /// `most`: bytes kept; bfloat16: convolutions, as plan.h says. A frame alone may be larger: it is made and
   /// used, and not kept.
-  CleanFrames(Network network, std::size_t most, bool bfloat16 = false)
+  CleanActivationCache(Network network, std::size_t most, bool bfloat16 = false)
       : network_(std::move(network)), most_(most), bfloat16_(bfloat16) {}
 
   /// Empty if the network's passes can be local, else why they cannot.
@@ -85,7 +85,7 @@ struct SweepChange {
 SweepChange sweep_change(const torch::Tensor& clean, const torch::Tensor& points);
 
 /// Whether a look-up may read a dirty place.
-bool touches(const Footprint& footprint, const Dirty& read);
+bool touches(const Footprint& footprint, const ChangedRegion& read);
 
 /// A cell of a grid whose image feature is another than before, and the point that it now takes it from (−1:
 /// none).
@@ -96,6 +96,6 @@ struct ChangedCell {
 std::array<std::vector<ChangedCell>, kGrids.size()> changed_cells(const CleanFrame& clean,
                                                                   const torch::Tensor& points,
                                                                   const SweepChange& change,
-                                                                  const Dirty& read);
+                                                                  const ChangedRegion& read);
 
 }  // namespace mirage::fusion

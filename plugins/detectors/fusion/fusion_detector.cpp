@@ -27,19 +27,19 @@ constexpr double kWeightDecay = 0.01;
 /// The options with the parts that the weights ask for.
 Options with_parts(Options options, const char* weights) {
   if (!weights) return options;
-  const std::string wanted = name_of(options.parts);
-  if (wanted == "camera" && options.start && !is_weights_file(weights)) return options;  // COCO's
+  const std::string architecture = name_of(options.parts);
+  if (architecture == "camera" && options.start && !is_weights_file(weights)) return options;  // COCO's
   const Parts stored = parts_of(open_weights(weights));
   const std::string name = name_of(stored);
   const bool from_lidar = options.start && name == "lidar" && options.parts.lidar;
   const bool from_first_stage = options.start && name == "fusion" && options.parts.second;
-  if (name != wanted && !from_lidar && !from_first_stage)
+  if (name != architecture && !from_lidar && !from_first_stage)
     throw std::runtime_error("weights of a " + name + " detector; choose that detector or other weights");
-  const Parts asked = options.parts;
-  if (name == wanted) options.parts = stored;
+  const Parts requested = options.parts;
+  if (name == architecture) options.parts = stored;
   // A new training may add parts.
-  options.parts.denoising = stored.denoising || (options.start && asked.denoising);
-  options.parts.depth_gate = stored.depth_gate || (options.start && asked.depth_gate);
+  options.parts.denoising = stored.denoising || (options.start && requested.denoising);
+  options.parts.depth_gate = stored.depth_gate || (options.start && requested.depth_gate);
   return options;
 }
 
@@ -79,12 +79,12 @@ std::string start_name(std::size_t k) {
 }  // namespace
 
 FusionDetector::FusionDetector(const Options& options, Network network,
-                               std::shared_ptr<CleanFrames> clean_frames)
+                               std::shared_ptr<CleanActivationCache> clean_frames)
     : options_(options), network_(std::move(network)), clean_frames_(std::move(clean_frames)) {
   options_.parts = network_->parts;
   if (!clean_frames_)
-    clean_frames_ = std::make_shared<CleanFrames>(network_, options_.clean_memory,
-                                                  options_.precision == Precision::bfloat16);
+    clean_frames_ = std::make_shared<CleanActivationCache>(network_, options_.clean_memory,
+                                                           options_.precision == Precision::bfloat16);
   start_optimiser();
 }
 
@@ -131,26 +131,26 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
                                                            float score_threshold, bool keep_graph) {
   kept_logits_ = Tensor();
   local_.reset();
-  kept_input_ = copy_input(input, reads_image());
-  take_watched(kept_input_, keep_graph);
-  kept_input_ = in_type_of(*network_, kept_input_);
+  forward_input_ = copy_input(input, reads_image());
+  take_watched(forward_input_, keep_graph);
+  forward_input_ = in_type_of(*network_, forward_input_);
   kept_image_values_ = input.image ? std::size_t{3} * as_size(input.width) * as_size(input.height) : 0;
   set_torch_threads(1);
   torch::AutoGradMode mode(keep_graph);
   const Bfloat16 rounded(options_.precision == Precision::bfloat16);
   if (keep_graph) {
-    kept_input_.points.requires_grad_(true);
-    if (kept_input_.image.defined()) kept_input_.image.requires_grad_(true);
-    if (kept_input_.masses.defined()) kept_input_.masses.requires_grad_(true);
+    forward_input_.points.requires_grad_(true);
+    if (forward_input_.image.defined()) forward_input_.image.requires_grad_(true);
+    if (forward_input_.masses.defined()) forward_input_.masses.requires_grad_(true);
   }
   if (!options_.parts.lidar) {
-    const CameraOutput seen = network_->see(kept_input_);
+    const CameraOutput seen = network_->see(forward_input_);
     if (!seen.defined()) throw std::runtime_error("the input has no image; give one");
     if (keep_graph) kept_logits_ = seen.logits;
     propose(seen, score_threshold);
     return proposals_;
   }
-  const Tensor output = network_->forward(kept_input_).to(kept_input_.points.scalar_type());
+  const Tensor output = network_->forward(forward_input_).to(forward_input_.points.scalar_type());
   if (keep_graph) kept_logits_ = output.select(0, kLogit).reshape({-1});
   propose(output, score_threshold);
   return proposals_;
@@ -196,14 +196,14 @@ void FusionDetector::backward(std::span<const float> d_logits, float* d_image, f
   Tensor seed = torch::zeros({local_ ? local_->logit_count() : kept_logits_.numel()});
   for (std::size_t i = 0; i < d_logits.size(); ++i) seed.data_ptr<float>()[proposal_cells_[i]] = d_logits[i];
   // What has no gradient is zero.
-  const std::int64_t points = local_ ? local_->input_size().second : kept_input_.points.size(0);
+  const std::int64_t points = local_ ? local_->input_size().second : forward_input_.points.size(0);
   if (d_image) std::fill_n(d_image, kept_image_values_, 0.f);
   if (d_points) std::fill_n(d_points, 4 * points, 0.f);
   if (local_) return backward_changed(seed, d_image, d_points);
-  std::vector<Tensor> inputs = {kept_input_.points};
-  if (kept_input_.image.defined()) inputs.push_back(kept_input_.image);
+  std::vector<Tensor> inputs = {forward_input_.points};
+  if (forward_input_.image.defined()) inputs.push_back(forward_input_.image);
   const std::size_t of_masses = inputs.size();
-  if (kept_input_.masses.defined()) inputs.push_back(kept_input_.masses);
+  if (forward_input_.masses.defined()) inputs.push_back(forward_input_.masses);
   const auto gradients =
       torch::autograd::grad({kept_logits_}, inputs, {seed.to(kept_logits_.scalar_type())}, true, false, true);
   const auto copy = [](const Tensor& gradient, float* out) {
@@ -212,8 +212,8 @@ void FusionDetector::backward(std::span<const float> d_logits, float* d_image, f
     std::copy_n(values.data_ptr<float>(), values.numel(), out);
   };
   copy(gradients[0], d_points);
-  if (of_masses < inputs.size()) keep_presence(gradients[of_masses], kept_input_.masses.size(0));
-  if (kept_input_.image.defined()) copy(gradients[1], d_image);
+  if (of_masses < inputs.size()) keep_presence(gradients[of_masses], forward_input_.masses.size(0));
+  if (forward_input_.image.defined()) copy(gradients[1], d_image);
 }
 
 void FusionDetector::watch(const float* places, std::int64_t count) {
@@ -274,9 +274,9 @@ MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& inpu
 }
 
 /// The weights as a training's result has them, for as long as it lives.
-class FusionDetector::MixedWithStart {
+class FusionDetector::InterpolatedWeights {
  public:
-  explicit MixedWithStart(FusionDetector& detector) : parameters_(detector.learning()) {
+  explicit InterpolatedWeights(FusionDetector& detector) : parameters_(detector.learning()) {
     const torch::NoGradGuard guard;
     if (detector.start_.empty()) parameters_.clear();
     for (std::size_t k = 0; k < parameters_.size(); ++k) {
@@ -284,19 +284,19 @@ class FusionDetector::MixedWithStart {
       parameters_[k].lerp_(detector.start_[k], detector.options_.keep_start);
     }
   }
-  ~MixedWithStart() {
+  ~InterpolatedWeights() {
     const torch::NoGradGuard guard;
     for (std::size_t k = 0; k < parameters_.size(); ++k) parameters_[k].copy_(learned_[k]);
   }
-  MixedWithStart(const MixedWithStart&) = delete;
-  MixedWithStart& operator=(const MixedWithStart&) = delete;
+  InterpolatedWeights(const InterpolatedWeights&) = delete;
+  InterpolatedWeights& operator=(const InterpolatedWeights&) = delete;
 
  private:
   std::vector<Tensor> parameters_, learned_;
 };
 
 void FusionDetector::save(const std::string& file, bool with_optimiser) {
-  std::optional<MixedWithStart> mixed;
+  std::optional<InterpolatedWeights> mixed;
   if (!with_optimiser) mixed.emplace(*this);
   WeightsWriter writer = begin_weights(*network_);
   std::string frozen;
@@ -347,7 +347,7 @@ void FusionDetector::take_over(const std::string& file, const std::string& name)
 
 const char* FusionDetector::why_whole() const {
   return options_.clean_memory == 0 ? "no memory was given to it for clean frames"
-                                    : CleanFrames::why_whole(options_.parts);
+                                    : CleanActivationCache::why_whole(options_.parts);
 }
 
 const std::vector<MirageProposal>& FusionDetector::forward_changed(const MirageSensorInput& input,
@@ -362,7 +362,7 @@ const std::vector<MirageProposal>& FusionDetector::forward_changed(const MirageS
     return forward(input, score_threshold, keep_graph);
   kept_logits_ = Tensor();
   local_.reset();
-  kept_input_ = {};
+  forward_input_ = {};
   kept_image_values_ = input.image ? std::size_t{3} * as_size(input.width) * as_size(input.height) : 0;
   set_torch_threads(1);
   SensorTensors now = view_input(input, reads_image());

@@ -74,7 +74,7 @@ class FusionDetector {
   MirageImageFeatures image_features(const MirageSensorInput& input);
 
  private:
-  FusionDetector(const Options& options, Network network, std::shared_ptr<CleanFrames> clean_frames);
+  FusionDetector(const Options& options, Network network, std::shared_ptr<CleanActivationCache> clean_frames);
   void load(const std::string& file);
   void take_over(const std::string& file, const std::string& name);
   /// Those that learn.
@@ -87,7 +87,7 @@ class FusionDetector {
                     double boxed);
   void propose(const torch::Tensor& output, float score_threshold);
   void propose(const CameraOutput& seen, float score_threshold);
-  class MixedWithStart;  ///< Options::keep_start
+  class InterpolatedWeights;  ///< Options::keep_start
   /// Takes what is watched into an input.
   void take_watched(SensorTensors& input, bool keep_graph);
   void keep_presence(const torch::Tensor& masses, std::int64_t count);
@@ -111,13 +111,13 @@ class FusionDetector {
 
   std::vector<MirageProposal> proposals_;
   std::vector<std::int64_t> proposal_cells_;
-  SensorTensors kept_input_;
+  SensorTensors forward_input_;
   torch::Tensor watched_;  ///< for the next forward
   std::vector<float> presence_;
   std::size_t kept_image_values_ = 0;
   torch::Tensor kept_map_, kept_bev_;  ///< norms of the image features
   torch::Tensor kept_logits_;          ///< undefined unless the last forward kept its graph
-  std::shared_ptr<CleanFrames> clean_frames_;
+  std::shared_ptr<CleanActivationCache> clean_frames_;
   std::unique_ptr<LocalNetwork> local_;  ///< of the last forward, if it was one over a change and kept it
 };
 

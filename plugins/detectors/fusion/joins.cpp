@@ -70,9 +70,9 @@ namespace {
 const double kRatio = std::log(1.4);
 constexpr double kSoftness = 0.05;
 
-constexpr float kLeastProposal = -4, kLeastBox = -5;
-constexpr std::size_t kMostProposals = 400, kMostBoxes = 200;
-constexpr double kLeastIou = 0.01;
+constexpr float kMinProposalLogit = -4, kMinBoxLogit = -5;
+constexpr std::size_t kMaxProposals = 400, kMaxBoxes = 200;
+constexpr double kMinIou = 0.01;
 constexpr double kDistanceUnit = 70, kLogitUnit = 4;
 constexpr int kInputs = 4;
 
@@ -127,10 +127,10 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
   // In float even where convolutions run in bfloat16: rows of 36 gain nothing from it.
   const c10::impl::ExcludeDispatchKeyGuard in_float(c10::DispatchKey::AutocastCPU);
   const Tensor logits = output.select(0, kLogit).reshape({-1});
-  const std::vector<std::int64_t> proposals = highest(logits, kLeastProposal, kMostProposals);
+  const std::vector<std::int64_t> proposals = highest(logits, kMinProposalLogit, kMaxProposals);
   if (proposals.empty() || !input.camera.defined()) return output;
   const int width = static_cast<int>(input.image.size(1)), height = static_cast<int>(input.image.size(0));
-  const std::vector<std::int64_t> boxes = highest(input.camera.logits, kLeastBox, kMostBoxes);
+  const std::vector<std::int64_t> boxes = highest(input.camera.logits, kMinBoxLogit, kMaxBoxes);
   const Tensor rectangles = input.camera.boxes.detach().to(torch::kFloat).contiguous();
   const Tensor points = input.points.detach().to(torch::kFloat).contiguous();
   const LowestReturns returns({points.data_ptr<float>(), as_size(points.numel())});
@@ -153,7 +153,7 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
     for (std::size_t b = 0; seen && b < boxes.size(); ++b) {
       const float* other = rectangles.data_ptr<float>() + 4 * boxes[b];
       const double overlap = iou(*seen, within({other[0], other[1], other[2], other[3]}, width, height));
-      if (overlap < kLeastIou) continue;
+      if (overlap < kMinIou) continue;
       of_proposal.push_back(static_cast<std::int64_t>(k));
       of_box.push_back(boxes[b]);
       place.push_back(pairs++);
@@ -167,19 +167,19 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
     fixed.insert(fixed.end(), {-1, distance, 0});
   }
   const auto type = output.options();
-  const Tensor given = torch::tensor(fixed).to(type.dtype()).view({-1, 3});
-  const Tensor there = given.select(1, 2);
+  const Tensor fixed_rows = torch::tensor(fixed).to(type.dtype()).view({-1, 3});
+  const Tensor there = fixed_rows.select(1, 2);
   const Tensor cell = torch::tensor(proposals), pair = torch::tensor(of_proposal);
   const Tensor ours = logits.index_select(0, cell).index_select(0, pair);
   const Tensor theirs = input.camera.logits.to(type.dtype()).index_select(0, torch::tensor(of_box)) * there +
-                        (there - 1) * -kLeastBox * 2;
-  const Tensor rows =
-      torch::stack({given.select(1, 0), theirs / kLogitUnit, ours / kLogitUnit, given.select(1, 1)}, 1);
+                        (there - 1) * -kMinBoxLogit * 2;
+  const Tensor rows = torch::stack(
+      {fixed_rows.select(1, 0), theirs / kLogitUnit, ours / kLogitUnit, fixed_rows.select(1, 1)}, 1);
   const Tensor scored = last(torch::relu(third(torch::relu(second(torch::relu(first(rows))))))).select(1, 0);
   const auto count = static_cast<std::int64_t>(proposals.size());
   const Tensor table = torch::full({count, most}, -1e9, type).index_put({pair, torch::tensor(place)}, scored);
-  const Tensor joined = table.amax(1);
-  const Tensor changed = logits.index_copy(0, cell, joined).view_as(output.select(0, kLogit)).unsqueeze(0);
+  const Tensor maxima = table.amax(1);
+  const Tensor changed = logits.index_copy(0, cell, maxima).view_as(output.select(0, kLogit)).unsqueeze(0);
   return torch::cat({changed, output.narrow(0, kDx, kOutputs - 1)});
 }
 

@@ -34,7 +34,7 @@ LocalNetwork::LocalNetwork(Network network, std::shared_ptr<const CleanFrame> cl
   const torch::NoGradGuard guard;
   typed_ = in_type_of(*network_, input_);
   sweep_ = sweep_change(clean_->points, input_.points);
-  if (clean_->camera_plan) look();
+  if (clean_->camera_plan) compare_inputs();
   if (!clean_->backbone_plan) return;
   backbone_.emplace(clean_->backbone_plan->plan, clean_->backbone);
   if (locality_ > 0) confine();
@@ -43,7 +43,7 @@ LocalNetwork::LocalNetwork(Network network, std::shared_ptr<const CleanFrame> cl
   backbone_->forward();
   output_ = backbone_->whole(clean_->backbone_plan->output).squeeze(0);
   if (network_->parts.late && clean_->camera_plan) join();
-  if (network_->parts.second && clean_->camera_plan) look_again();
+  if (network_->parts.second && clean_->camera_plan) check_again();
 }
 
 double LocalNetwork::pixels_a_metre() const {
@@ -60,19 +60,19 @@ double LocalNetwork::pixels_a_metre() const {
 }
 
 void LocalNetwork::confine() {
-  Dirty moved(kVoxelsX, kVoxelsY);
+  ChangedRegion moved(kVoxelsX, kVoxelsY);
   for (const float* point : sweep_.moved) add_voxels_of(point, moved);
   if (moved.empty()) return;  // the picture alone: the bird's-eye view is as far as it goes
   backbone_->confine(std::move(moved), static_cast<std::int64_t>(std::ceil(locality_ / kVoxel)));
   confined_ = true;
 }
 
-void LocalNetwork::look() {
+void LocalNetwork::compare_inputs() {
   const CameraPlan& plan = *clean_->camera_plan;
   camera_.emplace(plan.plan, clean_->camera);
   const Layer& picture = plan.plan[plan.picture];
   changed_ = intersection(changed_, whole_picture(input_.image));
-  Dirty dirty(picture.rows, picture.columns);
+  ChangedRegion dirty(picture.rows, picture.columns);
   if (!changed_.empty()) dirty.add(focus_window(changed_));
   if (locality_ > 0)
     camera_->confine(dirty, static_cast<std::int64_t>(std::ceil(locality_ * pixels_a_metre() / 2)));
@@ -93,15 +93,15 @@ void LocalNetwork::add_features() {
     const Grid& grid = kGrids[level];
     const int number = clean_->backbone_plan->added[level];
     if (confined_) {
-      const Dirty near = backbone_->near(grid.rows, grid.columns);
+      const ChangedRegion near = backbone_->near(grid.rows, grid.columns);
       std::erase_if(cells_[level], [&](const ChangedCell& changed) {
-        const Dirty::Span& span = near.row(changed.cell / grid.columns);
+        const ChangedRegion::Span& span = near.row(changed.cell / grid.columns);
         const std::int64_t column = changed.cell % grid.columns;
         return column < span.low || column >= span.high;
       });
     }
     std::vector<std::int64_t> cells, points;
-    Dirty dirty(grid.rows, grid.columns);
+    ChangedRegion dirty(grid.rows, grid.columns);
     for (const auto& [cell, point] : cells_[level]) {
       dirty.add(cell / grid.columns, cell % grid.columns);
       if (point >= 0) cells.push_back(cell), points.push_back(point);
@@ -134,7 +134,7 @@ void LocalNetwork::add_features() {
 
 void LocalNetwork::give_voxels() {
   const BackbonePlan& plan = *clean_->backbone_plan;
-  Dirty dirty(kVoxelsX, kVoxelsY);
+  ChangedRegion dirty(kVoxelsX, kVoxelsY);
   for (const float* point : sweep_.moved) add_voxels_of(point, dirty);
   // Where a return may come the value is as it was; the slope must be known.
   for (std::int64_t i = 0; i < watched_count(); ++i)
@@ -153,9 +153,9 @@ void LocalNetwork::give_voxels() {
   });
 }
 
-void LocalNetwork::add_painted(Dirty& dirty) const {
+void LocalNetwork::add_painted(ChangedRegion& dirty) const {
   // By what a return reads, not by the value: one that is the same to rounding still has a slope.
-  const Dirty& mask = camera_->dirty(clean_->camera_plan->mask);
+  const ChangedRegion& mask = camera_->dirty(clean_->camera_plan->mask);
   const float* p = input_.points.data_ptr<float>();
   for (std::int64_t i = 0; i < input_.points.size(0); ++i, p += 4) {
     const double x = (p[0] - kXMin) / kVoxel - 0.5, y = (p[1] - kYMin) / kVoxel - 0.5;
@@ -186,7 +186,7 @@ LocalNetwork::Gradient LocalNetwork::backward(const Tensor& d_loss) {
       torch::zeros({static_cast<std::int64_t>(sweep_.fresh.size()), 4}, typed_.points.options());
   if (watched_count() > 0) gradient.masses = torch::zeros({watched_count()}, typed_.points.options());
   if (!backbone_) {
-    back_through_rows(d_logits);
+    rows_vjp(d_logits);
   } else {
     const Layer& layer = clean_->backbone_plan->plan[clean_->backbone_plan->output];
     Tensor d_output = torch::zeros({1, kOutputs, layer.rows, layer.columns}, output_.options());
@@ -195,19 +195,19 @@ LocalNetwork::Gradient LocalNetwork::backward(const Tensor& d_loss) {
       const auto before = torch::autograd::grad({joined_}, {before_join_, logits_before_join_},
                                                 {d_output.squeeze(0)}, true, false, true);
       if (before[0].defined()) d_output = before[0].unsqueeze(0);
-      if (before[1].defined()) back_through_rows(before[1]);
+      if (before[1].defined()) rows_vjp(before[1]);
     }
-    if (!regions_.empty()) d_output = back_through_second(d_output.squeeze(0), gradient).unsqueeze(0);
+    if (!regions_.empty()) d_output = second_stage_vjp(d_output.squeeze(0), gradient).unsqueeze(0);
     backbone_->add_gradient(clean_->backbone_plan->output, d_output);
     backbone_->backward();
-    back_through_voxels(gradient);
-    if (camera_ && network_->parts.image) back_through_features(gradient);
+    voxels_vjp(gradient);
+    if (camera_ && network_->parts.image) features_vjp(gradient);
   }
-  if (camera_) back_through_picture(gradient);
+  if (camera_) picture_vjp(gradient);
   return gradient;
 }
 
-void LocalNetwork::back_through_rows(const Tensor& d_logits) {
+void LocalNetwork::rows_vjp(const Tensor& d_logits) {
   Tensor d_rows;
   {
     const torch::AutoGradMode on(true);
@@ -227,7 +227,7 @@ void LocalNetwork::back_through_rows(const Tensor& d_logits) {
   }
 }
 
-void LocalNetwork::back_through_features(Gradient& gradient) {
+void LocalNetwork::features_vjp(Gradient& gradient) {
   struct Rows {
     std::vector<std::int64_t> cells, points;
     Tensor gradient;
@@ -284,13 +284,13 @@ void LocalNetwork::back_through_features(Gradient& gradient) {
   camera_->add_gradient(clean_->camera_plan->read, changed[0]);
 }
 
-void LocalNetwork::back_through_voxels(Gradient& gradient) {
+void LocalNetwork::voxels_vjp(Gradient& gradient) {
   const int number = clean_->backbone_plan->voxels;
   const Window touched = intersection(backbone_->touched(number), kGridWindow);
   if (touched.empty()) return;
   const Tensor d_voxels = backbone_->gradient(number, touched);
   if (!sweep_.fresh.empty()) {
-    Dirty own(kVoxelsX, kVoxelsY);
+    ChangedRegion own(kVoxelsX, kVoxelsY);
     for (const std::int64_t i : sweep_.fresh) add_voxels_of(input_.points.data_ptr<float>() + 4 * i, own);
     Window at;
     for (const Window& window : own.windows(kVoxelsX * kVoxelsY)) at = bounds(at, window);
@@ -302,7 +302,7 @@ void LocalNetwork::back_through_voxels(Gradient& gradient) {
                                     cut(d_voxels, touched, at).narrow(1, 0, kVoxelsZ)));
     }
   }
-  if (watched_count() > 0) back_to_masses(touched, d_voxels, gradient);
+  if (watched_count() > 0) masses_vjp(touched, d_voxels, gradient);
   if (!network_->parts.painted || !camera_) return;
   std::vector<Tensor> changed;
   {
@@ -325,8 +325,8 @@ void LocalNetwork::back_through_voxels(Gradient& gradient) {
   if (changed[0].defined()) camera_->add_gradient(clean_->camera_plan->mask, changed[0]);
 }
 
-void LocalNetwork::back_to_masses(const Window& touched, const Tensor& d_voxels, Gradient& gradient) {
-  Dirty near(kVoxelsX, kVoxelsY);
+void LocalNetwork::masses_vjp(const Window& touched, const Tensor& d_voxels, Gradient& gradient) {
+  ChangedRegion near(kVoxelsX, kVoxelsY);
   for (std::int64_t i = 0; i < watched_count(); ++i)
     add_voxels_of(input_.watched.data_ptr<float>() + 4 * i, near);
   for (const Window& window : near.windows(kApart)) {
@@ -337,7 +337,7 @@ void LocalNetwork::back_to_masses(const Window& touched, const Tensor& d_voxels,
   }
 }
 
-void LocalNetwork::back_through_picture(Gradient& gradient) {
+void LocalNetwork::picture_vjp(Gradient& gradient) {
   camera_->backward();
   if (changed_.empty()) return;
   const int number = clean_->camera_plan->picture;
@@ -394,13 +394,13 @@ void LocalNetwork::join() {
   output_ = joined_.detach();
 }
 
-void LocalNetwork::look_again() {
+void LocalNetwork::check_again() {
   first_ = {output_, backbone_->whole(clean_->backbone_plan->bev), read_, seen_.mask};
   regions_ = SecondStageImpl::chosen(first_);
   output_ = network_->second->refine(first_, typed_, regions_);
 }
 
-Tensor LocalNetwork::back_through_second(const Tensor& d_output, Gradient& gradient) {
+Tensor LocalNetwork::second_stage_vjp(const Tensor& d_output, Gradient& gradient) {
   // Each region stands by itself: only those that the loss asks are looked at again, with a graph.
   const Tensor loud = d_output.ne(0).any(0).reshape({-1}).contiguous();
   std::vector<std::int64_t> cells;

@@ -56,18 +56,18 @@ class LocalNetwork {
   double pixels_a_metre() const;
   std::int64_t watched_count() const { return input_.watched.defined() ? input_.watched.size(0) : 0; }
   void confine();
-  void look();
+  void compare_inputs();
   void add_features();
   void give_voxels();
-  void add_painted(Dirty& dirty) const;
+  void add_painted(ChangedRegion& dirty) const;
   void join();
-  void look_again();
-  torch::Tensor back_through_second(const torch::Tensor& d_output, Gradient& gradient);
-  void back_through_rows(const torch::Tensor& d_logits);
-  void back_through_features(Gradient& gradient);
-  void back_through_voxels(Gradient& gradient);
-  void back_to_masses(const Window& touched, const torch::Tensor& d_voxels, Gradient& gradient);
-  void back_through_picture(Gradient& gradient);
+  void check_again();
+  torch::Tensor second_stage_vjp(const torch::Tensor& d_output, Gradient& gradient);
+  void rows_vjp(const torch::Tensor& d_logits);
+  void features_vjp(Gradient& gradient);
+  void voxels_vjp(Gradient& gradient);
+  void masses_vjp(const Window& touched, const torch::Tensor& d_voxels, Gradient& gradient);
+  void picture_vjp(Gradient& gradient);
   void add_to_points(Gradient& gradient, std::span<const std::int64_t> points, const torch::Tensor& rows);
 
   Network network_;

@@ -52,16 +52,16 @@ void add_to(Patch& patch, const Layer& layer, const Window& at, const Tensor& gr
   if (both.empty()) return;
   if (!patch.gradient.defined()) {
     patch.gradient = zeros(layer.channels, patch.at, gradient.scalar_type());
-    patch.touched = Dirty(layer.rows, layer.columns);
+    patch.touched = ChangedRegion(layer.rows, layer.columns);
   }
   cut(patch.gradient, patch.at, both).add_(cut(gradient, at, both));
   patch.touched.add(both);
 }
 
 /// Places of a map that are not zero.
-Dirty support(const Tensor& map) {
+ChangedRegion support(const Tensor& map) {
   const Tensor any = map.squeeze(0).ne(0).any(0).contiguous();
-  Dirty places(any.size(0), any.size(1));
+  ChangedRegion places(any.size(0), any.size(1));
   const bool* value = any.data_ptr<bool>();
   for (std::int64_t row = 0; row < any.size(0); ++row)
     for (std::int64_t column = 0; column < any.size(1); ++column)
@@ -82,7 +82,7 @@ Tensor slope(const Layer& layer, const Patch& patch, const Window& at, const Ten
 }
 
 /// Windows for the dirty places of a layer: rows together while that costs less than another window.
-std::vector<Window> windows_of(const Dirty& dirty, const Layer& layer) {
+std::vector<Window> windows_of(const ChangedRegion& dirty, const Layer& layer) {
   const double work = layer.work();
   if (work == 0) return dirty.windows(kWindowPlaces);
   // On a raster: oneDNN compiles a convolution for every size that it meets and keeps a number of them. With
@@ -109,21 +109,21 @@ Tensor cut(const Tensor& x, const Window& at, const Window& part) {
   return x.narrow(2, part.top - at.top, part.rows()).narrow(3, part.left - at.left, part.columns());
 }
 
-Tensor around(const Tensor& x, const Window& at, const Window& wanted) {
-  const Window both = intersection(at, wanted);
-  if (both == wanted) return cut(x, at, wanted).contiguous(kNhwc);
-  Tensor y = zeros(x.size(1), wanted, x.scalar_type());
-  if (!both.empty()) cut(y, wanted, both).copy_(cut(x, at, both));
+Tensor around(const Tensor& x, const Window& at, const Window& outer) {
+  const Window both = intersection(at, outer);
+  if (both == outer) return cut(x, at, outer).contiguous(kNhwc);
+  Tensor y = zeros(x.size(1), outer, x.scalar_type());
+  if (!both.empty()) cut(y, outer, both).copy_(cut(x, at, both));
   return y;
 }
 
 LocalPass::LocalPass(const Plan& plan, const CleanMaps& clean)
     : plan_(plan), clean_(clean), nodes_(plan.layers().size()) {
   for (std::size_t i = 0; i < nodes_.size(); ++i)
-    nodes_[i].dirty = Dirty(plan.layers()[i].rows, plan.layers()[i].columns);
+    nodes_[i].dirty = ChangedRegion(plan.layers()[i].rows, plan.layers()[i].columns);
 }
 
-void LocalPass::give(int layer, Dirty dirty, const std::function<Tensor(const Window&)>& value) {
+void LocalPass::give(int layer, ChangedRegion dirty, const std::function<Tensor(const Window&)>& value) {
   const Layer& shape = plan_[layer];
   std::vector<Patch> patches;
   for (const Window& at : shape.kept ? windows_of(dirty, shape) : needed(layer, dirty))
@@ -131,18 +131,18 @@ void LocalPass::give(int layer, Dirty dirty, const std::function<Tensor(const Wi
   nodes_[as_size(layer)] = {std::move(dirty), std::move(patches)};
 }
 
-Dirty LocalPass::spread(const Layer& layer) const {
+ChangedRegion LocalPass::spread(const Layer& layer) const {
   if (layer.op == Layer::Op::twice) return dirty(layer.from[0]).doubled(layer.rows);
-  Dirty all = dirty(layer.from[0]).through(layer.reach, layer.rows, layer.columns);
+  ChangedRegion all = dirty(layer.from[0]).through(layer.reach, layer.rows, layer.columns);
   for (std::size_t k = 1; k < layer.from.size(); ++k) all.add(dirty(layer.from[k]));
   // What reads an input that is not kept has the windows that it was asked for, and no others.
   const Layer& first = plan_[layer.from[0]];
-  if (near_.rows() > 0 && (first.op != Layer::Op::given || first.kept))
+  if (near_.rows() > 0 && (first.op != Layer::Op::input || first.kept))
     all.keep(near(layer.rows, layer.columns));
   return all;
 }
 
-Dirty LocalPass::near(std::int64_t rows, std::int64_t columns) const {
+ChangedRegion LocalPass::near(std::int64_t rows, std::int64_t columns) const {
   const std::int64_t s = std::max<std::int64_t>(1, near_.columns() / columns);
   return near_.through({2 * halo_ + s, s, halo_}, rows, columns);
 }
@@ -151,7 +151,7 @@ void LocalPass::forward() {
   const torch::NoGradGuard guard;
   for (std::size_t i = 0; i < nodes_.size(); ++i) {
     const Layer& layer = plan_.layers()[i];
-    if (layer.op == Layer::Op::given) continue;
+    if (layer.op == Layer::Op::input) continue;
     Node& node = nodes_[i];
     node.dirty = spread(layer);
     node.patches.clear();
@@ -164,7 +164,7 @@ void LocalPass::forward() {
   }
 }
 
-std::vector<Window> LocalPass::windows(const Layer& layer, const Dirty& dirty) const {
+std::vector<Window> LocalPass::windows(const Layer& layer, const ChangedRegion& dirty) const {
   const bool twice = layer.op == Layer::Op::twice;
   if (!twice && !(layer.op == Layer::Op::conv && layer.reach.kernel == 1 && layer.reach.stride == 1))
     return windows_of(dirty, layer);
@@ -182,7 +182,7 @@ void LocalPass::compute(const Layer& layer, Patch& patch) {
   const Window& at = patch.at;
   Tensor y;
   switch (layer.op) {
-    case Layer::Op::given:
+    case Layer::Op::input:
       return;
     case Layer::Op::conv:
       y = in_order(convolve(layer, window(layer.from[0], read_by(at, layer.reach))));
@@ -267,7 +267,7 @@ Tensor LocalPass::gradient(int layer, const Window& at) const {
   return all;
 }
 
-std::vector<Window> LocalPass::needed(int layer, const Dirty& changed) const {
+std::vector<Window> LocalPass::needed(int layer, const ChangedRegion& changed) const {
   for (const Layer& reader : plan_.layers()) {
     if (std::find(reader.from.begin(), reader.from.end(), layer) == reader.from.end()) continue;
     std::vector<Window> windows =
@@ -282,11 +282,11 @@ void LocalPass::backward() {
   const torch::NoGradGuard guard;
   for (std::size_t i = nodes_.size(); i-- > 0;) {
     const Layer& layer = plan_.layers()[i];
-    if (layer.op == Layer::Op::given) continue;
+    if (layer.op == Layer::Op::input) continue;
     for (const Patch& patch : nodes_[i].patches) {
       if (patch.touched.empty()) continue;
       if (layer.op == Layer::Op::pool) {
-        back_pool(layer, patch);
+        pool_vjp(layer, patch);
         continue;
       }
       for (const Window& touched : windows_of(patch.touched, layer))
@@ -298,11 +298,11 @@ void LocalPass::backward() {
 void LocalPass::back(const Layer& layer, const Patch& patch, const Window& at) {
   const Tensor gradient = slope(layer, patch, at, cut(patch.gradient, patch.at, at));
   switch (layer.op) {
-    case Layer::Op::given:
+    case Layer::Op::input:
     case Layer::Op::pool:
       return;
     case Layer::Op::conv:
-      return back_conv(layer, at, gradient);
+      return conv_vjp(layer, at, gradient);
     case Layer::Op::sum:
       for (const int from : layer.from) add_gradient(from, at, gradient);
       return;
@@ -328,7 +328,7 @@ void LocalPass::back(const Layer& layer, const Patch& patch, const Window& at) {
   }
 }
 
-void LocalPass::back_conv(const Layer& layer, const Window& at, const Tensor& gradient) {
+void LocalPass::conv_vjp(const Layer& layer, const Window& at, const Tensor& gradient) {
   const int from = layer.from[0];
   // By the input's patches: what falls between them is dropped before it is computed.
   for (Patch& before : patches(from)) {
@@ -336,13 +336,13 @@ void LocalPass::back_conv(const Layer& layer, const Window& at, const Tensor& gr
     if (read.empty()) continue;
     const Window all = read_by(read, layer.reach);
     if (layer.reach.stride == 1) {
-      const Window wanted = intersection(all, before.at);
-      const Window needed{wanted.top + layer.reach.padding - layer.reach.kernel + 1,
-                          wanted.left + layer.reach.padding - layer.reach.kernel + 1,
-                          wanted.bottom + layer.reach.padding, wanted.right + layer.reach.padding};
+      const Window outer = intersection(all, before.at);
+      const Window needed{outer.top + layer.reach.padding - layer.reach.kernel + 1,
+                          outer.left + layer.reach.padding - layer.reach.kernel + 1,
+                          outer.bottom + layer.reach.padding, outer.right + layer.reach.padding};
       const Tensor y = around(gradient, at, needed);
-      add_to(before, plan_[from], wanted, convolve_turned(layer, y));
-      work_ += layer.work() * static_cast<double>(wanted.area());
+      add_to(before, plan_[from], outer, convolve_turned(layer, y));
+      work_ += layer.work() * static_cast<double>(outer.area());
       continue;
     }
     const std::int64_t s = layer.reach.stride;
@@ -356,7 +356,7 @@ void LocalPass::back_conv(const Layer& layer, const Window& at, const Tensor& gr
   }
 }
 
-void LocalPass::back_pool(const Layer& layer, const Patch& patch) {
+void LocalPass::pool_vjp(const Layer& layer, const Patch& patch) {
   const Window all = read_by(patch.at, layer.reach);
   const Tensor d_input = at::max_pool2d_with_indices_backward(
       patch.gradient, empty(layer.channels, all, plan_.type()), {layer.reach.kernel, layer.reach.kernel},

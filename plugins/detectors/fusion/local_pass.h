@@ -19,8 +19,8 @@ namespace mirage::fusion {
 
 /// The part `part` of x, which covers `at`; a view.
 torch::Tensor cut(const torch::Tensor& x, const Window& at, const Window& part);
-/// The part `wanted` of x, which covers `at`; zeros outside. Channels-last in memory.
-torch::Tensor around(const torch::Tensor& x, const Window& at, const Window& wanted);
+/// The part `outer` of x, which covers `at`; zeros outside. Channels-last in memory.
+torch::Tensor around(const torch::Tensor& x, const Window& at, const Window& outer);
 
 /// A window of a layer's map.
 struct Patch {
@@ -28,7 +28,7 @@ struct Patch {
   torch::Tensor value = {};     ///< 1 × channels × rows × columns, channels-last
   torch::Tensor before = {};    ///< of a conv with SiLU: what the curve was given
   torch::Tensor highest = {};   ///< of a pool: where the maxima lie
-  Dirty touched = {};           ///< places of the map outside of which `gradient` is zero
+  ChangedRegion touched = {};   ///< places of the map outside of which `gradient` is zero
   torch::Tensor gradient = {};  ///< over `at`; undefined: none
 };
 
@@ -40,16 +40,16 @@ class LocalPass {
   /// What changed in an input, and value(window), its map there, channels-last. Windows cover `dirty`; of an
   /// input that is not kept they are what its one reader will read: they may overlap, and go beyond the map
   /// (where it is zero).
-  void give(int layer, Dirty dirty, const std::function<torch::Tensor(const Window&)>& value);
+  void give(int layer, ChangedRegion dirty, const std::function<torch::Tensor(const Window&)>& value);
   /// From here on nothing changes further than `halo` places from `changed`, both of an input's map: what
   /// does is left as it was. The pass is then an approximation. Maps of other sizes count in steps of a power
   /// of two.
-  void confine(Dirty changed, std::int64_t halo) { near_ = std::move(changed), halo_ = halo; }
+  void confine(ChangedRegion changed, std::int64_t halo) { near_ = std::move(changed), halo_ = halo; }
   /// Of a map of rows × columns: what lies near enough. Only after confine().
-  Dirty near(std::int64_t rows, std::int64_t columns) const;
+  ChangedRegion near(std::int64_t rows, std::int64_t columns) const;
   void forward();
 
-  const Dirty& dirty(int layer) const { return nodes_[as_size(layer)].dirty; }
+  const ChangedRegion& dirty(int layer) const { return nodes_[as_size(layer)].dirty; }
   std::vector<Patch>& patches(int layer) { return nodes_[as_size(layer)].patches; }
   /// The layer's map as it is now. Of a kept layer.
   torch::Tensor whole(int layer) const;
@@ -72,21 +72,21 @@ class LocalPass {
 
  private:
   struct Node {
-    Dirty dirty;
+    ChangedRegion dirty;
     std::vector<Patch> patches;
   };
-  Dirty spread(const Layer& layer) const;
-  std::vector<Window> needed(int layer, const Dirty& changed) const;
-  std::vector<Window> windows(const Layer& layer, const Dirty& dirty) const;
+  ChangedRegion spread(const Layer& layer) const;
+  std::vector<Window> needed(int layer, const ChangedRegion& changed) const;
+  std::vector<Window> windows(const Layer& layer, const ChangedRegion& dirty) const;
   void compute(const Layer& layer, Patch& patch);
   void back(const Layer& layer, const Patch& patch, const Window& at);
-  void back_conv(const Layer& layer, const Window& at, const torch::Tensor& gradient);
-  void back_pool(const Layer& layer, const Patch& patch);
+  void conv_vjp(const Layer& layer, const Window& at, const torch::Tensor& gradient);
+  void pool_vjp(const Layer& layer, const Patch& patch);
 
   const Plan& plan_;
   const CleanMaps& clean_;
   std::vector<Node> nodes_;
-  Dirty near_;  ///< no rows: everything may change
+  ChangedRegion near_;  ///< no rows: everything may change
   std::int64_t halo_ = 0;
   double work_ = 0;
 };

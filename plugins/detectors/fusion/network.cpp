@@ -256,9 +256,9 @@ SensorTensors in_type_of(NetworkImpl& network, SensorTensors input) {
   return input;
 }
 
-FirstStage NetworkImpl::first_stage(const SensorTensors& given) {
-  SensorTensors input = given;
-  input.camera = see(given);  // once, for every part that reads it
+FirstStage NetworkImpl::first_stage(const SensorTensors& sensors) {
+  SensorTensors input = sensors;
+  input.camera = see(sensors);  // once, for every part that reads it
   const bool picture = input.image.defined() && input.image.numel() > 0;
   std::array<Tensor, kGrids.size()> added;
   if (parts.image && picture) added = fused(input);
@@ -286,9 +286,9 @@ FirstStage NetworkImpl::first_stage(const SensorTensors& given) {
   return first;
 }
 
-Tensor NetworkImpl::forward(const SensorTensors& given) {
-  SensorTensors input = given;
-  input.camera = see(given);
+Tensor NetworkImpl::forward(const SensorTensors& sensors) {
+  SensorTensors input = sensors;
+  input.camera = see(sensors);
   const bool picture = input.image.defined() && input.image.numel() > 0;
   const FirstStage first = first_stage(input);
   if (parts.late && picture) return join(first.output, input);

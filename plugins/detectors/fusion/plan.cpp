@@ -9,9 +9,9 @@ using torch::Tensor;
 constexpr auto kChannelsLast = torch::MemoryFormat::ChannelsLast;
 
 /// x with zeros around it, so that it covers `wanted` of a map that starts at (0, 0).
-Tensor padded(const Tensor& x, const Window& wanted) {
-  const std::int64_t left = -wanted.left, right = wanted.right - x.size(3), top = -wanted.top,
-                     bottom = wanted.bottom - x.size(2);
+Tensor padded(const Tensor& x, const Window& outer) {
+  const std::int64_t left = -outer.left, right = outer.right - x.size(3), top = -outer.top,
+                     bottom = outer.bottom - x.size(2);
   if (left == 0 && right == 0 && top == 0 && bottom == 0) return x;
   return at::constant_pad_nd(x, {left, right, top, bottom}, 0).contiguous(kChannelsLast);
 }
@@ -54,13 +54,13 @@ int Plan::add(Layer layer) {
                             layer.op == Layer::Op::join || layer.op == Layer::Op::halve;
   for (const int from : layer.from) {
     Layer& before = layers_[as_size(from)];
-    if (reads_around && before.op != Layer::Op::given) before.kept = true;
+    if (reads_around && before.op != Layer::Op::input) before.kept = true;
   }
   layers_.push_back(std::move(layer));
   return static_cast<int>(layers_.size()) - 1;
 }
 
-int Plan::given(std::int64_t channels, std::int64_t rows, std::int64_t columns, bool kept) {
+int Plan::input(std::int64_t channels, std::int64_t rows, std::int64_t columns, bool kept) {
   Layer layer;
   layer.channels = channels, layer.rows = rows, layer.columns = columns, layer.kept = kept;
   return add(std::move(layer));
@@ -83,7 +83,7 @@ int Plan::conv(int from, const Tensor& weight, const Tensor& bias, std::int64_t 
     layer.turned = (groups == 1 ? flipped.transpose(0, 1) : flipped).contiguous(kChannelsLast);
   }
   type_ = weight.scalar_type();
-  if (bfloat16_ && type_ == torch::kFloat && groups == 1 && layer.channels >= kLeastRounded) {
+  if (bfloat16_ && type_ == torch::kFloat && groups == 1 && layer.channels >= kMinRounded) {
     layer.weight16 = layer.weight.to(torch::kBFloat16), layer.bias16 = layer.bias.to(torch::kBFloat16);
     if (stride == 1) layer.turned16 = layer.turned.to(torch::kBFloat16);
   }
@@ -150,7 +150,7 @@ Tensor convolve_turned(const Layer& layer, const Tensor& gradient) {
   return convolved(gradient, layer, layer.turned, {}, layer.turned16, {}, 1, 0);
 }
 
-CleanMaps run(const Plan& plan, const std::vector<Tensor>& given) {
+CleanMaps run(const Plan& plan, const std::vector<Tensor>& input) {
   const torch::NoGradGuard guard;
   const auto& layers = plan.layers();
   std::vector<int> last_reader(layers.size(), 0);
@@ -164,9 +164,9 @@ CleanMaps run(const Plan& plan, const std::vector<Tensor>& given) {
     const auto in = [&](std::size_t k) -> const Tensor& { return maps[as_size(layer.from[k])]; };
     Tensor& y = maps[i];
     switch (layer.op) {
-      case Layer::Op::given:
-        y = i < given.size() && given[i].defined()
-                ? given[i].contiguous(kChannelsLast)
+      case Layer::Op::input:
+        y = i < input.size() && input[i].defined()
+                ? input[i].contiguous(kChannelsLast)
                 : torch::zeros({1, layer.channels, layer.rows, layer.columns},
                                torch::TensorOptions().dtype(plan.type()).memory_format(kChannelsLast));
         break;

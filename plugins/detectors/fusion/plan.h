@@ -17,7 +17,7 @@ enum class Curve { none, relu, silu };
 
 struct Layer {
   enum class Op {
-    given,  ///< an input
+    input,  ///< an input
     conv,   ///< with bias and curve; beyond its input's border it reads zeros
     sum,    ///< of two maps, and a curve
     join,   ///< channels of several maps behind each other
@@ -25,7 +25,7 @@ struct Layer {
     pool,   ///< maximum of kernel × kernel places around each
     halve   ///< mean of 2 × 2 places
   };
-  Op op = Op::given;
+  Op op = Op::input;
   std::vector<int> from;
   std::int64_t channels = 0, rows = 0, columns = 0;
   Reach reach;
@@ -47,13 +47,13 @@ struct Layer {
 /// Every function adds a layer and returns its number. Maps are 1 × channels × rows × columns, channels-last.
 class Plan {
  public:
-  /// bfloat16: of convolutions over all channels with at least kLeastRounded outputs. The few numbers that
+  /// bfloat16: of convolutions over all channels with at least kMinRounded outputs. The few numbers that
   /// heads give stay float, and so do convolutions of single channels, which gain nothing.
   explicit Plan(bool bfloat16 = false) : bfloat16_(bfloat16) {}
-  static constexpr std::int64_t kLeastRounded = 16;
+  static constexpr std::int64_t kMinRounded = 16;
   /// `kept`: run() keeps the map that it is given. An input that is not kept must be given, in a local pass,
   /// a margin around what changed.
-  int given(std::int64_t channels, std::int64_t rows, std::int64_t columns, bool kept);
+  int input(std::int64_t channels, std::int64_t rows, std::int64_t columns, bool kept);
   /// weight: out × in/groups × k × k, groups 1 or one a channel. Padding (k − 1) / 2 as all of the network's
   /// convolutions have it; an input of odd size counts as padded to a multiple of the stride.
   int conv(int from, const torch::Tensor& weight, const torch::Tensor& bias, std::int64_t stride,
@@ -85,9 +85,9 @@ struct CleanMaps {
   const torch::Tensor& operator[](int layer) const { return maps[as_size(layer)]; }
 };
 
-/// The plan over whole maps. `given`: by layer number, undefined elsewhere; a given layer without a map is
+/// The plan over whole maps. `input`: by layer number, undefined elsewhere; a given layer without a map is
 /// zero.
-CleanMaps run(const Plan& plan, const std::vector<torch::Tensor>& given);
+CleanMaps run(const Plan& plan, const std::vector<torch::Tensor>& input);
 
 /// A layer's convolution, without padding: x holds all that the outputs read.
 torch::Tensor convolve(const Layer& layer, const torch::Tensor& x);

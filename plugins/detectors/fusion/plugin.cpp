@@ -94,11 +94,11 @@ int watch(void* detector, const float* places, int64_t count, char* error, size_
 
 int presence(void* detector, float* d_presence, int64_t count, char* error, size_t error_size) {
   return guarded(error, error_size, [&] {
-    const auto known = Functions::of(detector).presence();
-    if (static_cast<int64_t>(known.size()) != count)
+    const auto by_place = Functions::of(detector).presence();
+    if (static_cast<int64_t>(by_place.size()) != count)
       throw std::runtime_error("presence: the last backward was of a forward that watched " +
-                               std::to_string(known.size()) + " places, not " + std::to_string(count));
-    std::copy(known.begin(), known.end(), d_presence);
+                               std::to_string(by_place.size()) + " places, not " + std::to_string(count));
+    std::copy(by_place.begin(), by_place.end(), d_presence);
   });
 }
 

@@ -10,7 +10,7 @@
 namespace mirage::fusion {
 namespace {
 
-constexpr double kNearestDepth = 0.5;  // m
+constexpr double kMinPointDepth = 0.5;  // m
 
 /// Cells of the grid whose centres a point reaches, and a cell around them.
 Window reached(const Grid& grid, double x, double y) {
@@ -261,7 +261,7 @@ Tensor layers_last(const Tensor& map) {
 
 std::optional<PixelDepth> seen_at(const float* p, const Projection& m, int width, int height) {
   const double w = m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11];
-  if (!(w > kNearestDepth)) return {};
+  if (!(w > kMinPointDepth)) return {};
   const double u = (m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3]) / w;
   const double v = (m[4] * p[0] + m[5] * p[1] + m[6] * p[2] + m[7]) / w;
   if (!(u >= -0.5 && u < width - 0.5 && v >= -0.5 && v < height - 0.5)) return {};
@@ -388,7 +388,7 @@ Tensor soft_voxels_masses(const Tensor& further, const Window& in, const Tensor&
   return d_masses;
 }
 
-void add_voxels_of(const float* point, Dirty& dirty) {
+void add_voxels_of(const float* point, ChangedRegion& dirty) {
   const Corner<float> corner = corner_of(point);
   if (!corner.inside) return;
   dirty.add(Window{corner.low[0], corner.low[1], corner.low[0] + 2, corner.low[1] + 2});

@@ -88,6 +88,6 @@ torch::Tensor soft_voxels_vjp(const torch::Tensor& points, const Window& in, con
 torch::Tensor soft_voxels_masses(const torch::Tensor& further, const Window& in, const torch::Tensor& voxels,
                                  const torch::Tensor& gradient);
 /// Adds the columns of voxels that a point reaches.
-void add_voxels_of(const float* point, Dirty& dirty);
+void add_voxels_of(const float* point, ChangedRegion& dirty);
 
 }  // namespace mirage::fusion

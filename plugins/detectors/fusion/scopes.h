@@ -13,14 +13,14 @@ namespace mirage::fusion {
 /// else, and all weights, stay float.
 class Bfloat16 {
  public:
-  explicit Bfloat16(bool asked) : asked_(asked) {
-    if (!asked_) return;
+  explicit Bfloat16(bool enabled) : enabled_(enabled) {
+    if (!enabled_) return;
     set_bfloat16(true);
   }
   Bfloat16(const Bfloat16&) = delete;
   Bfloat16& operator=(const Bfloat16&) = delete;
   ~Bfloat16() {
-    if (!asked_) return;
+    if (!enabled_) return;
     at::autocast::clear_cache();  // its copies of the weights, which the optimiser is about to change
     set_bfloat16(false);
   }
@@ -36,7 +36,7 @@ class Bfloat16 {
 #endif
   }
 
-  bool asked_;
+  bool enabled_;
 };
 
 /// While it lives, the parameters take part in the graph.

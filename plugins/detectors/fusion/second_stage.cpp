@@ -34,7 +34,7 @@ using torch::Tensor;
 
 constexpr double kOccupiedReach = 0.7, kOccupiedAside = 1;  // the raster's reach, in lengths and widths
 constexpr double kOwnAlong = 0.8, kOwnAcross = 1.2, kBelow = 0.3, kAbove = 2.7;  // lengths, widths, m
-constexpr std::size_t kMostReturns = 128;                                        // of a region
+constexpr std::size_t kMaxReturns = 128;                                         // of a region
 
 /// Points by cell of the first grid: what of the region they are in.
 class Buckets {
@@ -83,12 +83,12 @@ Tensor everything(const SensorTensors& input) {
       .contiguous();
 }
 
-constexpr float kLeastLogit = -4;
-constexpr std::size_t kMostRegions = 256;
+constexpr float kMinLogit = -4;
+constexpr std::size_t kMaxRegions = 256;
 constexpr int kRasterAlong = 7, kRasterAcross = 5, kPictureSide = 7;          // places of the rasters
 constexpr double kAlongReach = 1.4, kAcrossReach = 1.8, kPictureReach = 1.2;  // of the box's extents
 constexpr int kBevPlace = 24, kPicturePlace = 24, kRegionWidth = 96, kGeometryValues = 8, kStageHidden = 128;
-constexpr double kLeastDepth = 0.1;  // m: of a corner behind the camera (car_in_picture)
+constexpr double kMinDepth = 0.1;  // m: of a corner behind the camera (car_in_picture)
 constexpr double kFarAway = 70, kLogitScale = 4;
 
 /// `count` places from −1/2 to 1/2.
@@ -140,7 +140,7 @@ Tensor from_picture(const Tensor& map, const Tensor& boxes, const Tensor& ground
   const auto [x, y] = in_view(boxes, boxes.narrow(1, 2, 1) * l, boxes.narrow(1, 3, 1) * w);
   const Tensor z = ground.unsqueeze(1) + h;
   const Tensor uvw = projected(torch::stack({x, y, z}, 2).view({-1, 3}), projection).view({-1, 8, 3});
-  const Tensor uv = uvw.narrow(2, 0, 2) / uvw.narrow(2, 2, 1).clamp_min(kLeastDepth);
+  const Tensor uv = uvw.narrow(2, 0, 2) / uvw.narrow(2, 2, 1).clamp_min(kMinDepth);
   const Tensor low = uv.amin(1), high = uv.amax(1);  // n × 2
   const Tensor middle = (low + high) / 2, size = kPictureReach * (high - low);
   const Tensor steps = raster(kPictureSide, boxes);
@@ -180,7 +180,7 @@ RegionReturns::RegionReturns(const Tensor& boxes, const SensorTensors& input, in
                    });
     std::sort(mine.begin(), mine.end());  // as the sweep has them: what is watched comes last
     const std::size_t own = mine.size() - watched,
-                      step = std::max<std::size_t>(1, (own + kMostReturns - 1) / kMostReturns);
+                      step = std::max<std::size_t>(1, (own + kMaxReturns - 1) / kMaxReturns);
     const auto take = [&](std::int64_t i) {
       std::int64_t& row = row_of[as_size(i)];
       if (row < 0) {
@@ -278,11 +278,11 @@ SecondStageImpl::SecondStageImpl() {
 }
 
 std::vector<std::int64_t> SecondStageImpl::chosen(const FirstStage& first) {
-  return highest(first.output[kLogit].reshape({-1}), kLeastLogit, kMostRegions);
+  return highest(first.output[kLogit].reshape({-1}), kMinLogit, kMaxRegions);
 }
 
-Regions SecondStageImpl::look(const FirstStage& first, const SensorTensors& input,
-                              std::vector<std::int64_t> cells) {
+Regions SecondStageImpl::find_regions(const FirstStage& first, const SensorTensors& input,
+                                      std::vector<std::int64_t> cells) {
   // In float even where convolutions run in bfloat16: places in metres want their digits.
   const c10::impl::ExcludeDispatchKeyGuard in_float(c10::DispatchKey::AutocastCPU);
   Regions regions;
@@ -329,7 +329,7 @@ Tensor SecondStageImpl::forward(const FirstStage& first, const SensorTensors& in
 
 Tensor SecondStageImpl::refine(const FirstStage& first, const SensorTensors& input,
                                const std::vector<std::int64_t>& cells) {
-  const Regions regions = look(first, input, cells);
+  const Regions regions = find_regions(first, input, cells);
   if (regions.cells.empty()) return first.output;
   const Tensor boxes = regions.refined();
   const Tensor centres = centres_of(regions.cells, kGrids[0]).to(boxes.scalar_type());

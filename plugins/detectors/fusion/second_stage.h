@@ -90,7 +90,7 @@ struct SecondStageImpl : torch::nn::Module {
   /// maps (through the boxes' places, too), in returns and in the masses of watched ones; which returns are
   /// in a region (of many, every second, third, …), the ground's height and what is out of the picture carry
   /// no gradient.
-  Regions look(const FirstStage& first, const SensorTensors& input, std::vector<std::int64_t> cells);
+  Regions find_regions(const FirstStage& first, const SensorTensors& input, std::vector<std::int64_t> cells);
   /// The first stage's output with the chosen regions' logits and boxes in their cells.
   torch::Tensor forward(const FirstStage& first, const SensorTensors& input);
   /// The same with these cells alone.

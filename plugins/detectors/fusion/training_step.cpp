@@ -18,7 +18,7 @@ namespace {
 
 using torch::Tensor;
 
-constexpr double kLargestGradient = 5.0;
+constexpr double kMaxGradient = 5.0;
 constexpr double kFrozenBelow = 0.3;                   // of the peak rate: from there on norms are affine
 constexpr std::size_t kMemory = std::size_t{4} << 30;  // bytes of kept camera output
 
@@ -53,11 +53,11 @@ LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& tar
                                   double positives, double boxed) {
   const bool frozen_camera = options_.parts.camera && !camera_learns();
   SensorTensors input = copy_input(sample.input, reads_image());
-  TaughtPicture taught;
-  if (camera_learns()) taught = taught_picture(sample, input.image);
+  LabelledPicture taught;
+  if (camera_learns()) taught = labelled_picture(sample, input.image);
   // Without returns no calibration has to follow.
   if (camera_learns() && !options_.parts.lidar && input.image.defined()) {
-    taught = moved_picture(taught, options_.seed, index);
+    taught = augmented_picture(taught, options_.seed, index);
     input.image = taught.image;
   }
   const Bfloat16 rounded(options_.precision == Precision::bfloat16);
@@ -72,7 +72,7 @@ LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& tar
   if (options_.parts.second && input.image.defined()) {
     const FirstStage first = network_->first_stage(input);
     terms =
-        region_loss(network_->second->look(first, input, SecondStageImpl::chosen(first)),
+        region_loss(network_->second->find_regions(first, input, SecondStageImpl::chosen(first)),
                     {sample.boxes, as_size(sample.box_count)}, {sample.ignore, as_size(sample.ignore_count)});
     if (lidar_learns())
       terms = sum(terms, detection_loss(first.output.to(torch::kFloat), targets, positives, boxed));
@@ -137,7 +137,7 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
     follow(statistics[i], samples_seen_ - static_cast<std::int64_t>(samples.size() - i) + 1);
   if (!std::isfinite(loss[0]))
     throw std::runtime_error("the training loss is not finite; lower the learning rate");
-  torch::nn::utils::clip_grad_norm_(parameters, kLargestGradient);
+  torch::nn::utils::clip_grad_norm_(parameters, kMaxGradient);
   for (auto& group : optimiser_->param_groups())
     static_cast<torch::optim::AdamWOptions&>(group.options()).lr(learning_rate);
   optimiser_->step();

@@ -14,7 +14,7 @@ std::int64_t floor_of(std::int64_t a, std::int64_t b) {
 }
 
 /// Outputs that read an input of [low, high), of `count` outputs.
-Dirty::Span readers(Dirty::Span in, const Reach& reach, std::int64_t count) {
+ChangedRegion::Span readers(ChangedRegion::Span in, const Reach& reach, std::int64_t count) {
   if (in.empty()) return {};
   return {std::max<std::int64_t>(0, ceil_of(in.low + reach.padding - reach.kernel + 1, reach.stride)),
           std::min(count, floor_of(in.high - 1 + reach.padding, reach.stride) + 1)};
@@ -45,12 +45,12 @@ Window read_by(const Window& out, const Reach& reach) {
 }
 
 Window reached_by(const Window& in, const Reach& reach, std::int64_t rows, std::int64_t columns) {
-  const Dirty::Span r = readers({in.top, in.bottom}, reach, rows),
-                    c = readers({in.left, in.right}, reach, columns);
+  const ChangedRegion::Span r = readers({in.top, in.bottom}, reach, rows),
+                            c = readers({in.left, in.right}, reach, columns);
   return {r.low, c.low, r.high, c.high};
 }
 
-void Dirty::Span::add(Span other) {
+void ChangedRegion::Span::add(Span other) {
   if (other.empty()) return;
   if (empty())
     *this = other;
@@ -58,36 +58,37 @@ void Dirty::Span::add(Span other) {
     low = std::min(low, other.low), high = std::max(high, other.high);
 }
 
-bool Dirty::empty() const {
+bool ChangedRegion::empty() const {
   return std::all_of(rows_.begin(), rows_.end(), [](const Span& s) { return s.empty(); });
 }
 
-std::int64_t Dirty::area() const {
+std::int64_t ChangedRegion::area() const {
   std::int64_t places = 0;
   for (const Span& s : rows_) places += s.empty() ? 0 : s.high - s.low;
   return places;
 }
 
-void Dirty::add(const Window& window) {
+void ChangedRegion::add(const Window& window) {
   const Window inside = intersection(window, {0, 0, rows(), columns_});
   if (inside.empty()) return;
   for (std::int64_t r = inside.top; r < inside.bottom; ++r)
     rows_[as_size(r)].add({inside.left, inside.right});
 }
 
-void Dirty::add(const Dirty& other) {
+void ChangedRegion::add(const ChangedRegion& other) {
   for (std::size_t r = 0; r < rows_.size(); ++r) rows_[r].add(other.rows_[r]);
 }
 
-void Dirty::keep(const Dirty& other) {
+void ChangedRegion::keep(const ChangedRegion& other) {
   for (std::size_t r = 0; r < rows_.size(); ++r) {
     const Span& by = other.rows_[r];
     rows_[r] = by.empty() ? Span{} : Span{std::max(rows_[r].low, by.low), std::min(rows_[r].high, by.high)};
   }
 }
 
-Dirty Dirty::through(const Reach& reach, std::int64_t out_rows, std::int64_t out_columns) const {
-  Dirty out(out_rows, out_columns);
+ChangedRegion ChangedRegion::through(const Reach& reach, std::int64_t out_rows,
+                                     std::int64_t out_columns) const {
+  ChangedRegion out(out_rows, out_columns);
   for (std::int64_t r = 0; r < rows(); ++r) {
     const Span columns = readers(row(r), reach, out_columns);
     if (columns.empty()) continue;
@@ -97,14 +98,14 @@ Dirty Dirty::through(const Reach& reach, std::int64_t out_rows, std::int64_t out
   return out;
 }
 
-Dirty Dirty::doubled(std::int64_t out_rows) const {
-  Dirty out(out_rows, 2 * columns_);
+ChangedRegion ChangedRegion::doubled(std::int64_t out_rows) const {
+  ChangedRegion out(out_rows, 2 * columns_);
   for (std::int64_t r = 0; r < out_rows; ++r)
     out.rows_[as_size(r)] = {2 * row(r / 2).low, 2 * row(r / 2).high};
   return out;
 }
 
-std::vector<Window> Dirty::windows(std::int64_t worth) const {
+std::vector<Window> ChangedRegion::windows(std::int64_t worth) const {
   std::vector<Window> merged;
   std::int64_t open_area = 0;  // of the last window's own spans
   for (std::int64_t r = 0; r < rows(); ++r) {
@@ -125,7 +126,7 @@ std::vector<Window> Dirty::windows(std::int64_t worth) const {
   return merged;
 }
 
-bool Dirty::operator==(const Dirty& other) const {
+bool ChangedRegion::operator==(const ChangedRegion& other) const {
   if (columns_ != other.columns_ || rows_.size() != other.rows_.size()) return false;
   for (std::size_t r = 0; r < rows_.size(); ++r) {
     const Span &a = rows_[r], &b = other.rows_[r];

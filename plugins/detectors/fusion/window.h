@@ -32,15 +32,15 @@ Window read_by(const Window& out, const Reach& reach);
 Window reached_by(const Window& in, const Reach& reach, std::int64_t rows, std::int64_t columns);
 
 /// One interval a row of a map; empty where low ≥ high.
-class Dirty {
+class ChangedRegion {
  public:
   struct Span {
     std::int64_t low = 0, high = 0;
     bool empty() const { return low >= high; }
     void add(Span other);
   };
-  Dirty() = default;
-  Dirty(std::int64_t rows, std::int64_t columns) : rows_(as_size(rows)), columns_(columns) {}
+  ChangedRegion() = default;
+  ChangedRegion(std::int64_t rows, std::int64_t columns) : rows_(as_size(rows)), columns_(columns) {}
 
   std::int64_t rows() const { return static_cast<std::int64_t>(rows_.size()); }
   std::int64_t columns() const { return columns_; }
@@ -48,16 +48,16 @@ class Dirty {
   bool empty() const;
   std::int64_t area() const;
   void add(std::int64_t row, std::int64_t column) { add(Window{row, column, row + 1, column + 1}); }
-  void add(const Window& window);  ///< what of it lies on the map
-  void add(const Dirty& other);    ///< of a map of the same size
-  void keep(const Dirty& other);   ///< drops what is not in the other, of a map of the same size
+  void add(const Window& window);         ///< what of it lies on the map
+  void add(const ChangedRegion& other);   ///< of a map of the same size
+  void keep(const ChangedRegion& other);  ///< drops what is not in the other, of a map of the same size
   /// Of the output of a layer that reads this map.
-  Dirty through(const Reach& reach, std::int64_t rows, std::int64_t columns) const;
+  ChangedRegion through(const Reach& reach, std::int64_t rows, std::int64_t columns) const;
   /// Of the map with every place doubled along both axes, cut to `rows`.
-  Dirty doubled(std::int64_t rows) const;
+  ChangedRegion doubled(std::int64_t rows) const;
   /// Disjoint windows that cover it: rows are taken together while that adds fewer than `worth` places.
   std::vector<Window> windows(std::int64_t worth) const;
-  bool operator==(const Dirty& other) const;
+  bool operator==(const ChangedRegion& other) const;
 
  private:
   std::vector<Span> rows_;

@@ -30,10 +30,10 @@ py::array any_array(const py::handle& values, const std::string& name) {
 }
 
 void check_shape(const py::array& array, const std::string& name, const Shape& shape) {
-  Shape given(array.shape(), array.shape() + array.ndim());
-  bool fits = given.size() == shape.size();
-  for (std::size_t i = 0; fits && i < shape.size(); ++i) fits = shape[i] < 0 || shape[i] == given[i];
-  if (!fits) throw InputError(name, "shape", "is " + text_of(given), "give " + text_of(shape) + " numbers");
+  Shape actual(array.shape(), array.shape() + array.ndim());
+  bool fits = actual.size() == shape.size();
+  for (std::size_t i = 0; fits && i < shape.size(); ++i) fits = shape[i] < 0 || shape[i] == actual[i];
+  if (!fits) throw InputError(name, "shape", "is " + text_of(actual), "give " + text_of(shape) + " numbers");
   const char kind = array.dtype().kind();
   if (kind != 'f' && kind != 'i' && kind != 'u' && kind != 'b')
     throw InputError(name, "dtype", "holds no real numbers", "give float32 or float64");

@@ -29,20 +29,20 @@ std::shared_ptr<py::object> held(py::object object) {
 }
 
 /// The object of mirage/_detector.py, which has the network and its graph.
-class PythonDetector : public OutsideDetector {
+class PythonDetector : public ExternalDetector {
  public:
   PythonDetector(std::shared_ptr<py::object> adapter, std::string name)
-      : OutsideDetector(std::move(name), "detector"), adapter_(std::move(adapter)) {
+      : ExternalDetector(std::move(name), "detector"), adapter_(std::move(adapter)) {
     const py::gil_scoped_acquire lock;
     const auto word = py::module_::import("json").attr("dumps")(adapter_->attr("word")()).cast<std::string>();
-    word_ = read_outside_word(nlohmann::json::parse(word), name_);
+    word_ = read_external_description(nlohmann::json::parse(word), name_);
   }
 
   std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     const py::gil_scoped_acquire lock;
     levels_.clear();
     py::list arrays;
-    nlohmann::json job = told(input, [&](const SensorData& sensor, OutsideSensor& its) {
+    nlohmann::json job = describe_input(input, [&](const SensorData& sensor, ExternalSensor& its) {
       its.at = levels_.size();
       arrays.append(array_of(sensor, its));
       return nlohmann::json{{"at", its.at}};
@@ -61,19 +61,19 @@ class PythonDetector : public OutsideDetector {
       return rows_.proposals(raw, word_.can, score_threshold, image ? image->width : 0,
                              image ? image->height : 0, who_);
     } catch (const py::error_already_set& error) {
-      complain_if_blind(input, error.what());
+      throw_if_blind(input, error.what());
       throw;  // the caller's own error, with its trace
     }
   }
 
   SensorGradient backward(std::span<const double> d_logits) override {
     const py::gil_scoped_acquire lock;
-    const auto given = adapter_->attr("backward")(own(rows_.of_rows(d_logits), {ssize(rows_.count())}))
-                           .cast<std::map<std::string, Array<float>>>();
-    return gradient([&](const OutsideSensor& sensor) {
+    const auto gradients = adapter_->attr("backward")(own(rows_.of_rows(d_logits), {ssize(rows_.count())}))
+                               .cast<std::map<std::string, Array<float>>>();
+    return gradient([&](const ExternalSensor& sensor) {
       std::vector<float> values(sensor.values());
-      const auto found = given.find(sensor.name);
-      if (found == given.end()) return values;
+      const auto found = gradients.find(sensor.name);
+      if (found == gradients.end()) return values;
       if (as_size(found->second.size()) != values.size())
         throw InputError(who_, "gradient to " + sensor.name,
                          fmt::format("has {} values for {}", found->second.size(), values.size()),
@@ -101,7 +101,7 @@ class PythonDetector : public OutsideDetector {
   using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
 
   /// Over memory that lives for the call of forward.
-  py::array array_of(const SensorData& sensor, const OutsideSensor& its) {
+  py::array array_of(const SensorData& sensor, const ExternalSensor& its) {
     const Shape shape(its.shape.begin(), its.shape.end());
     const auto borrowed = std::shared_ptr<const void>(&sensor, [](const void*) {});
     std::vector<std::uint8_t>& levels = levels_.emplace_back();
@@ -142,7 +142,7 @@ class Tables {
   std::FILE *before_, *file_;
 };
 
-/// A detector of the caller's: the object of mirage/_detector.py, and GivenDetector::content.
+/// A detector of the caller's: the object of mirage/_detector.py, and InProcessDetector::content.
 using Given = std::pair<py::object, std::string>;
 
 /// What result.json holds, as JSON, and what the command prints. `detectors`: those that "python" and
@@ -151,10 +151,10 @@ using Given = std::pair<py::object, std::string>;
 std::pair<std::string, std::string> run(const std::string& command, const NamedSettings& settings,
                                         const std::vector<Given>& detectors, const std::string& where,
                                         const py::object& progress, bool quiet) {
-  std::vector<GivenDetector> given;
+  std::vector<InProcessDetector> in_process;
   for (const auto& [detector, content] : detectors) {
-    const char* name = given.empty() ? kGivenDetector : kSecondGivenDetector;
-    given.push_back(
+    const char* name = in_process.empty() ? kInProcessDetector : kSecondInProcessDetector;
+    in_process.push_back(
         {[adapter = held(detector), name] { return std::make_unique<PythonDetector>(adapter, name); },
          content});
   }
@@ -164,7 +164,7 @@ std::pair<std::string, std::string> run(const std::string& command, const NamedS
   const InterruptWatch watch;
   Tables tables;
   keep_logging_quiet(quiet);
-  std::optional<ProgressTo> shown;
+  std::optional<ProgressListenerScope> shown;
   if (listener || quiet)
     shown.emplace([&](const std::string& what, std::size_t done, std::size_t total, const std::string& left,
                       const std::string& note) {
@@ -172,8 +172,8 @@ std::pair<std::string, std::string> run(const std::string& command, const NamedS
       const py::gil_scoped_acquire lock;
       (*listener)(what, done, total, left, note);
     });
-  std::optional<DetectorGift> gift;
-  if (!given.empty()) gift.emplace(std::move(given));
+  std::optional<ScopedDetectors> scope;
+  if (!in_process.empty()) scope.emplace(std::move(in_process));
   std::string result = cli::run_command(command, settings, where).dump();
   return {std::move(result), tables.text()};
 }

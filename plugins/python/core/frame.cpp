@@ -22,8 +22,8 @@ namespace {
 
 /// What completes depth and finds roofs is costly to load and the same for every frame: kept by name.
 template <class Made>
-std::shared_ptr<const Made> kept(const std::string& key,
-                                 const std::function<std::shared_ptr<const Made>()>& make) {
+std::shared_ptr<const Made> cached(const std::string& key,
+                                   const std::function<std::shared_ptr<const Made>()>& make) {
   static std::mutex mutex;
   static std::map<std::string, std::shared_ptr<const Made>> cache;
   const std::lock_guard lock(mutex);
@@ -149,25 +149,25 @@ FrameHandle::FrameHandle(Frame frame, const std::string& rig)
 
 std::shared_ptr<const PreparedFrame> FrameHandle::prepared(const std::string& depth, const std::string& sun) {
   const std::lock_guard lock(mutex_);
-  auto& known = prepared_[{depth, sun}];
-  if (!known) {
+  auto& slot = prepared_[{depth, sun}];
+  if (!slot) {
     if (!data_.empty()) check_data(data_, rig_, UnitUse::casts_rays);
     const SunChoice choice = parse_sun(sun);
-    const auto completion = kept<DepthCompletion>(
+    const auto completion = cached<DepthCompletion>(
         depth, [&] { return std::shared_ptr<const DepthCompletion>(load_depth_completion({depth})); });
     Frame frame = frame_;
     frame.lighting = with_sun(frame, choice);
-    known = std::make_shared<PreparedFrame>(prepare(std::move(frame), lidar_, completion.get()));
+    slot = std::make_shared<PreparedFrame>(prepare(std::move(frame), lidar_, completion.get()));
   }
-  return known;
+  return slot;
 }
 
 Carrier FrameHandle::carrier(const std::string& finder, int label) {
   const Label& host = vehicle_of(frame_, label, "host");
   const std::lock_guard lock(mutex_);
-  const auto known = carriers_.find({finder, label});
-  if (known != carriers_.end()) return known->second;
-  const auto finds = kept<RoofFinder>(
+  const auto slot = carriers_.find({finder, label});
+  if (slot != carriers_.end()) return slot->second;
+  const auto finds = cached<RoofFinder>(
       finder + " " + rig_ + " " + (data_.empty() ? "" : std::filesystem::absolute(data_).string()),
       [&] { return std::shared_ptr<const RoofFinder>(make_roof_finder(finder, lidar_)); });
   return carriers_[{finder, label}] = finds->find(frame_, host);

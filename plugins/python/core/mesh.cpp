@@ -68,8 +68,8 @@ py::array_t<double> texels(const Shared& mesh) {
 }
 
 /// Into the memory that views of it see.
-void assign(std::vector<Vec3d>& values, const py::handle& given, const char* name) {
-  const std::vector<Vec3d> rows = rows_of_three(given, name);
+void assign(std::vector<Vec3d>& values, const py::handle& source, const char* name) {
+  const std::vector<Vec3d> rows = rows_of_three(source, name);
   if (rows.size() != values.size())
     throw InputError(
         name, "shape",
@@ -85,9 +85,9 @@ Shared start(int subdivisions, const py::object& half, int resolution) {
     throw InputError("resolution", std::to_string(resolution), "out of range", "use 1 to 64");
   Vec3d axes = 0.75 * AdversaryLimits().half;  // as the attack's own start
   if (!half.is_none()) {
-    const std::vector<Vec3d> given = rows_of_three(half, "half");
-    if (given.size() != 1) throw InputError("half", "shape", "is not three lengths", "give (x, y, z) in m");
-    axes = given[0];
+    const std::vector<Vec3d> source = rows_of_three(half, "half");
+    if (source.size() != 1) throw InputError("half", "shape", "is not three lengths", "give (x, y, z) in m");
+    axes = source[0];
   }
   if (!(axes.minCoeff() > 0) || !axes.allFinite())
     throw InputError("half", "", "lengths must be positive", "give (x, y, z) in m");

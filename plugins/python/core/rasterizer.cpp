@@ -13,7 +13,7 @@
 namespace mirage::python {
 namespace {
 
-constexpr double kNearestVertex = 0.1;  // m; faces are clipped at this depth, as in an insertion
+constexpr double kMinVertexDepth = 0.1;  // m; faces are clipped at this depth, as in an insertion
 
 /// A mesh in one picture: in a camera's frame, or on screen already.
 struct Subject {
@@ -60,10 +60,10 @@ class TapePool {
     return tapes;
   }
   void give_back(std::vector<RasterTape> tapes) {
-    constexpr std::size_t kMost = 8;
+    constexpr std::size_t kMax = 8;
     const std::lock_guard lock(mutex_);
     for (RasterTape& tape : tapes)
-      if (free_.size() < kMost) free_.push_back(std::move(tape));
+      if (free_.size() < kMax) free_.push_back(std::move(tape));
   }
 
  private:
@@ -94,10 +94,10 @@ SoftRasterSettings<double> settings_of(const std::map<std::string, double>& numb
   const auto choose = [&](const std::string& name, auto& field, const auto& choices) {
     const auto word = words.find(name);
     if (word == words.end()) return;
-    for (const auto& [known, value] : choices)
-      if (word->second == known) return void(field = value);
+    for (const auto& [choice, value] : choices)
+      if (word->second == choice) return void(field = value);
     std::vector<std::string> all;
-    for (const auto& [known, value] : choices) all.push_back(known);
+    for (const auto& [choice, value] : choices) all.push_back(choice);
     throw InputError("rasterize", name, word->second + " is unknown", use_one_of(word->second, all));
   };
   choose("blend", settings.background,
@@ -204,7 +204,7 @@ Gradient gather(const Subject& subject, const ScreenGradient<double>& screen) {
   Gradient gradient{std::vector<Vec3d>(subject.vertices.size(), Vec3d::Zero()),
                     std::vector<Vec3d>(subject.colors, Vec3d::Zero())};
   if (subject.is_projected) {
-    project_mesh_vjp(subject.projected, subject.vertices, subject.camera, kNearestVertex, screen,
+    project_mesh_vjp(subject.projected, subject.vertices, subject.camera, kMinVertexDepth, screen,
                      gradient.vertices, gradient.colors);
     return gradient;
   }
@@ -359,7 +359,7 @@ void project(Subject& subject, const TexturedMesh& mesh, const std::array<double
   subject.camera = {intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3], width, height};
   subject.vertices = mesh.mesh.vertices;
   subject.colors = mesh.atlas.texels.size();
-  subject.projected = project_mesh(subject.vertices, mesh.mesh.faces, subject.camera, kNearestVertex,
+  subject.projected = project_mesh(subject.vertices, mesh.mesh.faces, subject.camera, kMinVertexDepth,
                                    Texture::atlas, mesh.atlas.resolution, mesh.atlas.texels);
 }
 
@@ -386,8 +386,8 @@ void read_screen(Subject& subject, const py::handle& vertices, const py::handle&
                  const py::handle& colors, bool by_vertex, const Vec3d& scale) {
   subject.scale = scale;
   subject.vertices = rows_of_three(vertices, "vertices");
-  const std::vector<Vec3d> given = rows_of_three(colors, "colors");
-  subject.colors = given.size();
+  const std::vector<Vec3d> triples = rows_of_three(colors, "colors");
+  subject.colors = triples.size();
   const auto corners = array_of<int>(faces, "faces", {-1, 3});
   const auto count = as_size(corners.shape(0));
   subject.faces.resize(count);
@@ -402,13 +402,13 @@ void read_screen(Subject& subject, const py::handle& vertices, const py::handle&
   ScreenMesh<double>& screen = subject.projected.screen;
   screen.texture = by_vertex ? Texture::vertex : Texture::atlas;
   if (!by_vertex)
-    while (count * as_size(screen.resolution) * as_size(screen.resolution) < given.size())
+    while (count * as_size(screen.resolution) * as_size(screen.resolution) < triples.size())
       ++screen.resolution;
-  const std::size_t wanted =
+  const std::size_t expected =
       by_vertex ? subject.vertices.size() : count * as_size(screen.resolution) * as_size(screen.resolution);
-  if (given.size() != wanted)
+  if (triples.size() != expected)
     throw InputError("colors", "shape",
-                     std::to_string(given.size()) + " colours for " +
+                     std::to_string(triples.size()) + " colours for " +
                          (by_vertex ? std::to_string(subject.vertices.size()) + " vertices"
                                     : std::to_string(count) + " faces"),
                      by_vertex ? "give vertices × 3 numbers" : "give faces × C × C × 3 numbers");
@@ -417,11 +417,11 @@ void read_screen(Subject& subject, const py::handle& vertices, const py::handle&
     for (std::size_t k = 0; k < 3; ++k)
       screen.faces[f][k] = subject.vertices[as_size(subject.faces[f][k])].cwiseProduct(scale);
   if (!by_vertex) {
-    screen.texels = given;
+    screen.texels = triples;
     return;
   }
   for (const Face& face : subject.faces)
-    for (const int corner : face) screen.texels.push_back(given[as_size(corner)]);
+    for (const int corner : face) screen.texels.push_back(triples[as_size(corner)]);
 }
 
 Shared rasterize_screens(const std::vector<py::object>& vertices, const std::vector<py::object>& faces,

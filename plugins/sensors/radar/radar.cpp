@@ -31,7 +31,7 @@ constexpr double kReach = 2;          // bins on either side
 constexpr double kPowerRange = 20;    // m, where a scatterer of 1 m² has the power 1
 constexpr double kNoise = 1e-3;       // power of a bin without an echo
 constexpr double kReturnArea = 0.02;  // m² of a return with reflectance 1
-constexpr double kNearest = 1;        // m; nothing nearer is measured
+constexpr double kMinDistance = 1;    // m; nothing nearer is measured
 const Vector3d kMount(2, 0, -1.2);    // m, ego: behind the front bumper
 
 /// One echo, as it moves with its scatterer.
@@ -154,7 +154,7 @@ void measure(const MirageSensorScene& scene, const MirageSensorObject* object, c
     for (int64_t i = 0; i < scene.point_count; ++i) {
       const float* point = scene.points + 4 * i;
       const Vector3d p(point[0], point[1], point[2]);
-      if ((p - kMount).norm() > kNearest)
+      if ((p - kMount).norm() > kMinDistance)
         add(echo_of(p - kMount, kReturnArea * point[3], velocity_at(scene, p)));
     }
   if (object) {
@@ -162,7 +162,7 @@ void measure(const MirageSensorScene& scene, const MirageSensorObject* object, c
     made->velocity = Vector3d::Map(object->velocity);
     for (int64_t f = 0; f < object->face_count; ++f) {
       const SeenFace face = seen_face(*object, f);
-      if (!(face.shown > 0 && face.centre.norm() > kNearest)) continue;
+      if (!(face.shown > 0 && face.centre.norm() > kMinDistance)) continue;
       add(echo_of(face, made->velocity));
       made->faces.push_back(face);
     }

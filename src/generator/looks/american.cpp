@@ -107,7 +107,7 @@ void AmericanStreet::lay_ground() {
   add_strip(road, -half_[0], half_[1], -12, far_, 2);
   add_cross_road(road, 70);
   surfaces_.push_back(surface(road, tar));
-  add_earth();
+  add_ground();
   add_manhole_covers(random_.below(3));
 
   Material walk = plain(Vec3f(1.0f, 0.97f, 0.9f) * f(0.25, 0.42), f(0.3, 0.45));
@@ -268,25 +268,25 @@ void AmericanStreet::place_traffic() {
     const bool own = std::abs(lane_d(0, lane) - ego_d_) < 0.5 * lane_;
     if (!chance(flow)) continue;
     for (double s = own ? u(8, 35) : u(2, 25); s < 66 + ahead_; s += u(7.5, 40))
-      put(vehicle(kAlikeOnLanes),
+      put(vehicle(kLaneDecoyShare),
           {.turn = wobble(0.02), .d = (own ? ego_d_ : lane_d(0, lane)) + wobble(0.25), .s = s});
   }
   for (int lane = 0; lane < lanes_[1]; ++lane) {
     if (!chance(flow)) continue;
     for (double s = u(4, 40); s < 70 + ahead_; s += u(8, 45))
-      put(vehicle(kAlikeOnLanes), {.turn = kPi + wobble(0.03), .d = lane_d(1, lane) + wobble(0.3), .s = s});
+      put(vehicle(kLaneDecoyShare), {.turn = kPi + wobble(0.03), .d = lane_d(1, lane) + wobble(0.3), .s = s});
   }
   if (turn_lane_ > 0 && chance(0.35))
-    put(vehicle(kAlikeOnLanes), {.turn = chance(0.5) ? 0 : kPi, .d = wobble(0.2), .s = u(8, 50)});
+    put(vehicle(kLaneDecoyShare), {.turn = chance(0.5) ? 0 : kPi, .d = wobble(0.2), .s = u(8, 50)});
   if (cross_s_ < far_) {
     for (int i = random_.below(6); i > 0; --i) {
       const bool left = chance(0.5);
-      put(vehicle(kAlikeOnLanes), {.turn = (left ? 0.5 : -0.5) * kPi + wobble(0.1),
-                                   .d = u(-28, 28),
-                                   .s = cross_s_ + (left ? 1 : -1) * u(0.3, 0.6) * cross_half_});
+      put(vehicle(kLaneDecoyShare), {.turn = (left ? 0.5 : -0.5) * kPi + wobble(0.1),
+                                     .d = u(-28, 28),
+                                     .s = cross_s_ + (left ? 1 : -1) * u(0.3, 0.6) * cross_half_});
     }
     if (chance(0.35))
-      put(vehicle(kAlikeOnLanes),
+      put(vehicle(kLaneDecoyShare),
           {.turn = u(-kPi, kPi), .d = u(-7, 7), .s = cross_s_ + wobble(2.0)});  // turning
   }
 }
@@ -298,14 +298,14 @@ void AmericanStreet::place_parked() {
     const double share = u(0.4, 1.0), d = sign(side) * (half_[side] - 0.5 * strip_[side] + 0.05);
     for (double s = -4 + u(0, 5); s < 70 + ahead_; s += u(6.0, 7.2))
       if (chance(share) && !in_cross(s, 8))
-        put(vehicle(kAlikeParked), {.turn = (side ? kPi : 0) + wobble(0.02), .d = d + wobble(0.1), .s = s},
-            0.12);
+        put(vehicle(kParkedDecoyShare),
+            {.turn = (side ? kPi : 0) + wobble(0.02), .d = d + wobble(0.1), .s = s}, 0.12);
   }
   for (int side : {0, 1})  // at the roadside, on verge and walk
     for (int i = 1 + random_.below(4); i > 0; --i) {
       const double s = u(6, 66), d = half_[side] + u(1.2, std::max(2.0, pavement_[side] + 1.0));
       if (in_cross(s, 3)) continue;
-      put(vehicle(kAlikeParked),
+      put(vehicle(kParkedDecoyShare),
           {.turn = chance(0.8) ? (chance(0.5) ? 0 : kPi) + wobble(0.06) : u(-kPi, kPi),
            .d = sign(side) * d,
            .s = s},
@@ -482,7 +482,7 @@ void AmericanStreet::line_with_houses(int side) {
       const Vec2d p = xy(middle, sign(side) * (line + 0.5 * deep));
       taken_.push_back({p.x(), p.y(), along, deep, yaw(middle)});
       if (chance(0.75) && s < 66 + ahead_)
-        put(vehicle(kAlikeParked),
+        put(vehicle(kParkedDecoyShare),
             {.turn = (chance(0.75) ? 0.5 : -0.5) * kPi * sign(side),
              .d = sign(side) * (line - u(2.9, 3.6)),
              .s = drive + 0.1 * random_.normal()},
@@ -524,7 +524,7 @@ void AmericanStreet::line_with_shops(int side) {
     const double a = sign(side) * (row - 2.5), b = sign(side) * (row + 2.5);
     add_strip(lines, std::min(a, b), std::max(a, b), s, s + 0.1, 1, 0.008);
     if (chance(share) && s < 62)
-      put(vehicle(kAlikeParked),
+      put(vehicle(kParkedDecoyShare),
           {.turn = (chance(0.8) ? 0.5 : -0.5) * kPi * sign(side),
            .d = sign(side) * row + 0.15 * random_.normal(),
            .s = s + 1.4},

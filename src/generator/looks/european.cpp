@@ -102,7 +102,7 @@ void EuropeanStreet::lay_ground() {
     lay(green ? grass : pavement, outer + 6, outer + 24);
     lay(grass, outer + 24, outer + 80);
   });
-  add_earth();
+  add_ground();
   add_manhole_covers(random_.below(4));
   surfaces_.push_back(surface(pavement, stone));
   surfaces_.push_back(surface(grass, lawn));
@@ -150,28 +150,28 @@ void EuropeanStreet::place_traffic() {
     double s = u(7, 35);
     const int count = 1 + (chance(0.45) ? 1 + random_.below(2) : 0);
     for (int i = 0; i < count; ++i, s += u(7, 22))
-      put(vehicle(kAlikeOnLanes), {.turn = wobble(0.02), .d = ego_d_ + wobble(0.25), .s = s});
+      put(vehicle(kLaneDecoyShare), {.turn = wobble(0.02), .d = ego_d_ + wobble(0.25), .s = s});
   }
   if (lanes_[0] == 2)
     for (double s = u(3, 20); s < 65 + ahead_; s += u(8, 35)) {
       const double d = ego_d_ > -lane_ ? -1.5 * lane_ : -0.5 * lane_;
-      put(vehicle(kAlikeOnLanes), {.turn = wobble(0.02), .d = d + wobble(0.25), .s = s});
+      put(vehicle(kLaneDecoyShare), {.turn = wobble(0.02), .d = d + wobble(0.25), .s = s});
     }
   for (int lane = 0; lane < lanes_[1]; ++lane)
     if (chance(flow))
       for (double s = u(4, 40); s < 66 + ahead_; s += u(8, 45))
-        put(vehicle(kAlikeOnLanes),
+        put(vehicle(kLaneDecoyShare),
             {.turn = kPi + wobble(0.03), .d = (lane + 0.5) * lane_ + wobble(0.3), .s = s});
   if (cross_s_ < far_) {
     const int count = random_.below(5);
     for (int i = 0; i < count; ++i) {
       const bool left = chance(0.5);
-      put(vehicle(kAlikeOnLanes), {.turn = (left ? 0.5 : -0.5) * kPi + wobble(0.12),
-                                   .d = u(-22, 22),
-                                   .s = cross_s_ + (left ? 0.5 : -0.5) * cross_half_ + wobble(0.4)});
+      put(vehicle(kLaneDecoyShare), {.turn = (left ? 0.5 : -0.5) * kPi + wobble(0.12),
+                                     .d = u(-22, 22),
+                                     .s = cross_s_ + (left ? 0.5 : -0.5) * cross_half_ + wobble(0.4)});
     }
     if (chance(0.4))
-      put(vehicle(kAlikeOnLanes),
+      put(vehicle(kLaneDecoyShare),
           {.turn = u(-kPi, kPi), .d = u(-5, 5), .s = cross_s_ + wobble(2.0)});  // turning
   }
 }
@@ -192,14 +192,14 @@ void EuropeanStreet::place_parked() {
         turn = (chance(0.75) ? 1 : -1) * sign(side) * slant;
       else
         turn = chance(side ? 0.7 : 0.12) ? kPi : 0;
-      put(vehicle(kAlikeParked), {.turn = turn + wobble(0.025), .d = d + wobble(0.1), .s = s}, 0.12);
+      put(vehicle(kParkedDecoyShare), {.turn = turn + wobble(0.025), .d = d + wobble(0.1), .s = s}, 0.12);
     }
   }
   // Cars off the street: drives, yards, car parks.
   for (int side : {0, 1}) {
     const int count = chance(0.45) ? 1 + random_.below(4) : 0;
     for (int i = 0; i < count; ++i)
-      put(vehicle(kAlikeParked),
+      put(vehicle(kParkedDecoyShare),
           {.turn = u(-kPi, kPi),
            .d = sign(side) * (half_[side] + pavement_[side] + u(2.5, 12)),
            .s = u(8, 60)},
@@ -208,7 +208,7 @@ void EuropeanStreet::place_parked() {
     for (int i = 1 + random_.below(4); i > 0; --i) {
       const double s = u(6, 64), d = half_[side] + u(1.2, std::max(2.0, pavement_[side] + 0.5));
       if (in_cross(s, 3)) continue;
-      put(vehicle(kAlikeParked),
+      put(vehicle(kParkedDecoyShare),
           {.turn = chance(0.8) ? (chance(0.5) ? 0 : kPi) + wobble(0.06) : u(-kPi, kPi),
            .d = sign(side) * d,
            .s = s},

@@ -22,7 +22,7 @@ std::string data_rig(const fs::path& data, const std::string& rig) {
   if (!rig.empty() && !rig.ends_with(".toml")) return rig_file(rig).stem().string();
   const auto file = data / "dataset.json";
   if (!fs::exists(file)) return open_data_set(data)->rig();
-  const nlohmann::json about = read_json(file, kLargestRecord);
+  const nlohmann::json about = read_json(file, kMaxRecordBytes);
   if (!about.is_object() || !about.contains("rig") || !about.at("rig").is_string())
     throw InputError(file.string(), "rig", "missing or not a text", "name the rig, for example \"kitti64\"");
   const std::string named = about.at("rig");

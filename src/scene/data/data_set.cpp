@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr double kLongestStep = 1.5;  // s between neighbours
+constexpr double kMaxStep = 1.5;  // s between neighbours
 
 using Named = std::pair<std::string_view, const char*>;
 
@@ -123,7 +123,7 @@ const char* known_type(std::string_view name) {
 
 void DataSet::check_id(const std::string& id) const {
   if (const std::string problem = frame_id_problem(id); !problem.empty())
-    throw InputError(data_.string(), "frame \"" + id.substr(0, 2 * kLongestFrameId) + "\"", problem,
+    throw InputError(data_.string(), "frame \"" + id.substr(0, 2 * kMaxFrameIdLength) + "\"", problem,
                      "give one of the names that `mirage view` and results show");
 }
 
@@ -160,11 +160,11 @@ Frame DataSet::read(const std::string& id) const {
   // Header, calibration, pixels: a header that claims too much contradicts the calibration before it costs
   // memory.
   const auto [width, height] = picture_size(id);
-  Annotations known = annotations(id, width, height);
-  frame.calibration = known.calibration;
+  Annotations result = annotations(id, width, height);
+  frame.calibration = result.calibration;
   frame.image = read_srgb(files.at(1).file, {width, height});
-  frame.labels = std::move(known.labels);
-  frame.labelled = known.labelled;
+  frame.labels = std::move(result.labels);
+  frame.labelled = result.labelled;
   frame.camera = camera();
   frame.others = others(id);
   frame.moment = moment(id);
@@ -184,8 +184,7 @@ void DataSet::add_velocities(const std::string& id, Frame& frame) const {
     const auto other = beside(id, step);
     const auto at = other ? moment(*other) : std::nullopt;
     // As nuScenes' devkit: what lies further apart says little of a velocity.
-    if (!at || std::abs(at->time - frame.moment->time) > kLongestStep || at->time == frame.moment->time)
-      continue;
+    if (!at || std::abs(at->time - frame.moment->time) > kMaxStep || at->time == frame.moment->time) continue;
     const PinholeCamera& camera = frame.calibration.camera;
     around.push_back({*at, annotations(*other, camera.width, camera.height).labels});
   }
@@ -212,19 +211,19 @@ void DataSet::add_velocities(const std::string& id, Frame& frame) const {
 std::string DataSet::annotations_hash(const std::string& id) const {
   std::string hashes;
   const std::vector<Part> all = parts(id);
-  for (std::size_t i = 2; i < all.size(); ++i) hashes += file_hash(all[i].file, kLargestFile);
+  for (std::size_t i = 2; i < all.size(); ++i) hashes += file_hash(all[i].file, kMaxFileBytes);
   return hashes;
 }
 
 std::string DataSet::hash(const std::string& id) const {
   const std::vector<Part> files = existing_parts(id);
-  return content_hash(file_hash(files.at(0).file, kLargestFile) + file_hash(files.at(1).file, kLargestFile) +
-                      annotations_hash(id));
+  return content_hash(file_hash(files.at(0).file, kMaxFileBytes) +
+                      file_hash(files.at(1).file, kMaxFileBytes) + annotations_hash(id));
 }
 
 std::string kitti_type(std::string_view name) {
-  const char* known = known_type(name);
-  return known != nullptr ? known : std::string(name);
+  const char* result = known_type(name);
+  return result != nullptr ? result : std::string(name);
 }
 
 bool is_known_type(std::string_view name) {
@@ -250,13 +249,14 @@ void seek(const std::vector<std::string>& classes, std::vector<Label>& labels) {
 }
 
 std::string type_counts(const std::map<std::string, int>& types) {
-  constexpr std::size_t kMost = 8, kLongest = 40;
+  constexpr std::size_t kMax = 8, kMaxLength = 40;
   std::vector<std::pair<std::string, int>> sorted(types.begin(), types.end());
   std::ranges::stable_sort(sorted, std::greater<>(), &std::pair<std::string, int>::second);
   std::string text;
-  for (std::size_t i = 0; i < std::min(kMost, sorted.size()); ++i)
-    text += fmt::format("{}{} {}", i == 0 ? "" : ", ", sorted[i].second, sorted[i].first.substr(0, kLongest));
-  return sorted.size() > kMost ? fmt::format("{} and {} types more", text, sorted.size() - kMost) : text;
+  for (std::size_t i = 0; i < std::min(kMax, sorted.size()); ++i)
+    text +=
+        fmt::format("{}{} {}", i == 0 ? "" : ", ", sorted[i].second, sorted[i].first.substr(0, kMaxLength));
+  return sorted.size() > kMax ? fmt::format("{} and {} types more", text, sorted.size() - kMax) : text;
 }
 
 }  // namespace mirage

@@ -1,5 +1,5 @@
 // Data sets: folders of frames in one of the layouts that Mirage reads. What a layout is stands in one class
-// (kitti.cpp, kitti_drives.cpp, nuscenes.cpp, given_labels.cpp); read_frames.h opens them.
+// (kitti.cpp, kitti_drives.cpp, nuscenes.cpp, separate_labels.cpp); read_frames.h opens them.
 //
 //   kitti-object    DATA/training/{image_2,velodyne,calib,label_2}, and what Mirage adds to it (kitti.h)
 //   kitti-tracking  DATA/training/{image_02,velodyne,calib,label_02}, a folder or file for each sequence
@@ -8,7 +8,7 @@
 //                   keyframes of LIDAR_TOP and CAM_FRONT, and of the other cameras where they are asked for
 //                   (with_all_cameras); sweeps between them (DataSet::sweeps)
 // DATA/labels.json may name a set of any of these, whose unlabelled frames DATA/label_2 labels
-// (given_labels.cpp).
+// (separate_labels.cpp).
 //
 // KITTI's benchmarks may lie there as DATA/testing alone, and pictures may be JPEG. Labels may be missing: of
 // all layouts (Frame::labelled). DATA/dataset.json and DATA/rig.toml may say which rig recorded a set of any

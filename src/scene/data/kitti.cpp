@@ -49,7 +49,7 @@ fs::path track_file(const fs::path& data, const std::string& id) {
 /// A whole number a line.
 std::vector<int> read_track_file(const fs::path& file) {
   std::vector<int> tracks;
-  std::istringstream lines(read_text(file, kLargestText));
+  std::istringstream lines(read_text(file, kMaxTextBytes));
   int row = 0;
   for (std::string line; std::getline(lines, line);) {
     ++row;
@@ -79,8 +79,8 @@ struct Surround {
   std::vector<Label> labels;
 };
 
-constexpr double kFarthestCamera = 100;  // m from the LiDAR
-constexpr std::size_t kMostCameras = 64, kMostLabels = 10000;
+constexpr double kMaxCameraDistance = 100;  // m from the LiDAR
+constexpr std::size_t kMaxCameras = 64, kMaxLabels = 10000;
 
 fs::path side_picture(const fs::path& part, const std::string& camera, const std::string& id) {
   return part / "cameras" / camera / (id + ".png");
@@ -115,17 +115,17 @@ nlohmann::json surround_json(const Frame& frame) {
 /// What surround_json wrote. `part`: DATA/training. InputError naming file and field.
 Surround read_surround(const fs::path& part, const std::string& id) {
   const fs::path file = part / "cameras" / (id + ".json");
-  const nlohmann::json json = read_json(file, kLargestLabels);
+  const nlohmann::json json = read_json(file, kMaxLabelBytes);
   const JsonFields from(file, json, kRestore);
   Surround all;
   all.first = from.text("camera");
   std::vector<std::string> names;
-  for (const nlohmann::json& entry : from.list("others", kMostCameras)) {
+  for (const nlohmann::json& entry : from.list("others", kMaxCameras)) {
     const JsonFields camera = from.inner(fmt::format("others[{}]", names.size()), entry);
     const std::string name = names.emplace_back(camera.text("name"));
     if (!frame_id_problem(name).empty()) camera.fail("name", "can be no folder's name");
     const auto k = camera.numbers("intrinsics", 4, 0, 1e5), size = camera.numbers("size", 2, 1, 16384),
-               pose = camera.numbers("camera_from_velo", 12, -kFarthestCamera, kFarthestCamera);
+               pose = camera.numbers("camera_from_velo", 12, -kMaxCameraDistance, kMaxCameraDistance);
     SideCamera side{name, {}, Lazy<ImageF>([] { return ImageF(); })};
     PinholeCamera& c = side.calibration.camera;
     c = {k[0], k[1], k[2], k[3], static_cast<int>(size[0]), static_cast<int>(size[1])};
@@ -139,7 +139,7 @@ Surround read_surround(const fs::path& part, const std::string& id) {
         [picture = side_picture(part, name, id), expected] { return read_srgb(picture, expected); });
     all.others.push_back(std::move(side));
   }
-  for (const nlohmann::json& entry : from.list("labels", kMostLabels)) {
+  for (const nlohmann::json& entry : from.list("labels", kMaxLabels)) {
     const JsonFields row = from.inner(fmt::format("labels[{}]", all.labels.size()), entry);
     Label& label = all.labels.emplace_back();
     const auto named = std::find(names.begin(), names.end(), row.text("camera"));
@@ -216,23 +216,23 @@ class KittiObject : public DataSet {
   Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
 
   Annotations annotations(const std::string& id, int width, int height) const override {
-    Annotations known;
+    Annotations result;
     const std::vector<Part> files = parts(id);
-    known.calibration = read_calibration(files[2].file, width, height);
+    result.calibration = read_calibration(files[2].file, width, height);
     const fs::path labels = part_ / "label_2" / (id + ".txt");
-    known.labelled = fs::exists(labels);
-    if (!known.labelled) return known;
-    known.labels = read_labels(labels, known.calibration, &known.notes);
+    result.labelled = fs::exists(labels);
+    if (!result.labelled) return result;
+    result.labels = read_labels(labels, result.calibration, &result.notes);
     if (const auto numbers = first_tracks(id)) {
-      if (numbers->size() != known.labels.size())
+      if (numbers->size() != result.labels.size())
         throw InputError(track_file(data(), id).string(), fmt::format("{} lines", numbers->size()),
-                         fmt::format("{} has {} labels", labels.string(), known.labels.size()),
+                         fmt::format("{} has {} labels", labels.string(), result.labels.size()),
                          "give each label its line (-1 where the vehicle is unknown)");
-      for (std::size_t i = 0; i < numbers->size(); ++i) known.labels[i].track = (*numbers)[i];
+      for (std::size_t i = 0; i < numbers->size(); ++i) result.labels[i].track = (*numbers)[i];
     }
     if (cameras_ == Cameras::all)
-      for (Label& label : read_surround(part_, id).labels) known.labels.push_back(std::move(label));
-    return known;
+      for (Label& label : read_surround(part_, id).labels) result.labels.push_back(std::move(label));
+    return result;
   }
 
   std::optional<Lighting> lighting(const std::string& id) const override {
@@ -259,7 +259,7 @@ class KittiObject : public DataSet {
 /// How many floats a point has, by a file's first values: from one point to the next they differ least where
 /// the same column is compared. `columns`, unless another number stands out.
 std::size_t floats_a_point(const std::vector<float>& values, std::size_t columns) {
-  constexpr std::size_t kFewest = 3, kMost = 8;
+  constexpr std::size_t kMinCount = 3, kMax = 8;
   constexpr float kClearly = 0.5;
   const auto step = [&](std::size_t apart) {
     std::vector<float> steps;
@@ -269,7 +269,7 @@ std::size_t floats_a_point(const std::vector<float>& values, std::size_t columns
   };
   std::size_t best = columns;
   float least = kClearly * step(columns);
-  for (std::size_t apart = kFewest; apart <= kMost; ++apart)
+  for (std::size_t apart = kMinCount; apart <= kMax; ++apart)
     if (const float by = step(apart); apart != columns && by < least) best = apart, least = by;
   return best;
 }
@@ -280,7 +280,7 @@ bool is_return(const LidarPoint& p) {
 }
 
 /// Says, once for a folder, that points of a sweep are left out.
-void tell_of_no_returns(const fs::path& file, std::size_t left_out, std::size_t points) {
+void warn_of_no_returns(const fs::path& file, std::size_t left_out, std::size_t points) {
   static std::mutex mutex;
   static std::set<fs::path> told;
   const std::scoped_lock lock(mutex);
@@ -304,21 +304,21 @@ class PointFile {
   void for_each(const Visit& visit) {
     constexpr std::size_t kAtOnce = 1024, kHead = 1 << 16;
     const OpenFile from(file_);
-    from.check(from.size(), kLargestSweep);
+    from.check(from.size(), kMaxSweepBytes);
     std::string bytes(kAtOnce * row_, '\0');
     size = 0;
     std::size_t place = 0;
-    for (std::size_t held = 1; held != 0; size += held) {
-      held = 0;
-      for (std::size_t got = 1; got != 0 && held < bytes.size(); held += got)
-        got = from.read(bytes.data() + held, bytes.size() - held);
-      from.check(size + held, kLargestSweep);
-      const std::size_t floats = held / sizeof(float), before = size / sizeof(float);
+    for (std::size_t filled = 1; filled != 0; size += filled) {
+      filled = 0;
+      for (std::size_t got = 1; got != 0 && filled < bytes.size(); filled += got)
+        got = from.read(bytes.data() + filled, bytes.size() - filled);
+      from.check(size + filled, kMaxSweepBytes);
+      const std::size_t floats = filled / sizeof(float), before = size / sizeof(float);
       if (before == head.size() && head.size() < kHead) {
         head.resize(before + floats);
         copy_bytes(head.data() + before, bytes.data(), floats * sizeof(float));
       }
-      for (std::size_t at = 0; at + row_ <= held; at += row_) {
+      for (std::size_t at = 0; at + row_ <= filled; at += row_) {
         LidarPoint p;
         std::memcpy(&p, bytes.data() + at, sizeof p);
         visit(p, place++);
@@ -345,7 +345,7 @@ Eigen::Matrix3d nearest_rotation(const Eigen::Matrix3d& matrix, const MatrixRow&
 }
 
 /// Focal lengths (pixels), as rig files have them, and distances between sensors (m) that can be.
-constexpr double kFocal[] = {1, 1e5}, kFarthest = 20;
+constexpr double kFocal[] = {1, 1e5}, kMaxDistance = 20;
 
 /// A box may pass the image's edge by this much: rounding in labels.
 constexpr double kEdgeTolerance = 1.0;
@@ -376,8 +376,8 @@ std::shared_ptr<const DataSet> open_kitti_object(const fs::path& data) {
 
 Sweep read_points(const fs::path& file, std::size_t columns) {
   const std::size_t row = columns * sizeof(float);
-  constexpr float kFarthest = 1000;  // m
-  constexpr std::size_t kOdd = 100;  // one reflectance of so many is more than a slip of rounding
+  constexpr float kMaxDistance = 1000;  // m
+  constexpr std::size_t kOdd = 100;     // one reflectance of so many is more than a slip of rounding
   PointFile points(file, columns);
   // First only to see whether all of it is good, so that what is wrong at its end takes no memory.
   std::size_t rows = 0, returns = 0, odd = 0;
@@ -387,7 +387,7 @@ Sweep read_points(const fs::path& file, std::size_t columns) {
     if (!is_return(p)) return;
     ++returns;
     odd += !(p.reflectance >= 0 && p.reflectance <= 1);
-    if (!far && p.position().cwiseAbs().maxCoeff() > kFarthest) far = place;
+    if (!far && p.position().cwiseAbs().maxCoeff() > kMaxDistance) far = place;
   });
   if (points.size == 0) throw InputError(file.string(), "byte 0", "the sweep is empty", kRestore);
   const std::size_t cut = points.size % row;
@@ -407,7 +407,7 @@ Sweep read_points(const fs::path& file, std::size_t columns) {
   if (returns == 0)
     throw InputError(file.string(), fmt::format("{} points", rows), "none is a return (not finite, or zeros)",
                      kRestore);
-  if (returns < rows) tell_of_no_returns(file, rows - returns, rows);
+  if (returns < rows) warn_of_no_returns(file, rows - returns, rows);
   Sweep sweep;
   sweep.reserve(returns);
   points.for_each([&](const LidarPoint& p, std::size_t) {
@@ -425,7 +425,7 @@ void write_sweep(const fs::path& file, const Sweep& sweep) {
 }
 
 Lighting read_lighting(const fs::path& file) {
-  const nlohmann::json json = read_json(file, kLargestText);
+  const nlohmann::json json = read_json(file, kMaxTextBytes);
   const JsonFields from(file, json, "write it as three numbers, e.g. [0.5, 0.5, 0.7]");
   const auto triple = [&](const char* key, double low) {
     return Vec3d(from.numbers(key, 3, low, 1e3).data());
@@ -512,7 +512,7 @@ void write_frame(const fs::path& data, const Frame& frame) {
 }
 
 CalibrationFile::CalibrationFile(fs::path file)
-    : file_(std::move(file)), text_(read_text(file_, kLargestText)) {
+    : file_(std::move(file)), text_(read_text(file_, kMaxTextBytes)) {
   for (const std::string_view line : split(text_, "\n")) {
     const std::size_t begin = line.find_first_not_of(" \t\r");
     if (begin == line.npos) continue;
@@ -529,10 +529,10 @@ CalibrationFile::CalibrationFile(fs::path file)
 MatrixRow CalibrationFile::row(std::initializer_list<const char*> names, std::size_t count) const {
   std::string name;
   std::vector<Words> found;
-  for (const char* known : names)
-    if (const auto rows = rows_.find(known); rows != rows_.end()) {
+  for (const char* other : names)
+    if (const auto rows = rows_.find(other); rows != rows_.end()) {
       if (!name.empty() && rows->second.front() == found.front()) continue;  // the same under both names
-      name += (name.empty() ? "" : ", ") + std::string(known);
+      name += (name.empty() ? "" : ", ") + std::string(other);
       found.insert(found.end(), rows->second.begin(), rows->second.end());
     }
   if (found.empty())
@@ -584,10 +584,10 @@ Calibration calibration_of(const MatrixRow& projection, const MatrixRow& rectifi
   calibration.camera_from_rect.translation() = k.inverse() * p.col(3);
   calibration.camera_from_velo = calibration.camera_from_rect * rect_from_velo;
   // Asked this way round: numbers of 1e308 make a distance that is none.
-  if (!(calibration.camera_from_rect.translation().norm() <= kFarthest))
+  if (!(calibration.camera_from_rect.translation().norm() <= kMaxDistance))
     throw bad(projection, "its last column puts the camera more than 20 m off",
               "write it as the focal length times metres");
-  if (!(calibration.camera_from_velo.translation().norm() <= kFarthest))
+  if (!(calibration.camera_from_velo.translation().norm() <= kMaxDistance))
     throw bad(pose, "camera and LiDAR are more than 20 m apart", "write the row in metres");
   return calibration;
 }
@@ -598,7 +598,7 @@ Transform rigid(const MatrixRow& row) {
   Transform transform = Transform::Identity();
   transform.linear() = nearest_rotation(matrix.leftCols<3>(), row);
   transform.translation() = matrix.col(3);
-  if (!(transform.translation().norm() <= kFarthest))
+  if (!(transform.translation().norm() <= kMaxDistance))
     throw InputError(row.file.string(), row.name, "moves by more than 20 m", "write the row in metres");
   return transform;
 }

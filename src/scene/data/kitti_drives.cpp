@@ -33,7 +33,7 @@ std::string row_name(std::size_t row) {
 
 /// The line, from 0. InputError if the file ends before, or the line is empty.
 std::string text_line(const fs::path& file, std::size_t row) {
-  const std::string text = read_text(file, kLargestLabels);
+  const std::string text = read_text(file, kMaxLabelBytes);
   std::size_t begin = 0;
   for (std::size_t i = 0; i < row && begin != text.npos; ++i) {
     begin = text.find('\n', begin);
@@ -49,10 +49,10 @@ std::string text_line(const fs::path& file, std::size_t row) {
 /// A row of the recordings' 30 numbers. InputError for fewer than 25 (without the five flags at the end), for
 /// what is no number and for what is no place on Earth.
 OxtsRow oxts_row(const fs::path& file, std::size_t row) {
-  constexpr std::size_t kFewest = 25;
+  constexpr std::size_t kMinCount = 25;
   const std::string line = text_line(file, row);
   const auto words = split(line, " \t\r\n");
-  if (words.size() < kFewest)
+  if (words.size() < kMinCount)
     throw InputError(file.string(), row_name(row), fmt::format("{} numbers where 30 belong", words.size()),
                      kRestoreRow);
   double value[6];
@@ -141,11 +141,11 @@ constexpr const char* kTrackletFix = "restore the drive's tracklets";
 class Tracklets {
  public:
   explicit Tracklets(fs::path file) : file_(std::move(file)) {
-    const std::string text = read_text(file_, kLargestLabels);
+    const std::string text = read_text(file_, kMaxLabelBytes);
     // A tag takes 165 bytes of memory, an attribute as many.
-    constexpr std::ptrdiff_t kMostTags = 400000;
-    if (std::count_if(text.begin(), text.end(), [](char c) { return c == '<' || c == '='; }) > kMostTags)
-      throw InputError(file_.string(), "", fmt::format("has more than {} tags and attributes", kMostTags),
+    constexpr std::ptrdiff_t kMaxTags = 400000;
+    if (std::count_if(text.begin(), text.end(), [](char c) { return c == '<' || c == '='; }) > kMaxTags)
+      throw InputError(file_.string(), "", fmt::format("has more than {} tags and attributes", kMaxTags),
                        kTrackletFix);
     if (document_.Parse(text.data(), text.size()) != tinyxml2::XML_SUCCESS)
       throw InputError(
@@ -233,12 +233,13 @@ class KittiRaw : public KittiDrives {
     const CalibrationFile cameras(files[2].file), pose(files[3].file);
     const MatrixRow projection = cameras.row({"P_rect_02"}, 12),
                     rectification = cameras.row({"R_rect_00"}, 9);
-    Annotations known;
-    known.calibration =
+    Annotations result;
+    result.calibration =
         calibration_of(projection, rectification, pose_row(pose, files[3].file), width, height);
-    known.labelled = files.size() > 4;
-    if (known.labelled) known.labels = read_tracklets(files[4].file, at.frame, at.number, known.calibration);
-    return known;
+    result.labelled = files.size() > 4;
+    if (result.labelled)
+      result.labels = read_tracklets(files[4].file, at.frame, at.number, result.calibration);
+    return result;
   }
 
   std::optional<Moment> moment(const std::string& id) const override {
@@ -344,12 +345,13 @@ class KittiTracking : public KittiDrives {
     const std::vector<Part> files = parts(id);
     const CalibrationFile rows(files[2].file);
     const MatrixRow projection = rows.row({"P2"}, 12), rectification = rows.row(kRectification, 9);
-    Annotations known;
-    known.calibration = calibration_of(projection, rectification, rows.row(kLidarPose, 12), width, height);
-    known.labelled = files.size() > 3;
-    if (known.labelled)
-      known.labels = read_tracking_labels(files[3].file, at.frame, at.number, known.calibration, known.notes);
-    return known;
+    Annotations result;
+    result.calibration = calibration_of(projection, rectification, rows.row(kLidarPose, 12), width, height);
+    result.labelled = files.size() > 3;
+    if (result.labelled)
+      result.labels =
+          read_tracking_labels(files[3].file, at.frame, at.number, result.calibration, result.notes);
+    return result;
   }
 
   std::optional<Moment> moment(const std::string& id) const override {
@@ -401,8 +403,8 @@ std::vector<Label> read_tracklets(const fs::path& file, int frame, std::size_t d
   std::size_t index = 0;
   for (const XMLElement* item = tracklets.first(); item != nullptr;
        item = item->NextSiblingElement("item"), ++index) {
-    constexpr int kMostFrames = 1000000;
-    const int first = tracklets.whole(*item, "first_frame", 0, kMostFrames);
+    constexpr int kMaxFrames = 1000000;
+    const int first = tracklets.whole(*item, "first_frame", 0, kMaxFrames);
     const XMLElement* pose = tracklets.child(*item, "poses").FirstChildElement("item");
     for (int passed = first; pose != nullptr && passed < frame; ++passed)
       pose = pose->NextSiblingElement("item");
@@ -440,15 +442,15 @@ std::vector<Label> read_tracking_labels(const fs::path& file, int frame, std::si
                                         const Calibration& calibration, LabelNotes& notes) {
   std::vector<Label> labels;
   constexpr RowAdvice kAdvice{"17", "complete the row", "correct the label or delete its row", 2};
-  for_each_row(file, kAdvice, [&](const KittiRow& given) {
-    if (given.before[0] != frame) return;
-    KittiRow row = given;
+  for_each_row(file, kAdvice, [&](const KittiRow& source_row) {
+    if (source_row.before[0] != frame) return;
+    KittiRow row = source_row;
     const double step = row.value[1];
     row.demand(step == -1 || step == 0 || step == 1 || step == 2, 1, "is not one of 0, 1, 2");
     if (step > 0) row.value[1] = kTruncated[static_cast<std::size_t>(step)];
     Label label = label_of(row, calibration, notes);
     const double track = row.before[1];
-    if (track >= 0 && track < static_cast<double>(kMostVehicles) && track == std::floor(track))
+    if (track >= 0 && track < static_cast<double>(kMaxVehicles) && track == std::floor(track))
       label.track = track_number(sequence, static_cast<std::size_t>(track));
     labels.push_back(std::move(label));
   });

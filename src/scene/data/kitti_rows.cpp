@@ -121,7 +121,7 @@ Box3 KittiRow::box(const Calibration& calibration) const {
 
 void for_each_row(const std::filesystem::path& file, const RowAdvice& advice,
                   const std::function<void(const KittiRow&)>& visit) {
-  const std::string text = read_text(file, kLargestLabels);
+  const std::string text = read_text(file, kMaxLabelBytes);
   int number = 0;
   for (std::string_view rest = text; !rest.empty();) {
     ++number;

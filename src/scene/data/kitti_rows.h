@@ -21,7 +21,7 @@ namespace mirage {
 
 /// Bytes of the largest file of each kind that is read: a frame's small texts (calibration, identities,
 /// light), labels (a sequence's or a drive's too) and a sweep. Those on record have a tenth of that at most.
-inline constexpr std::uintmax_t kLargestText = 1 << 20, kLargestLabels = 1 << 24, kLargestSweep = 1 << 28;
+inline constexpr std::uintmax_t kMaxTextBytes = 1 << 20, kMaxLabelBytes = 1 << 24, kMaxSweepBytes = 1 << 28;
 
 /// A word of the file in a message: a damaged file may have no blanks.
 std::string_view shown(std::string_view word);
@@ -88,7 +88,7 @@ struct MatrixRow {
 /// A calibration file: rows "NAME: numbers"; the tracking benchmark leaves some colons out.
 class CalibrationFile {
  public:
-  /// Reads the rows. InputError naming the file if it cannot be read or holds more than kLargestText bytes.
+  /// Reads the rows. InputError naming the file if it cannot be read or holds more than kMaxTextBytes bytes.
   explicit CalibrationFile(std::filesystem::path file);
   /// By the first of its names that the file has: the benchmarks call the same row R0_rect and R_rect.
   /// InputError if it is missing, stands twice (as the names say, or otherwise), does not hold `count` words

@@ -32,7 +32,7 @@ std::string box_problem(const Box3& box) {
 }
 
 int track_number(std::size_t group, std::size_t index) {
-  return static_cast<int>((group * kMostVehicles + index) % 0x7fffffff);
+  return static_cast<int>((group * kMaxVehicles + index) % 0x7fffffff);
 }
 
 InputError no_layout(const std::filesystem::path& data) {
@@ -68,8 +68,8 @@ InputError no_layout(const std::filesystem::path& data) {
   for (fs::directory_iterator entry(data, error), end; !error && entry != end; entry.increment(error))
     found.push_back(entry->path().filename().string());
   std::sort(found.begin(), found.end());
-  constexpr std::size_t kMost = 6;
-  const std::size_t more = found.size() > kMost ? found.size() - kMost : 0;
+  constexpr std::size_t kMax = 6;
+  const std::size_t more = found.size() > kMax ? found.size() - kMax : 0;
   found.resize(found.size() - more);
   const std::string holds = found.empty() ? "nothing" : fmt::format("{}", fmt::join(found, ", "));
   return wrong(fmt::format("is of none of the layouts that are read: it holds {}{}", holds,

@@ -20,11 +20,11 @@ std::shared_ptr<const DataSet> open_nuscenes(const std::filesystem::path& data);
 
 /// Labels that somebody else than the set's makers gave to its unlabelled frames: DATA/labels.json names the
 /// set ({"data": folder}), DATA/label_2 has a file ID.txt for each such frame, as KITTI's object benchmark.
-std::shared_ptr<const DataSet> open_given_labels(const std::filesystem::path& data);
+std::shared_ptr<const DataSet> open_separate_labels(const std::filesystem::path& data);
 /// Writes labels.json, and beside it what the set itself says of its rig (dataset.json, rig.toml); `about` is
 /// kept in labels.json.
-void write_given_labels(const std::filesystem::path& folder, const std::filesystem::path& data,
-                        nlohmann::json about);
+void write_separate_labels(const std::filesystem::path& folder, const std::filesystem::path& data,
+                           nlohmann::json about);
 
 /// A label of a set that knows boxes in space and none in the picture: projects the box (m, `velo`), and says
 /// how much of it the picture's frame cuts off. None if the camera sees nothing of it.
@@ -32,8 +32,8 @@ std::optional<Label> projected_label(std::string type, const Box3& box, const Ca
 /// Why the box can be no road user's; empty if it can.
 std::string box_problem(const Box3& box);
 /// Vehicles of a drive, scene or sequence at most.
-inline constexpr std::size_t kMostVehicles = 100000;
-/// The number that stands for the `index`-th vehicle (below kMostVehicles) of the `group`-th drive, scene or
+inline constexpr std::size_t kMaxVehicles = 100000;
+/// The number that stands for the `index`-th vehicle (below kMaxVehicles) of the `group`-th drive, scene or
 /// sequence. Drives are counted as they lie in the folder: with another one added theirs may be others.
 int track_number(std::size_t group, std::size_t index);
 /// A frame's labels out of its sequence's file of the tracking benchmark; `sequence`: the group of its tracks

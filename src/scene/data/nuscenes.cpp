@@ -9,7 +9,7 @@
 //
 // `velo` has the car's axes and the unit's origin: the unit stands turned by a quarter (x right, y forward)
 // and is tilted by more than a degree. Boxes are kept where a camera sees any of them and either a return
-// fell on them or they show kFewestRows pixels of height. Tables are read a row at a time; what is held in
+// fell on them or they show kMinBoxRows pixels of height. Tables are read a row at a time; what is held in
 // memory of them is what keyframes of these sensors need.
 #include <fmt/format.h>
 #include <sys/stat.h>
@@ -40,10 +40,10 @@ constexpr const char* kLidar = "LIDAR_TOP";
 constexpr const char* kCamera = "CAM_FRONT";
 constexpr const char* kAnyCamera = "CAM_";  // what a camera's channel begins with
 constexpr const char* kFix = "restore the table from the data set's archive";
-constexpr double kFewestRows = 25;     // pixels
+constexpr double kMinBoxRows = 25;     // pixels
 constexpr float kFullIntensity = 255;  // of a return
 /// m; what is nearer in both axes is the car, or a firing without a return (a point at the unit's own place).
-constexpr float kNearestReturn = 1;
+constexpr float kMinReturnDistance = 1;
 
 struct Sensor {
   Transform ego_from_sensor = Transform::Identity();
@@ -332,10 +332,10 @@ std::vector<Annotation> annotations_of(const Tables& tables, const Sample& sampl
 /// The tables of a folder, read again once one of them has changed.
 std::shared_ptr<const Tables> tables_of(const fs::path& folder, bool between = false) {
   static std::mutex mutex;
-  static std::map<std::pair<fs::path, bool>, std::pair<std::string, std::shared_ptr<const Tables>>> kept;
+  static std::map<std::pair<fs::path, bool>, std::pair<std::string, std::shared_ptr<const Tables>>> loaded;
   const std::scoped_lock lock(mutex);
   std::string state;
-  const auto look = [&](const char* name, bool needed) {
+  const auto read_table = [&](const char* name, bool needed) {
     const fs::path file = folder / name;
     struct stat about {};
     const bool there = ::stat(file.c_str(), &about) == 0 && S_ISREG(about.st_mode);
@@ -344,15 +344,15 @@ std::shared_ptr<const Tables> tables_of(const fs::path& folder, bool between = f
         fmt::format("{} {} {}.{} ", about.st_ino, about.st_size, about.st_mtim.tv_sec, about.st_mtim.tv_nsec);
   };
   for (const char* name : {"sensor.json", "calibrated_sensor.json", "sample_data.json", "ego_pose.json"})
-    look(name, true);
-  for (const char* name : kAnnotationTables) look(name, false);
-  for (const char* name : kSceneTables) look(name, false);
-  const auto same = kept.find({folder, between});
-  if (same != kept.end() && same->second.first == state) return same->second.second;
+    read_table(name, true);
+  for (const char* name : kAnnotationTables) read_table(name, false);
+  for (const char* name : kSceneTables) read_table(name, false);
+  const auto same = loaded.find({folder, between});
+  if (same != loaded.end() && same->second.first == state) return same->second.second;
   auto tables = read_tables(folder, between);
-  constexpr std::size_t kMostSets = 4;  // at hand in one program
-  if (kept.size() >= kMostSets) kept.clear();
-  kept[{folder, between}] = {state, tables};
+  constexpr std::size_t kMaxSets = 4;  // at hand in one program
+  if (loaded.size() >= kMaxSets) loaded.clear();
+  loaded[{folder, between}] = {state, tables};
   return tables;
 }
 
@@ -366,7 +366,7 @@ class NuScenes : public DataSet {
   std::string rig() const override { return "nuscenes"; }
 
   std::vector<std::string> frames() const override {
-    const Archive archive = look_at_files();
+    const Archive archive = check_files();
     if (archive.samples == 0)
       throw InputError((tables_ / "sample_data.json").string(), "",
                        fmt::format("no sample has keyframes of {} and {}", kLidar, kCamera), kFix);
@@ -380,7 +380,7 @@ class NuScenes : public DataSet {
   }
 
   std::string incomplete() const override {
-    const Archive archive = look_at_files();
+    const Archive archive = check_files();
     return archive.whole.size() == archive.samples
                ? ""
                : fmt::format("{} of {} samples are left out: their files of {} or {} are not there",
@@ -432,7 +432,7 @@ class NuScenes : public DataSet {
     Sweep points = read_points(tables_.parent_path() / sample.lidar.file, 5);  // the fifth is the beam
     const Eigen::Matrix3f turn = velo_from_lidar(sample).linear().cast<float>();
     std::erase_if(points, [](const LidarPoint& p) {
-      return std::abs(p.x) < kNearestReturn && std::abs(p.y) < kNearestReturn;
+      return std::abs(p.x) < kMinReturnDistance && std::abs(p.y) < kMinReturnDistance;
     });
     for (LidarPoint& p : points) {
       const Vec3f at = turn * p.position();
@@ -443,9 +443,9 @@ class NuScenes : public DataSet {
 
   Annotations annotations(const std::string& id, int width, int height) const override {
     const auto [tables, sample] = of(id);
-    Annotations known;
-    known.labelled = tables->labelled;
-    known.calibration = calibration_by(sample, sample.camera, width, height);
+    Annotations result;
+    result.labelled = tables->labelled;
+    result.calibration = calibration_by(sample, sample.camera, width, height);
     const std::vector<SideCamera> cameras = others(id);
     std::vector<Label> elsewhere;
     const Transform velo_from_global = pose_of_sweep(sample).inverse();
@@ -461,10 +461,10 @@ class NuScenes : public DataSet {
                          kFix);
       const auto seen_by = [&](const Calibration& calibration) {
         auto seen = projected_label(annotation.type, box, calibration);
-        if (seen && annotation.returns == 0 && seen->bottom - seen->top < kFewestRows) seen.reset();
+        if (seen && annotation.returns == 0 && seen->bottom - seen->top < kMinBoxRows) seen.reset();
         return seen;
       };
-      auto label = seen_by(known.calibration);
+      auto label = seen_by(result.calibration);
       for (std::size_t k = 0; k < cameras.size() && (!label || label->camera > 0); ++k)
         if (auto seen = seen_by(cameras[k].calibration);
             seen && (!label || seen->truncated < label->truncated)) {
@@ -476,10 +476,10 @@ class NuScenes : public DataSet {
       label->occluded = kOccluded[annotation.visibility];
       label->track = annotation.track;
       label->category = annotation.category;
-      (label->camera == 0 ? known.labels : elsewhere).push_back(std::move(*label));
+      (label->camera == 0 ? result.labels : elsewhere).push_back(std::move(*label));
     }
-    known.labels.insert(known.labels.end(), elsewhere.begin(), elsewhere.end());
-    return known;
+    result.labels.insert(result.labels.end(), elsewhere.begin(), elsewhere.end());
+    return result;
   }
 
   std::optional<Moment> moment(const std::string& id) const override {
@@ -499,16 +499,16 @@ class NuScenes : public DataSet {
 
   std::string annotations_hash(const std::string& id) const override {
     const auto [width, height] = picture_size(id);
-    const Annotations known = annotations(id, width, height);
-    std::string text = known.labelled ? "" : "no labels ";
+    const Annotations result = annotations(id, width, height);
+    std::string text = result.labelled ? "" : "no labels ";
     const auto add = [&](double value) { text += fmt::format("{:.9g} ", value); };
     const auto add_camera = [&](const Calibration& calibration) {
       const PinholeCamera& camera = calibration.camera;
       for (const double value : {camera.fx, camera.fy, camera.cx, camera.cy}) add(value);
       for (int i = 0; i < 12; ++i) add(calibration.camera_from_velo.matrix()(i / 4, i % 4));
     };
-    add_camera(known.calibration);
-    for (const Label& label : known.labels) {
+    add_camera(result.calibration);
+    for (const Label& label : result.labels) {
       const BevBox& bev = label.box.bev;
       text += fmt::format("{} {} ", label.type, label.occluded);
       for (const double value :
@@ -518,7 +518,7 @@ class NuScenes : public DataSet {
     for (const SideCamera& camera : others(id)) {
       text += camera.name + " ";
       add_camera(camera.calibration);
-      text += file_hash(tables_.parent_path() / of(id).sample.others.at(camera.name).file, kLargestFile);
+      text += file_hash(tables_.parent_path() / of(id).sample.others.at(camera.name).file, kMaxFileBytes);
     }
     return content_hash(text);
   }
@@ -529,7 +529,7 @@ class NuScenes : public DataSet {
     std::size_t samples = 0, sweeps = 0, pictures = 0;
     std::vector<std::string> whole;
   };
-  Archive look_at_files() const {
+  Archive check_files() const {
     const auto tables = tables_of(tables_);
     Archive archive{tables->samples.size(), 0, 0, {}};
     for (const auto& [token, sample] : tables->samples) {

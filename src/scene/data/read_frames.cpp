@@ -91,7 +91,7 @@ void check_classes(const LabelCensus& census) {
 
 std::shared_ptr<const DataSet> open_data_set(const fs::path& data, Cameras cameras) {
   std::shared_ptr<const DataSet> set;
-  for (const auto open : {open_given_labels, open_nuscenes, open_kitti_raw, open_kitti_tracking})
+  for (const auto open : {open_separate_labels, open_nuscenes, open_kitti_raw, open_kitti_tracking})
     if (!set) set = open(data);
   if (!set) set = open_kitti_object(data);
   if (cameras == Cameras::all)
@@ -189,12 +189,12 @@ LabelCensus count_labels(const std::filesystem::path& data, std::span<const std:
   census.data = data;
   census.incomplete = set->incomplete();
   census.frames = ids.size();
-  for (Annotations& known : all) {
-    census.unlabelled += !known.labelled;
-    census.notes.clipped += known.notes.clipped;
-    census.notes.projected += known.notes.projected;
-    seek(census.classes, known.labels);
-    for (const Label& label : known.labels) {
+  for (Annotations& result : all) {
+    census.unlabelled += !result.labelled;
+    census.notes.clipped += result.notes.clipped;
+    census.notes.projected += result.notes.projected;
+    seek(census.classes, result.labels);
+    for (const Label& label : result.labels) {
       if (label.type == "DontCare") continue;
       ++census.labels;
       ++census.types[label.type];

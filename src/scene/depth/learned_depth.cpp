@@ -35,14 +35,14 @@ fs::path find_plugin(const std::string& backend) {
   }
   const ShippedPlugin* plugin = shipped_plugin(kDepthPlugins, backend);
   if (plugin && fs::exists(plugin->file)) return plugin->file;
-  std::vector<std::string> known{kDefaultDepth};
+  std::vector<std::string> networks{kDefaultDepth};
   for (const ShippedPlugin& shipped : shipped_plugins(kDepthPlugins))
-    known.insert(known.end(), shipped.words.begin(), shipped.words.end());
-  if (plugin || known.size() == 1)
+    networks.insert(networks.end(), shipped.words.begin(), shipped.words.end());
+  if (plugin || networks.size() == 1)
     throw InputError(plugin ? plugin->file.string() : built_file("plugins").string(), "",
                      "the depth completion plugin is missing",
                      "build it with MIRAGE_DETECTORS=ON (make build), or use --depth ip-basic");
-  throw unknown_word("depth", backend, known, "a plugin (*.so)");
+  throw unknown_word("depth", backend, networks, "a plugin (*.so)");
 }
 
 fs::path find_weights(const DepthOptions& options, const fs::path& plugin) {
@@ -370,18 +370,18 @@ DepthTrainingResult train_depth(const DepthTrainingOptions& options) {
       load_learned_depth({options.backend, weights, weights.empty(), options.seed, options.threads});
   const auto& losses = loop.state().losses;  // total, depth, presence
 
-  SamplesAhead<std::vector<DepthSample>> ahead([&](std::int64_t step) { return data.prepare(step); });
+  SamplePrefetcher<std::vector<DepthSample>> ahead([&](std::int64_t step) { return data.prepare(step); });
   TrainingWork work;
   work.name = "train depth";
   work.follow = 0.01;
-  work.tell_every = 100;
+  work.report_every = 100;
   work.learn = [&](std::int64_t step, double rate) {
     const auto loss = model->train_step(ahead.take(step), rate);
     return std::array<double, 3>{loss[0], loss[1], loss[2]};
   };
   work.save = [&](const std::filesystem::path& file) { model->save(file, true); };
   work.note = [&] { return fmt::format("loss {:.3f}", losses[0]); };
-  work.tell = [&](double rate) {
+  work.report = [&](double rate) {
     spdlog::info("step {} rate {:.2e} loss {:.4f} depth {:.4f} presence {:.4f} {:.0f} s", loop.state().step,
                  rate, losses[0], losses[1], losses[2], loop.state().seconds);
   };

@@ -76,7 +76,7 @@ template <class Visitor, FieldsOf<DepthLearning> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "backend", .help = "depth: guided, or a plugin's path (*.so)", .option = "depth"},
         s.backend);
-  visit({.name = "crop", .help = "depth: width of a sample, pixels", .range = {64, Range::kMost}}, s.crop);
+  visit({.name = "crop", .help = "depth: width of a sample, pixels", .range = {64, Range::kMax}}, s.crop);
   visit({.name = "without_picture",
          .help = "depth: share of samples whose picture is one grey",
          .range = kShare},

@@ -421,14 +421,14 @@ ShapeFit ShapeRoofFinder::fit(const SweepIndex& index, const Label& label) const
 
 std::shared_ptr<const SweepIndex> ShapeRoofFinder::index_of(const Sweep& sweep) const {
   const std::scoped_lock lock(mutex_);
-  auto known = std::find_if(indexed_.begin(), indexed_.end(),
-                            [&](const Indexed& indexed) { return same(indexed.sweep, sweep); });
-  if (known == indexed_.end()) {
+  auto cached = std::find_if(indexed_.begin(), indexed_.end(),
+                             [&](const Indexed& indexed) { return same(indexed.sweep, sweep); });
+  if (cached == indexed_.end()) {
     if (indexed_.size() >= as_size(std::max(1, thread_count()))) indexed_.erase(indexed_.begin());
     indexed_.push_back({sweep, std::make_shared<const SweepIndex>(sweep, lidar_)});
-    known = std::prev(indexed_.end());
+    cached = std::prev(indexed_.end());
   }
-  std::rotate(known, known + 1, indexed_.end());
+  std::rotate(cached, cached + 1, indexed_.end());
   return indexed_.back().index;
 }
 

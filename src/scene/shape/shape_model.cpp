@@ -126,7 +126,7 @@ GridLayout layout_for(const ShapeModelSettings& s) {
 constexpr std::string_view kMagic = "MIRAGE-SHAPE 1\n";
 constexpr double kFull = 32767;
 constexpr double kMaxNodes = 1e7;
-constexpr double kLargestNumber = 1000;  ///< m and shares: of whatever the header lists
+constexpr double kMaxNumber = 1000;  ///< m and shares: of whatever the header lists
 
 constexpr const char* kMakeAgain = "make the file again with: mirage fit --build-model FILE";
 
@@ -163,7 +163,7 @@ std::vector<float> normalised_distances(const Mesh& mesh, const ShapeModel& mode
 }
 
 ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeModelSettings& settings,
-                             const std::function<void(std::size_t)>& tell) {
+                             const std::function<void(std::size_t)>& progress) {
   const std::size_t n = samples.size();
   const int dimension = settings.dimension;
   if (dimension < 1 || n < as_size(dimension) + kFew)
@@ -189,7 +189,7 @@ ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeMo
     q.col(column).head<3>() = bounds(samples[i].mesh).sizes().cwiseQuotient(model.reference).array().log();
     const std::scoped_lock lock(mutex);
     ++done;
-    if (tell) tell(done);
+    if (progress) progress(done);
   });
   throw_if_interrupted("no model was written");
   for (const ShapeSample& s : samples) ++model.sources[s.source];
@@ -260,21 +260,21 @@ ShapeModel read_shape_model(const std::filesystem::path& file) {
                      "make one with: mirage fit --build-model FILE");
   };
   if (!begins_with(file, kMagic)) refuse();
-  constexpr std::size_t kLongestHeader = 1 << 21, kMostValues = 100'000;  // of dimension 200: 41 000 numbers
-  const std::string head = read_head(file, kLongestHeader);
+  constexpr std::size_t kMaxHeaderLength = 1 << 21, kMaxValues = 100'000;  // of dimension 200: 41 000 numbers
+  const std::string head = read_head(file, kMaxHeaderLength);
   const std::size_t end = head.find('\n', kMagic.size());
   if (end == std::string::npos) refuse();
   const std::string_view second = std::string_view(head).substr(0, end).substr(kMagic.size());
   check_json_depth(second, name);
-  check_json_values(second, name, kMostValues);
+  check_json_values(second, name, kMaxValues);
   const nlohmann::json json = nlohmann::json::parse(second, nullptr, false);
   if (!json.is_object()) throw InputError(name, "second line", "not a JSON object", kMakeAgain);
   const JsonFields header(file, json, kMakeAgain);
   const auto list = [&](const char* key, std::size_t length) {
-    return header.numbers(key, length, -kLargestNumber, kLargestNumber);
+    return header.numbers(key, length, -kMaxNumber, kMaxNumber);
   };
   const auto positive = [&](const char* key) {
-    return Vec3d(header.numbers(key, 3, 1e-3, kLargestNumber).data());
+    return Vec3d(header.numbers(key, 3, 1e-3, kMaxNumber).data());
   };
   ShapeModel model;
   model.reference = positive("reference");
@@ -305,10 +305,11 @@ ShapeModel read_shape_model(const std::filesystem::path& file) {
       if (number.is_number_integer()) model.sources[source] = number.get<int>();
   const std::size_t numbers_needed = model.layout.size() * (k + 1);
   const auto check = [&](std::uintmax_t bytes) {
-    const std::uintmax_t held = bytes > end ? bytes - end - 1 : 0,
+    const std::uintmax_t available = bytes > end ? bytes - end - 1 : 0,
                          needed = numbers_needed * sizeof(std::int16_t);
-    if (held != needed)
-      header.fail("numbers", fmt::format("the file holds {} bytes of them, {} are needed", held, needed));
+    if (available != needed)
+      header.fail("numbers",
+                  fmt::format("the file holds {} bytes of them, {} are needed", available, needed));
   };
   check(OpenFile(file).size());  // before any of them is in memory
   const std::string all = read_file(file);

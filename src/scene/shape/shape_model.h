@@ -83,7 +83,7 @@ struct ShapeModelSettings {
 /// Learns the model; `tell` hears how many vehicles are sampled. InputError if there are fewer vehicles than
 /// dimensions + 2. After Ctrl-C, Interrupted.
 ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeModelSettings& settings = {},
-                             const std::function<void(std::size_t done)>& tell = {});
+                             const std::function<void(std::size_t done)>& progress = {});
 /// The distances that the model learns from: the mesh stretched to the reference box, both sides' mean.
 std::vector<float> normalised_distances(const Mesh& mesh, const ShapeModel& model);
 /// Code of a vehicle that the model need not have seen: least squares on the grid.

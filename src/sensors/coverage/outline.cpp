@@ -230,7 +230,7 @@ void add_forces(const ScreenMesh<double>& mesh, const Visible& visible, const Ou
                 const std::vector<Vec2d>& force, double image_size, std::vector<FaceForce>& faces) {
   const auto crossing = [&](const Vec2d& slope, double scale, const Vec2d& f) {
     // The line D = 0 with gradient `slope` moves by −∂D / |slope| along it.
-    const double steep = slope.norm(), least = kLeastCrossing * scale;
+    const double steep = slope.norm(), least = kMinCrossing * scale;
     return steep > 0 ? -f.dot(slope) / steep / steep * std::min(1.0, steep / least) : 0.0;
   };
   for (std::size_t i = 0; i < outline.points.size(); ++i) {

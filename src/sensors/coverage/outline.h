@@ -45,11 +45,11 @@ struct FaceForce {
 };
 
 /// What points' moves along `force` (d loss / d place, normal to their edge) are worth to the faces. Where
-/// faces cross at less than kLeastCrossing of their slopes, the line's speed is bounded by what it is there.
+/// faces cross at less than kMinCrossing of their slopes, the line's speed is bounded by what it is there.
 void add_forces(const ScreenMesh<double>& mesh, const Visible& visible, const Outline& outline,
                 const std::vector<Vec2d>& force, double image_size, std::vector<FaceForce>& faces);
 
 /// Least difference of the slopes at a crossing, as a share of them.
-inline constexpr double kLeastCrossing = 1e-6;
+inline constexpr double kMinCrossing = 1e-6;
 
 }  // namespace mirage::coverage

@@ -24,7 +24,7 @@ void DrawFaces(const TileJob& job) {
   for (int i = 0; i < job.count; ++i) {
     const FaceSetup& face = job.setup->faces[job.faces[i]];
     const LocalFace local = Localise(job, face);
-    const int count = CoverBlocks<kPlain, false>(job, local, grid, kFarBehind, list);
+    const int count = CoverBlocks<kPlain, false>(job, local, grid, kMaxDepthExponent, list);
     for (const Covered& at : std::span(list, as_size(count))) {
       const auto load = [&](int field) HWY_ATTR { return Read(tape, at.first, field); };
       const auto store = [&](V v, int field) HWY_ATTR { hn::Store(v, d, At(tape, at.first, field)); };

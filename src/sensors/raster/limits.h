@@ -5,12 +5,12 @@ namespace mirage {
 
 /// NDC². At the largest a face reaches half the picture's longer side, and every pixel sees nearly every
 /// face.
-inline constexpr double kSmallestSigma = 1e-12, kLargestSigma = 0.1;
+inline constexpr double kMinSigma = 1e-12, kMaxSigma = 0.1;
 /// NDC². Edges blend over 1e-6 px: a hard rasteriser, which comparisons with another renderer need (1e-12
 /// blends over 2e-3 px, which is visible in a mean); too hard to learn under.
 inline constexpr double kHardSigma = 1e-18;
 /// A share of the depth range; at the largest all faces weigh alike.
-inline constexpr double kLargestGamma = 1e3;
+inline constexpr double kMaxGamma = 1e3;
 
 /// The help of σ's option.
 inline constexpr const char* kSigmaHelp = "soft rasteriser's σ: softness of edges, NDC² of the longer side";

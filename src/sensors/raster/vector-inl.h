@@ -22,10 +22,11 @@ inline constexpr int kBlockWidth = kLanes < 4 ? kLanes : 4;
 inline constexpr int kBlockHeight = kLanes / kBlockWidth;
 inline constexpr int kBlockColumns = kTile / kBlockWidth;
 
-// What lies further behind a sample's fragments than kFarBehind changes its colour by a share below
+// What lies further behind a sample's fragments than kMaxDepthExponent changes its colour by a share below
 // e^-18.4 / 0.1 = 1e-7, and where Π(1 − D) is below kClosed its S by less than that. What lies further behind
-// than kNoWeightBehind has less weight than kNoWeight.
-inline constexpr float kEnough = 0.1f, kFarBehind = 18.4f, kNoWeightBehind = 16.1f, kClosed = 1e-8f;
+// than kMaxWeightedExponent has less weight than kNoWeight.
+inline constexpr float kEnough = 0.1f, kMaxDepthExponent = 18.4f, kMaxWeightedExponent = 16.1f,
+                       kClosed = 1e-8f;
 inline constexpr float kNoKey = -1e30f, kLog2E = 1.44269504f;
 // Fragments of less weight give no gradient through colour and depth.
 inline constexpr float kNoWeight = 1e-6f;

@@ -146,7 +146,7 @@ void DrawFacesVjp(const TileJob& job) {
       sums.x[e] = sums.y[e] = sums.delta[e] = Zero();
       for (int c = 0; c < 3; ++c) sums.corner[e][c] = Zero();
     }
-    const int count = CoverBlocks<kPlain, true>(job, local, grid, kNoWeightBehind, scratch.list);
+    const int count = CoverBlocks<kPlain, true>(job, local, grid, kMaxWeightedExponent, scratch.list);
     for (const Covered& at : std::span(scratch.list, as_size(count))) {
       const auto load = [&](int field) HWY_ATTR { return Read(samples, at.first, field); };
       const bool colored = !at.behind && face.colored;

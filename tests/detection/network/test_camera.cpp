@@ -217,7 +217,7 @@ std::vector<std::int64_t> bright(const Tensor& plane) {
 
 TEST(MovedPicture, BoxesAndMaskGoWithTheirPixels) {
   // A white rectangle, off the middle: a mirror or a cut that boxes do not follow shows.
-  TaughtPicture given;
+  LabelledPicture given;
   given.image = torch::zeros({90, 160, 3});
   given.image.slice(0, 30, 51).slice(1, 40, 71).fill_(1);
   given.boxes = {{40, 30, 70, 50}};
@@ -226,7 +226,7 @@ TEST(MovedPicture, BoxesAndMaskGoWithTheirPixels) {
   for (int y = 30; y <= 50; ++y) std::fill_n(given.vehicle_mask.begin() + y * 160 + 40, 31, std::uint8_t{1});
   int mirrored = 0, larger = 0, smaller = 0, whole = 0;
   for (std::uint64_t index = 0; index < 60; ++index) {
-    const TaughtPicture moved = moved_picture(given, 5, index);
+    const LabelledPicture moved = augmented_picture(given, 5, index);
     const std::int64_t rows = moved.image.size(0), columns = moved.image.size(1);
     ASSERT_EQ(moved.vehicle_mask.size(), as_size(rows * columns));
     larger += rows == 90;
@@ -252,12 +252,12 @@ TEST(MovedPicture, BoxesAndMaskGoWithTheirPixels) {
 }
 
 TEST(MovedPicture, WhatTheBorderCutsIsNotTaught) {
-  TaughtPicture given;
+  LabelledPicture given;
   given.image = torch::zeros({90, 160, 3});
   given.boxes = {{0, 0, 20, 89}, {139, 0, 159, 89}, {60, 40, 90, 49}};  // the last is 9 pixels high
   int ignored = 0, gone = 0;
   for (std::uint64_t index = 0; index < 200; ++index) {
-    const TaughtPicture moved = moved_picture(given, 6, index);
+    const LabelledPicture moved = augmented_picture(given, 6, index);
     const auto width = static_cast<float>(moved.image.size(1)),
                height = static_cast<float>(moved.image.size(0));
     for (const auto* list : {&moved.boxes, &moved.ignored})
@@ -276,9 +276,10 @@ TEST(MovedPicture, WhatTheBorderCutsIsNotTaught) {
 }
 
 TEST(MovedPicture, DependsOnSeedAndIndexAlone) {
-  TaughtPicture given;
+  LabelledPicture given;
   given.image = torch::rand({40, 60, 3});
-  const auto a = moved_picture(given, 7, 3), b = moved_picture(given, 7, 3), c = moved_picture(given, 7, 4);
+  const auto a = augmented_picture(given, 7, 3), b = augmented_picture(given, 7, 3),
+             c = augmented_picture(given, 7, 4);
   EXPECT_TRUE(torch::equal(a.image, b.image));
   EXPECT_FALSE(a.image.sizes() == c.image.sizes() && torch::equal(a.image, c.image));
 }

@@ -24,15 +24,15 @@ namespace {
 
 using torch::Tensor;
 
-TEST(Dirty, HoldsWhatReadsAChangedPlace) {
+TEST(ChangedRegion, HoldsWhatReadsAChangedPlace) {
   for (const Reach& reach : {Reach{3, 1, 1}, {2, 2, 0}, {4, 2, 1}, {3, 2, 1}, {13, 1, 6}, {1, 1, 0}}) {
     const std::int64_t rows = 14, columns = 20, out_rows = rows / reach.stride,
                        out_columns = columns / reach.stride;
-    Dirty dirty(rows, columns);
+    ChangedRegion dirty(rows, columns);
     dirty.add(Window{3, 5, 5, 9});
     dirty.add(11, 0);
     dirty.add(13, 19);
-    const Dirty out = dirty.through(reach, out_rows, out_columns);
+    const ChangedRegion out = dirty.through(reach, out_rows, out_columns);
     for (std::int64_t r = 0; r < out_rows; ++r)
       for (std::int64_t c = 0; c < out_columns; ++c) {
         const Window read = read_by({r, c, r + 1, c + 1}, reach);
@@ -50,7 +50,7 @@ TEST(Dirty, HoldsWhatReadsAChangedPlace) {
     for (const Window& window : out.windows(8)) covered += window.area();
     EXPECT_GE(covered, out.area());
   }
-  EXPECT_TRUE(Dirty(5, 5).windows(8).empty());
+  EXPECT_TRUE(ChangedRegion(5, 5).windows(8).empty());
 }
 
 /// Every kind of layer, at sizes that are no multiples of anything.
@@ -63,10 +63,10 @@ struct Mixed {
       return torch::randn({out, in, k, k}) / std::sqrt(in * k * k);
     };
     const auto bias = [](int out) { return torch::randn({out}) * 0.1; };
-    input = plan.given(5, 46, 70, false);
+    input = plan.input(5, 46, 70, false);
     const int a = plan.conv(input, weight(8, 5, 4), bias(8), 2, 1, Curve::relu);  // 23 × 35
     const int b = plan.conv(a, weight(8, 1, 3), bias(8), 1, 8, Curve::silu);
-    added = plan.given(8, 23, 35, true);
+    added = plan.input(8, 23, 35, true);
     const int c = plan.sum(b, added, Curve::none);
     const int d = plan.conv(c, weight(12, 8, 2), bias(12), 2, 1, Curve::silu);  // 12 × 18
     const int e = plan.join({d, plan.pool(d, 5)});
@@ -125,7 +125,7 @@ TEST(LocalPass, EveryLayerForwardAndBackwardIsThatOfTheWholeMap) {
     changed[as_size(mixed.input)] = x;
     const Tensor expected = whole(mixed.plan, changed, mixed.output);
     LocalPass pass(mixed.plan, clean);
-    Dirty dirty(46, 70);
+    ChangedRegion dirty(46, 70);
     dirty.add(at);
     pass.give(mixed.input, dirty, [&](const Window& window) {
       return torch::constant_pad_nd(x.detach(),
@@ -197,7 +197,7 @@ TEST(LocalNetwork, LocalityLeavesTheFarAsItWas) {
     torch::manual_seed(34);
     Network network(parts_named(name));
     for (Tensor& parameter : network->parameters()) parameter.requires_grad_(false);
-    CleanFrames frames(network, std::size_t{1} << 30);
+    CleanActivationCache frames(network, std::size_t{1} << 30);
     const Road road(10, 0);
     const auto clean = frames.of(1, [&] { return road.clean; });
     const auto answer = [&](double locality) {
@@ -230,7 +230,7 @@ TEST(LocalNetwork, DoesAShareOfTheWork) {
     torch::manual_seed(33);
     Network network(parts_named(name));
     for (Tensor& parameter : network->parameters()) parameter.requires_grad_(false);
-    CleanFrames frames(network, std::size_t{1} << 30);
+    CleanActivationCache frames(network, std::size_t{1} << 30);
     for (const auto& [range, side] : {std::pair{10.0, 0.0}, {40.0, -5.0}}) {
       const Road road(range, side);
       const auto clean = frames.of(static_cast<std::uint64_t>(range), [&] { return road.clean; });

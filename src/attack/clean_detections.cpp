@@ -1,4 +1,4 @@
-#include "attack/clean_sights.h"
+#include "attack/clean_detections.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -154,7 +154,7 @@ bool looks_like_probabilities(const std::vector<CleanFrame>& frames) {
 }
 
 /// What is wrong with the boxes where too few vehicles are found.
-void tell_mistakes(const std::vector<CleanFrame>& frames, Matching matching, FoundClean& result) {
+void add_hints(const std::vector<CleanFrame>& frames, Matching matching, CleanPerformance& result) {
   const EvaluationSettings by;
   std::vector<std::string>& hints = result.hints;
   std::size_t boxes = 0, turned = 0, most = 0;
@@ -176,7 +176,7 @@ void tell_mistakes(const std::vector<CleanFrame>& frames, Matching matching, Fou
     hints.push_back(
         fmt::format("{} of {} headings are beyond ±2π: yaw is in radians, not in degrees", turned, boxes));
   const int few = std::max(result.found, static_cast<int>(kFewFound * result.vehicles));
-  const auto tell = [&](int found, const std::string& how) {
+  const auto add_hint = [&](int found, const std::string& how) {
     if (found > few) hints.push_back(fmt::format("{} of {} would be found {}", found, result.vehicles, how));
   };
   int best = few;
@@ -188,11 +188,11 @@ void tell_mistakes(const std::vector<CleanFrame>& frames, Matching matching, Fou
   if (most * frames.size() == boxes && most < 10)
     hints.push_back(
         fmt::format("every frame has {} box{}: is its top-k too small?", most, most == 1 ? "" : "es"));
-  if (!how.empty()) return tell(best, how);
-  tell(count_found(frames, kScoreThresholdForAp, by.detected_iou),
-       fmt::format("at scores over {:g}: its best score is {:.2f}, and a detection counts from {:g}",
-                   kScoreThresholdForAp, result.best_score, by.score_threshold));
-  tell(count_found(frames, by.score_threshold, 0.5), "at IoU 0.5: its boxes are too loose for IoU 0.7");
+  if (!how.empty()) return add_hint(best, how);
+  add_hint(count_found(frames, kScoreThresholdForAp, by.detected_iou),
+           fmt::format("at scores over {:g}: its best score is {:.2f}, and a detection counts from {:g}",
+                       kScoreThresholdForAp, result.best_score, by.score_threshold));
+  add_hint(count_found(frames, by.score_threshold, 0.5), "at IoU 0.5: its boxes are too loose for IoU 0.7");
   std::vector<double> distances, x, y;
   for (const Vec2d& offset : nearest_offsets(frames, matching)) {
     distances.push_back(offset.norm());
@@ -211,9 +211,9 @@ void tell_mistakes(const std::vector<CleanFrame>& frames, Matching matching, Fou
       p.box.bev.x -= shift.x(), p.box.bev.y -= shift.y();
       return p;
     };
-    tell(count_found(frames, by.score_threshold, by.detected_iou, moved),
-         fmt::format("with all boxes moved by x {:+.2f} m, y {:+.2f} m: is their origin the LiDAR?",
-                     -shift.x(), -shift.y()));
+    add_hint(count_found(frames, by.score_threshold, by.detected_iou, moved),
+             fmt::format("with all boxes moved by x {:+.2f} m, y {:+.2f} m: is their origin the LiDAR?",
+                         -shift.x(), -shift.y()));
   }
 }
 
@@ -223,8 +223,8 @@ bool any_over(std::span<const Detection> proposals, const HostTruth& truth, doub
   });
 }
 
-FoundClean find_plain(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
-                      const SimulationSettings& simulation, bool quiet) {
+CleanPerformance find_plain(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
+                            const SimulationSettings& simulation, bool quiet) {
   constexpr std::size_t kPlaces = 48;
   const std::vector<Host> some = spread_evenly(hosts, kPlaces);
   EvaluationSettings by;
@@ -236,12 +236,12 @@ FoundClean find_plain(const DetectorPool& detectors, FrameStore& store, const st
     const auto prepared = store.get(some[i].id.frame);
     const Placement placement = store.placement(some[i].id);
     const auto seen = clean_of(detector, *prepared, placement, simulation, by);
-    const JudgedBoxes there = labelled_boxes(placement, {}, prepared->frame.calibration, {});
+    const EvaluationLabels there = labelled_boxes(placement, {}, prepared->frame.calibration, {});
     found += reports(seen, HostTruth::of_object(prepared->frame, *there.plain, by.matching));
     boxes += static_cast<int>(seen.size());
     progress.add();
   });
-  FoundClean result;
+  CleanPerformance result;
   result.of_objects = true;
   result.found = found, result.boxes = boxes;
   result.vehicles = result.frames = static_cast<int>(some.size());
@@ -258,17 +258,17 @@ bool reports(std::span<const Detection> proposals, const HostTruth& truth) {
   return any_over(proposals, truth, kHidingRules.front().iou);
 }
 
-std::vector<Detection> CleanSights::of(const PreparedFrame& prepared, Detector& detector) {
+std::vector<Detection> CleanDetectionCache::of(const PreparedFrame& prepared, Detector& detector) {
   return scored_over(all_of(prepared, detector), EvaluationSettings().score_threshold);
 }
 
-std::vector<Detection> CleanSights::all_of(const PreparedFrame& prepared, Detector& detector) {
+std::vector<Detection> CleanDetectionCache::all_of(const PreparedFrame& prepared, Detector& detector) {
   const Frame& frame = prepared.frame;
   const std::uint64_t version = detector.weights_version();
   {
     const std::scoped_lock lock(mutex_);
     if (version != version_) frames_.clear(), version_ = version;
-    if (const auto known = frames_.find(frame.id); known != frames_.end()) return known->second;
+    if (const auto cached = frames_.find(frame.id); cached != frames_.end()) return cached->second;
   }
   const auto look = [&] {
     EvaluationSettings settings;
@@ -284,8 +284,8 @@ std::vector<Detection> CleanSights::all_of(const PreparedFrame& prepared, Detect
   return frames_.try_emplace(frame.id, std::move(proposals)).first->second;
 }
 
-FoundClean judge_clean(const std::vector<CleanFrame>& frames, Matching matching) {
-  FoundClean result;
+CleanPerformance clean_performance(const std::vector<CleanFrame>& frames, Matching matching) {
+  CleanPerformance result;
   const EvaluationSettings by;
   std::vector<ScoredFrame> scores;
   for (const CleanFrame& frame : frames) {
@@ -303,12 +303,14 @@ FoundClean judge_clean(const std::vector<CleanFrame>& frames, Matching matching)
   if (looks_like_probabilities(frames))
     result.hints.push_back(
         "all its logits lie between 0 and 1, as probabilities do: give logits, log(p / (1 − p))");
-  if (result.found < kFewFound * result.vehicles) tell_mistakes(frames, matching, result);
+  if (result.found < kFewFound * result.vehicles) add_hints(frames, matching, result);
   return result;
 }
 
-FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
-                      const SimulationSettings& simulation, CleanSights& sights, bool quiet) {
+CleanPerformance measure_clean_performance(const DetectorPool& detectors, FrameStore& store,
+                                           const std::vector<Host>& hosts,
+                                           const SimulationSettings& simulation,
+                                           CleanDetectionCache& clean_cache, bool quiet) {
   if (store.place().victim == Victim::object) return find_plain(detectors, store, hosts, simulation, quiet);
   std::map<std::string, std::vector<HostId>> by_frame;
   for (const Host& host : hosts) by_frame[host.id.frame].push_back(host.id);
@@ -321,7 +323,7 @@ FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const st
     const auto prepared = store.get(listed[i].first);
     const Frame& frame = prepared->frame;
     CleanFrame& clean = frames[i];
-    clean.proposals = sights.all_of(*prepared, detector);
+    clean.proposals = clean_cache.all_of(*prepared, detector);
     for (HostId id : listed[i].second) {
       if (store.place().victim == Victim::neighbour) id.label = store.placement(id).neighbour.value();
       clean.hosts.emplace_back(frame, label_of(frame, id), matching);
@@ -331,22 +333,22 @@ FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const st
     clean.width = frame.image.width, clean.height = frame.image.height;
     progress.add();
   });
-  return judge_clean(frames, matching);
+  return clean_performance(frames, matching);
 }
 
-std::string describe(const FoundClean& found) {
+std::string describe(const CleanPerformance& found) {
   if (found.of_objects)
     return fmt::format("reports a plain object at {} of {} places", found.found, found.vehicles);
   return fmt::format("finds {} of {} vehicles (AP 0.7 {:.1f} %)", found.found, found.vehicles,
                      100 * found.ap70);
 }
 
-nlohmann::json to_json(const FoundClean& found) {
+nlohmann::json to_json(const CleanPerformance& found) {
   return {{"found", found.found}, {"vehicles", found.vehicles}, {"frames", found.frames},
           {"ap50", found.ap50},   {"ap70", found.ap70},         {"hints", found.hints}};
 }
 
-void require_found(const FoundClean& found, const Detector& detector) {
+void require_detections(const CleanPerformance& found, const Detector& detector) {
   const std::string hints = fmt::format("{}", fmt::join(found.hints, "; "));
   if (found.found == 0 && found.of_objects)
     throw InputError("detector", detector.name(),

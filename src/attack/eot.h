@@ -12,13 +12,13 @@
 
 namespace mirage {
 
-/// Of Expectation::paints.
-inline constexpr double kMostPaints = 1000;
-/// Of Expectation::worst.
-inline constexpr double kMostMined = 64;
+/// Of EotSettings::paints.
+inline constexpr double kMaxPaints = 1000;
+/// Of EotSettings::worst.
+inline constexpr double kMaxWorstDraws = 64;
 
 /// What varies, each with its spread (standard deviations of normal draws; 0: as it is).
-struct Expectation {
+struct EotSettings {
   double roof_shift = 0;   ///< m, along and across the roof; height a fifth of it
   double roof_yaw = 0;     ///< rad
   double sun = 0;          ///< rad, how far the sun turns away, to any side (never below 3° of altitude)
@@ -29,25 +29,25 @@ struct Expectation {
   double tilt = 0;         ///< rad, about both horizontal axes of the roof
   double shape = 0;   ///< m, rms distance of a vertex of the object from its design: prints, scans, dents
   double colour = 0;  ///< of the logarithm of each channel of all texels: a print's cast; white clips
-  /// Colours that the whole object is made of (kMostPaints at most): each texel gets the mean of its cluster
+  /// Colours that the whole object is made of (kMaxPaints at most): each texel gets the mean of its cluster
   /// among so many. 0: any colour.
   double paints = 0;
-  /// Draws for each host and step (kMostMined at most), of which the one with the greatest loss is learned
-  /// on: the inner maximum of Madry et al., ICLR 2018, by sampling, as R-PGA (2026) mines it. 0: one draw,
-  /// and so their mean over the steps.
+  /// Draws for each host and step (kMaxWorstDraws at most), of which the one with the greatest loss is
+  /// learned on: the inner maximum of Madry et al., ICLR 2018, by sampling, as R-PGA (2026) mines it. 0: one
+  /// draw, and so their mean over the steps.
   double worst = 0;
 
   /// Whether anything is drawn.
   bool any() const;
-  /// Whether the object is another one than designed (WorldDraw::built).
+  /// Whether the object is another one than designed (SampledEnvironment::built).
   bool any_in_object() const { return shape > 0 || colour > 0 || paints > 0; }
-  /// Whether the frame itself changes (WorldDraw::frame).
+  /// Whether the frame itself changes (SampledEnvironment::frame).
   bool any_in_frame() const { return sun > 0 || light > 0 || exposure > 0; }
   /// Draws to choose the worst of; 1: nothing is chosen.
   int draws() const { return worst > 1 ? static_cast<int>(worst) : 1; }
 };
 
-template <class Visitor, FieldsOf<Expectation> S>
+template <class Visitor, FieldsOf<EotSettings> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "roof_shift", .range = {0, 10}}, s.roof_shift);
   visit({.name = "roof_yaw", .range = {0, 10}}, s.roof_yaw);
@@ -59,48 +59,48 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "tilt", .range = {0, 10}, .lacking = "0"}, s.tilt);
   visit({.name = "shape", .range = {0, 10}, .lacking = "0"}, s.shape);
   visit({.name = "colour", .range = {0, 10}, .lacking = "0"}, s.colour);
-  visit({.name = "paints", .range = {0, kMostPaints}, .lacking = "0"}, s.paints);
-  visit({.name = "worst", .range = {0, kMostMined}, .lacking = "0"}, s.worst);
+  visit({.name = "paints", .range = {0, kMaxPaints}, .lacking = "0"}, s.paints);
+  visit({.name = "worst", .range = {0, kMaxWorstDraws}, .lacking = "0"}, s.worst);
 }
 
 /// "none", or words of roof, tilt, shape, colour, sun, light, exposure, noise separated by commas, or "all":
 /// the named ones at 5 cm and 2°, 2°, 1 cm, 0.15, 20°, 0.3, 0.2, 0.01 and 2 cm. "shape:0.02" is a shape off
 /// by 2 cm, "paints:24" an object of 24 colours. "worst:4" beside others learns on the worst of 4 draws.
 /// InputError for any other word. The worst of draws in which nothing varies is refused by run_attack.
-Expectation parse_expectation(const std::string& words);
+EotSettings parse_expectation(const std::string& words);
 /// parse_expectation, with its errors.
-inline void set_from_text(const std::string& text, Expectation& value) {
+inline void set_from_text(const std::string& text, EotSettings& value) {
   value = parse_expectation(text);
 }
 /// InputError for words that only an attack understands (worst): what is judged meets one draw.
-void require_judged(const Expectation& expectation);
+void require_judged(const EotSettings& expectation);
 /// InputError for words that change more than the object and its pose (sun, light, exposure, noise), and for
 /// worst: a renderer draws the recorded world with the object as the workshop made it.
-void require_built(const Expectation& expectation);
+void require_built(const EotSettings& expectation);
 /// The number of candidate k (from 0) of the draws to choose from in the place of draw `number` (below 2^50,
 /// or 2^62 more): of none other, and of no draw that is not chosen.
 constexpr std::uint64_t candidate_draw(std::uint64_t number, int k) {
   return number + (std::uint64_t{1} << 61) + (static_cast<std::uint64_t>(k) << 50);
 }
 /// "none", or "some".
-std::string text_of(const Expectation& value);
+std::string text_of(const EotSettings& value);
 
 /// One draw of the world around a host, from the random stream of (seed, draw).
-class WorldDraw {
+class SampledEnvironment {
  public:
   /// Draw number `draw` of the attack's seed.
-  WorldDraw(const Expectation& expectation, std::uint64_t seed, std::uint64_t draw);
+  SampledEnvironment(const EotSettings& expectation, std::uint64_t seed, std::uint64_t draw);
 
   /// What varies in the draws.
-  const Expectation& expectation() const { return expectation_; }
+  const EotSettings& expectation() const { return expectation_; }
   /// Which draw it is.
   std::uint64_t number() const { return draw_; }
   /// The object's pose, shifted and turned, and with it the roof that it stands on.
-  Placement placement(const Placement& known) const;
+  Placement placement(const Placement& as_recorded) const;
   /// The frame under another light and exposure.
-  PreparedFrame frame(const PreparedFrame& known) const;
+  PreparedFrame frame(const PreparedFrame& as_recorded) const;
   /// The settings with the range noise of the object's returns.
-  SimulationSettings simulation(const SimulationSettings& known) const;
+  SimulationSettings simulation(const SimulationSettings& as_recorded) const;
   /// The object as it comes from the workshop: vertices off, few colours, with a cast.
   TexturedMesh built(const TexturedMesh& designed) const;
   /// Turns d loss / d built into d loss / d designed; which texels share a colour is held fixed.
@@ -112,18 +112,18 @@ class WorldDraw {
   /// Of each channel of all texels.
   Vec3d cast() const;
 
-  Expectation expectation_;
+  EotSettings expectation_;
   std::uint64_t seed_, draw_;
 };
 
 /// One host with what a draw changes, or as recorded without one. What it is made of outlives it.
-class DrawnHost {
+class SampledHost {
  public:
   /// `draw`: null for the world as recorded.
-  DrawnHost(const WorldDraw* draw, const PreparedFrame& recorded, const Placement& placement,
-            const TexturedMesh& designed, const SimulationSettings& simulation);
-  DrawnHost(const DrawnHost&) = delete;
-  DrawnHost& operator=(const DrawnHost&) = delete;
+  SampledHost(const SampledEnvironment* draw, const PreparedFrame& recorded, const Placement& placement,
+              const TexturedMesh& designed, const SimulationSettings& simulation);
+  SampledHost(const SampledHost&) = delete;
+  SampledHost& operator=(const SampledHost&) = delete;
 
   /// The frame in the draw's light and exposure, or the recorded one where no draw changes these.
   const PreparedFrame& prepared() const { return frame_ ? *frame_ : recorded_; }
@@ -143,7 +143,7 @@ class DrawnHost {
   void vjp(AdversaryGradient& gradient) const;
 
  private:
-  const WorldDraw* draw_;
+  const SampledEnvironment* draw_;
   const PreparedFrame& recorded_;
   const TexturedMesh& designed_;
   std::optional<PreparedFrame> frame_;

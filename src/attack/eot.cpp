@@ -1,4 +1,4 @@
-#include "attack/expectation.h"
+#include "attack/eot.h"
 
 #include <fmt/format.h>
 
@@ -16,15 +16,15 @@ namespace mirage {
 namespace {
 
 constexpr double kLowestSun = 3 * kDegree;
-constexpr double kShape = 0.01, kLargestShape = 0.2;  // m
+constexpr double kShape = 0.01, kMaxShape = 0.2;  // m
 
 /// Of "shape:0.02", in m.
 double shape_of(const std::string& word, const std::string& number) {
   double sigma = 0;
   const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), sigma);
-  if (error != std::errc() || end != number.data() + number.size() || !(sigma > 0 && sigma <= kLargestShape))
+  if (error != std::errc() || end != number.data() + number.size() || !(sigma > 0 && sigma <= kMaxShape))
     throw InputError("expectation", word, "is no distance",
-                     fmt::format("use metres over 0 and up to {}, as in shape:{}", kLargestShape, kShape));
+                     fmt::format("use metres over 0 and up to {}, as in shape:{}", kMaxShape, kShape));
   return sigma;
 }
 
@@ -80,38 +80,38 @@ Vec3d turned_sun(const Vec3d& sun, double angle, double side) {
   Vec3d turned = Eigen::AngleAxisd(angle, axis) * sun;
   const double lowest = std::sin(kLowestSun);
   if (turned.z() < lowest) {
-    const double flat = std::hypot(turned.x(), turned.y()), wanted = std::cos(kLowestSun);
-    turned = flat > 0 ? Vec3d(turned.x() / flat * wanted, turned.y() / flat * wanted, lowest) : sun;
+    const double flat = std::hypot(turned.x(), turned.y()), horizontal = std::cos(kLowestSun);
+    turned = flat > 0 ? Vec3d(turned.x() / flat * horizontal, turned.y() / flat * horizontal, lowest) : sun;
   }
   return turned.normalized();
 }
 
 }  // namespace
 
-bool Expectation::any() const {
+bool EotSettings::any() const {
   return any_in_frame() || any_in_object() || roof_shift > 0 || roof_yaw > 0 || tilt > 0 || image_noise > 0 ||
          range_noise > 0;
 }
 
-Expectation parse_expectation(const std::string& words) {
-  Expectation e;
+EotSettings parse_expectation(const std::string& words) {
+  EotSettings e;
   for (const std::string& word : listed_words(words)) {
     const bool all = word == "all";
-    bool known = all || word == "none";
+    bool recognised = all || word == "none";
     if (word.starts_with("shape:")) {
       e.shape = shape_of(word, word.substr(6));
       continue;
     }
     if (word.starts_with("worst:")) {
-      e.worst = count_of(word, "draws", kMostMined);
+      e.worst = count_of(word, "draws", kMaxWorstDraws);
       continue;
     }
     if (word.starts_with("paints:")) {
-      e.paints = count_of(word, "colours", kMostPaints);
+      e.paints = count_of(word, "colours", kMaxPaints);
       continue;
     }
     const auto named = [&](const char* name) {
-      known = known || word == name;
+      recognised = recognised || word == name;
       return all || word == name;
     };
     if (named("roof")) {
@@ -128,7 +128,7 @@ Expectation parse_expectation(const std::string& words) {
       e.image_noise = 0.01;
       e.range_noise = 0.02;
     }
-    if (!known)
+    if (!recognised)
       throw unknown_word("expectation", word,
                          {"roof", "tilt", "shape", "colour", "sun", "light", "exposure", "noise", "paints:24",
                           "worst:4", "all", "none"});
@@ -136,13 +136,13 @@ Expectation parse_expectation(const std::string& words) {
   return e;
 }
 
-void require_judged(const Expectation& expectation) {
+void require_judged(const EotSettings& expectation) {
   if (expectation.worst > 0)
     throw InputError("expectation", fmt::format("worst:{}", expectation.worst), "is for mirage attack alone",
                      "leave it out: what is judged meets one draw for each vehicle");
 }
 
-void require_built(const Expectation& expectation) {
+void require_built(const EotSettings& expectation) {
   require_judged(expectation);
   const bool noise = expectation.image_noise > 0 || expectation.range_noise > 0;
   if (!expectation.any_in_frame() && !noise) return;
@@ -155,14 +155,14 @@ void require_built(const Expectation& expectation) {
                    "use some of shape, colour, paints, roof and tilt");
 }
 
-std::string text_of(const Expectation& value) {
+std::string text_of(const EotSettings& value) {
   return value.any() ? "some" : "none";
 }
 
-WorldDraw::WorldDraw(const Expectation& expectation, std::uint64_t seed, std::uint64_t draw)
+SampledEnvironment::SampledEnvironment(const EotSettings& expectation, std::uint64_t seed, std::uint64_t draw)
     : expectation_(expectation), seed_(seed), draw_(draw) {}
 
-Placement WorldDraw::placement(const Placement& known) const {
+Placement SampledEnvironment::placement(const Placement& as_recorded) const {
   RandomStream random(seed_, "expected roof", draw_);
   const double s = expectation_.roof_shift;
   const double up = random.normal() * s / 5, across = random.normal() * s, along = random.normal() * s;
@@ -173,15 +173,15 @@ Placement WorldDraw::placement(const Placement& known) const {
     pose = pose * Eigen::Translation3d(shift) * Eigen::AngleAxisd(turn, Vec3d::UnitZ()) *
            Eigen::AngleAxisd(pitch, Vec3d::UnitY()) * Eigen::AngleAxisd(roll, Vec3d::UnitX());
   };
-  Placement varied = known;
+  Placement varied = as_recorded;
   move(varied.velo_from_adversary);
   if (varied.support == Support::roof && varied.carrier) move(varied.carrier->velo_from_roof);
   return varied;
 }
 
-PreparedFrame WorldDraw::frame(const PreparedFrame& known) const {
+PreparedFrame SampledEnvironment::frame(const PreparedFrame& as_recorded) const {
   RandomStream random(seed_, "expected light", draw_);
-  PreparedFrame varied = known;
+  PreparedFrame varied = as_recorded;
   Lighting& light = varied.frame.lighting;
   const double angle = random.normal() * expectation_.sun, side = random.uniform(0, 2 * std::numbers::pi),
                sun = std::exp(random.normal() * expectation_.light),
@@ -196,22 +196,23 @@ PreparedFrame WorldDraw::frame(const PreparedFrame& known) const {
   return varied;
 }
 
-SimulationSettings WorldDraw::simulation(const SimulationSettings& known) const {
-  SimulationSettings varied = known;
-  varied.lidar_effects.range_sigma = std::hypot(known.lidar_effects.range_sigma, expectation_.range_noise);
+SimulationSettings SampledEnvironment::simulation(const SimulationSettings& as_recorded) const {
+  SimulationSettings varied = as_recorded;
+  varied.lidar_effects.range_sigma =
+      std::hypot(as_recorded.lidar_effects.range_sigma, expectation_.range_noise);
   varied.lidar_effects.seed = RandomStream(seed_, "expected returns", draw_).next_u32();
   varied.camera_effects.draw = RandomStream(seed_, "expected sensor noise", draw_).next_u32();
   return varied;
 }
 
-Vec3d WorldDraw::cast() const {
+Vec3d SampledEnvironment::cast() const {
   RandomStream random(seed_, "expected cast", draw_);
   Vec3d cast;
   for (double& channel : cast) channel = std::exp(random.normal() * expectation_.colour);
   return cast;
 }
 
-TexturedMesh WorldDraw::built(const TexturedMesh& designed) const {
+TexturedMesh SampledEnvironment::built(const TexturedMesh& designed) const {
   TexturedMesh built = designed;
   RandomStream random(seed_, "expected shape", draw_);
   const double each = expectation_.shape / std::sqrt(3.0);
@@ -225,7 +226,7 @@ TexturedMesh WorldDraw::built(const TexturedMesh& designed) const {
   return built;
 }
 
-void WorldDraw::built_vjp(const TexturedMesh& designed, AdversaryGradient& gradient) const {
+void SampledEnvironment::built_vjp(const TexturedMesh& designed, AdversaryGradient& gradient) const {
   if (!(expectation_.paints > 0) && !(expectation_.colour > 0)) return;
   std::vector<Vec3d> texels = designed.atlas.texels;
   std::vector<int> cluster;
@@ -241,15 +242,16 @@ void WorldDraw::built_vjp(const TexturedMesh& designed, AdversaryGradient& gradi
   if (!cluster.empty()) average(cluster, gradient.texels);
 }
 
-void WorldDraw::add_noise(ImageF& image) const {
+void SampledEnvironment::add_noise(ImageF& image) const {
   if (!(expectation_.image_noise > 0)) return;
   RandomStream random(seed_, "expected camera noise", draw_);
   for (float& value : image.data)
     value = std::clamp(value + static_cast<float>(random.normal() * expectation_.image_noise), 0.0f, 1.0f);
 }
 
-DrawnHost::DrawnHost(const WorldDraw* draw, const PreparedFrame& recorded, const Placement& placement,
-                     const TexturedMesh& designed, const SimulationSettings& simulation)
+SampledHost::SampledHost(const SampledEnvironment* draw, const PreparedFrame& recorded,
+                         const Placement& placement, const TexturedMesh& designed,
+                         const SimulationSettings& simulation)
     : draw_(draw),
       recorded_(recorded),
       designed_(designed),
@@ -259,15 +261,15 @@ DrawnHost::DrawnHost(const WorldDraw* draw, const PreparedFrame& recorded, const
   if (draw && draw->expectation().any_in_object()) built_ = draw->built(designed);
 }
 
-void DrawnHost::add_noise(ImageF& image) const {
+void SampledHost::add_noise(ImageF& image) const {
   if (draw_) draw_->add_noise(image);
 }
 
-bool DrawnHost::changes_picture() const {
+bool SampledHost::changes_picture() const {
   return draw_ && (draw_->expectation().exposure > 0 || draw_->expectation().image_noise > 0);
 }
 
-void DrawnHost::vjp(AdversaryGradient& gradient) const {
+void SampledHost::vjp(AdversaryGradient& gradient) const {
   if (built_) draw_->built_vjp(designed_, gradient);
 }
 

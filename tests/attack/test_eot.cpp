@@ -11,8 +11,8 @@
 
 #include "attack/attack.h"
 #include "attack/attack_step.h"
+#include "attack/eot.h"
 #include "attack/evaluation.h"
-#include "attack/expectation.h"
 #include "attack/objective.h"
 #include "attack/tiny_world.h"
 #include "base/error.h"
@@ -175,16 +175,16 @@ TEST(TopBackground, AnAttackLooksAtEachCleanFrameOnce) {
 
 using ::testing::HasSubstr;
 
-TEST(Expectation, WordsSwitchWhatVaries) {
+TEST(EotSettings, WordsSwitchWhatVaries) {
   EXPECT_FALSE(parse_expectation("none").any());
   EXPECT_FALSE(parse_expectation("").any());
-  const Expectation some = parse_expectation("sun,noise");
+  const EotSettings some = parse_expectation("sun,noise");
   EXPECT_GT(some.sun, 0);
   EXPECT_GT(some.image_noise, 0);
   EXPECT_GT(some.range_noise, 0);
   EXPECT_EQ(some.roof_shift, 0);
   EXPECT_EQ(some.exposure, 0);
-  const Expectation all = parse_expectation("all");
+  const EotSettings all = parse_expectation("all");
   for (const double spread : {all.roof_shift, all.roof_yaw, all.tilt, all.shape, all.colour, all.sun,
                               all.light, all.exposure, all.image_noise, all.range_noise})
     EXPECT_GT(spread, 0);
@@ -197,8 +197,8 @@ TEST(Expectation, WordsSwitchWhatVaries) {
               AllOf(HasSubstr("expectation: "), HasSubstr("moon")));
 }
 
-TEST(Expectation, TheWorstOfDrawsIsOfSomeThatVary) {
-  const Expectation e = parse_expectation("worst:4,shape:0.02");
+TEST(EotSettings, TheWorstOfDrawsIsOfSomeThatVary) {
+  const EotSettings e = parse_expectation("worst:4,shape:0.02");
   EXPECT_EQ(e.draws(), 4);
   EXPECT_EQ(e.shape, 0.02);
   EXPECT_EQ(parse_expectation("all").draws(), 1);
@@ -220,7 +220,7 @@ TEST(Expectation, TheWorstOfDrawsIsOfSomeThatVary) {
   EXPECT_EQ(numbers.size(), all);
 }
 
-TEST(Expectation, WhatIsValidatedIsTheBuiltObjectInTheRecordedWorld) {
+TEST(EotSettings, WhatIsValidatedIsTheBuiltObjectInTheRecordedWorld) {
   for (const char* good : {"none", "shape:0.02,colour", "roof,tilt"}) require_built(parse_expectation(good));
   for (const char* wrong : {"sun", "light", "exposure", "noise"})
     EXPECT_THAT(test::error_text<InputError>(
@@ -230,14 +230,14 @@ TEST(Expectation, WhatIsValidatedIsTheBuiltObjectInTheRecordedWorld) {
               HasSubstr("worst:2"));
 }
 
-TEST(Expectation, DrawsHaveTheStatedSpreadAndDependOnTheirIndexAlone) {
-  const Expectation e = parse_expectation("all");
+TEST(EotSettings, DrawsHaveTheStatedSpreadAndDependOnTheirIndexAlone) {
+  const EotSettings e = parse_expectation("all");
   Placement known;
   known.velo_from_adversary = Eigen::Translation3d(10, 2, -0.2) * Eigen::AngleAxisd(0.7, Vec3d::UnitZ());
   double along = 0, up = 0, yaw = 0;
   constexpr int kDraws = 4000;
   for (int i = 0; i < kDraws; ++i) {
-    const Placement drawn = WorldDraw(e, 5, static_cast<std::uint64_t>(i)).placement(known);
+    const Placement drawn = SampledEnvironment(e, 5, static_cast<std::uint64_t>(i)).placement(known);
     const Transform off = known.velo_from_adversary.inverse() * drawn.velo_from_adversary;
     along += std::pow(off.translation().x(), 2) / kDraws;
     up += std::pow(off.translation().z(), 2) / kDraws;
@@ -247,17 +247,18 @@ TEST(Expectation, DrawsHaveTheStatedSpreadAndDependOnTheirIndexAlone) {
   EXPECT_NEAR(std::sqrt(along) / e.roof_shift, 1, 0.05);
   EXPECT_NEAR(std::sqrt(up) / (e.roof_shift / 5), 1, 0.05);
   EXPECT_NEAR(std::sqrt(yaw) / e.roof_yaw, 1, 0.05);
-  const Placement one = WorldDraw(e, 5, 17).placement(known), same = WorldDraw(e, 5, 17).placement(known);
+  const Placement one = SampledEnvironment(e, 5, 17).placement(known),
+                  same = SampledEnvironment(e, 5, 17).placement(known);
   EXPECT_EQ(one.velo_from_adversary.matrix(), same.velo_from_adversary.matrix());
 }
 
-TEST(Expectation, TheBuiltObjectIsOffByTheStatedDistanceAndCast) {
+TEST(EotSettings, TheBuiltObjectIsOffByTheStatedDistanceAndCast) {
   const TexturedMesh designed = random_adversary(1);
-  const Expectation e = parse_expectation("shape:0.02,colour");
+  const EotSettings e = parse_expectation("shape:0.02,colour");
   double squares = 0, logs = 0;
   constexpr int kDraws = 400;
   for (int i = 0; i < kDraws; ++i) {
-    const TexturedMesh built = WorldDraw(e, 5, static_cast<std::uint64_t>(i)).built(designed);
+    const TexturedMesh built = SampledEnvironment(e, 5, static_cast<std::uint64_t>(i)).built(designed);
     for (std::size_t v = 0; v < built.mesh.vertices.size(); ++v)
       squares += (built.mesh.vertices[v] - designed.mesh.vertices[v]).squaredNorm() /
                  static_cast<double>(built.mesh.vertices.size()) / kDraws;
@@ -269,12 +270,12 @@ TEST(Expectation, TheBuiltObjectIsOffByTheStatedDistanceAndCast) {
   }
   EXPECT_NEAR(std::sqrt(squares), 0.02, 2e-4);
   EXPECT_NEAR(std::sqrt(logs), e.colour, 0.1 * e.colour);
-  const TexturedMesh same = WorldDraw(parse_expectation("roof,sun"), 5, 3).built(designed);
+  const TexturedMesh same = SampledEnvironment(parse_expectation("roof,sun"), 5, 3).built(designed);
   EXPECT_EQ(same.mesh.vertices, designed.mesh.vertices);
   EXPECT_EQ(same.atlas.texels, designed.atlas.texels);
 }
 
-TEST(Expectation, TheGradientOfTheBuiltObjectReachesItsDesign) {
+TEST(EotSettings, TheGradientOfTheBuiltObjectReachesItsDesign) {
   TexturedMesh designed = random_adversary(2);
   designed.mesh.vertices.resize(8);
   designed.atlas.texels.resize(12);
@@ -286,8 +287,8 @@ TEST(Expectation, TheGradientOfTheBuiltObjectReachesItsDesign) {
   for (std::size_t i = 0; i < x.size(); ++i) w.push_back(random.normal());
   long clipped = 0;
   for (std::uint64_t number = 0; number < 6; ++number) {
-    const WorldDraw draw(parse_expectation(number % 2 ? "shape:0.02,colour" : "shape:0.02,colour,paints:24"),
-                         7, number);
+    const SampledEnvironment draw(
+        parse_expectation(number % 2 ? "shape:0.02,colour" : "shape:0.02,colour,paints:24"), 7, number);
     const auto built = [&](const std::vector<double>& at) {
       TexturedMesh mesh = designed;
       std::size_t i = 0;
@@ -322,10 +323,10 @@ TEST(Expectation, TheGradientOfTheBuiltObjectReachesItsDesign) {
   EXPECT_GT(clipped, 0);
 }
 
-TEST(Expectation, AnObjectOfFewPaintsIsNearTheDesign) {
+TEST(EotSettings, AnObjectOfFewPaintsIsNearTheDesign) {
   const TexturedMesh designed = random_adversary(1);
   const std::vector<Vec3d>& before = designed.atlas.texels;
-  const WorldDraw draw(parse_expectation("paints:24"), 5, 1);
+  const SampledEnvironment draw(parse_expectation("paints:24"), 5, 1);
   const std::vector<Vec3d> painted = draw.built(designed).atlas.texels;
   std::set<std::array<double, 3>> paints;
   Vec3d sum = Vec3d::Zero();
@@ -343,10 +344,11 @@ TEST(Expectation, AnObjectOfFewPaintsIsNearTheDesign) {
   EXPECT_LT(sum.norm(), 1e-8);
   EXPECT_LT(squares, spread / 4);
   EXPECT_EQ(draw.built(designed).atlas.texels, painted);
-  EXPECT_EQ(WorldDraw(draw.expectation(), 9, 4).built(designed).atlas.texels, painted);  // no draw is in it
+  EXPECT_EQ(SampledEnvironment(draw.expectation(), 9, 4).built(designed).atlas.texels,
+            painted);  // no draw is in it
 }
 
-TEST(Expectation, EveryObjectOnAVehicleMeetsTheSameDraw) {
+TEST(EotSettings, EveryObjectOnAVehicleMeetsTheSameDraw) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 2);
   AttackSettings settings = test::tiny_attack();
@@ -382,7 +384,7 @@ TEST(Expectation, EveryObjectOnAVehicleMeetsTheSameDraw) {
   }
 }
 
-TEST(Expectation, AnswersOfAnotherLightAreNotTakenFromTheCache) {
+TEST(EotSettings, AnswersOfAnotherLightAreNotTakenFromTheCache) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 1);
   AttackSettings settings = test::tiny_attack();
@@ -408,14 +410,14 @@ TEST(Expectation, AnswersOfAnotherLightAreNotTakenFromTheCache) {
   EXPECT_NE(plain, visible);
 }
 
-TEST(Expectation, LightTurnsBrightensAndStaysAboveTheGround) {
+TEST(EotSettings, LightTurnsBrightensAndStaysAboveTheGround) {
   PreparedFrame known;
   known.frame.image = ImageF(4, 3, 3, 0.6f);
   known.frame.lighting.to_sun_velo = Vec3d(0.9, 0, 0.15).normalized();
-  const Expectation e = parse_expectation("sun,light,exposure");
+  const EotSettings e = parse_expectation("sun,light,exposure");
   double angle = 0;
   for (int i = 0; i < 200; ++i) {
-    const PreparedFrame drawn = WorldDraw(e, 9, static_cast<std::uint64_t>(i)).frame(known);
+    const PreparedFrame drawn = SampledEnvironment(e, 9, static_cast<std::uint64_t>(i)).frame(known);
     const Lighting& light = drawn.frame.lighting;
     EXPECT_NEAR(light.to_sun_velo.norm(), 1, 1e-12);
     EXPECT_GE(std::asin(light.to_sun_velo.z()), 3 * std::numbers::pi / 180 - 1e-9);
@@ -427,12 +429,13 @@ TEST(Expectation, LightTurnsBrightensAndStaysAboveTheGround) {
     EXPECT_LE(drawn.frame.image.data[0], 1.0f);
   }
   EXPECT_GT(angle, 0.1);
-  EXPECT_EQ(WorldDraw(parse_expectation("roof"), 9, 1).frame(known).frame.image.data, known.frame.image.data);
+  EXPECT_EQ(SampledEnvironment(parse_expectation("roof"), 9, 1).frame(known).frame.image.data,
+            known.frame.image.data);
 }
 
-TEST(Expectation, CameraNoiseStaysInRange) {
+TEST(EotSettings, CameraNoiseStaysInRange) {
   ImageF image(60, 40, 3, 0.5f);
-  WorldDraw(parse_expectation("noise"), 2, 3).add_noise(image);
+  SampledEnvironment(parse_expectation("noise"), 2, 3).add_noise(image);
   double sum = 0, squares = 0;
   for (const float value : image.data) {
     ASSERT_TRUE(value >= 0 && value <= 1);

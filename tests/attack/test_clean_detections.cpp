@@ -6,7 +6,7 @@
 #include <numbers>
 
 #include "attack/attack.h"
-#include "attack/clean_sights.h"
+#include "attack/clean_detections.h"
 #include "attack/tiny_world.h"
 #include "base/error.h"
 #include "base/files.h"
@@ -73,18 +73,18 @@ class Street : public test::StandInDetector {
 class CleanSightsTest : public testing::Test {
  protected:
   CleanSightsTest() { write_street(folder_ / "data"); }
-  FoundClean look(Street::Change change, int most = 100) {
+  CleanPerformance look(Street::Change change, int most = 100) {
     DetectorPool pool;
     pool.push_back(std::make_unique<Street>(std::move(change), most));
     FrameStore store(FrameSource{folder_ / "data", "ip-basic", "box"});
     std::vector<Host> hosts;
     for (int i = 0; i < kFrames; ++i)
       for (int label : {0, 1}) hosts.push_back({{"00000" + std::to_string(i), label}, {}});
-    CleanSights sights;
-    const FoundClean found = find_clean(pool, store, hosts, {}, sights, true);
+    CleanDetectionCache sights;
+    const CleanPerformance found = measure_clean_performance(pool, store, hosts, {}, sights, true);
     refusal_.clear();
     try {
-      require_found(found, *pool.front());
+      require_detections(found, *pool.front());
     } catch (const InputError& error) {
       refusal_ = error.what();
     }
@@ -92,7 +92,7 @@ class CleanSightsTest : public testing::Test {
   }
   /// What is said of boxes that were changed so, which find nothing.
   std::string refusal(const std::function<void(BevBox&)>& change) {
-    const FoundClean found = look([&](Detection proposal) {
+    const CleanPerformance found = look([&](Detection proposal) {
       change(proposal.box.bev);
       return proposal;
     });
@@ -105,7 +105,7 @@ class CleanSightsTest : public testing::Test {
 };
 
 TEST_F(CleanSightsTest, EveryVehicleFoundIsCounted) {
-  const FoundClean found = look({});
+  const CleanPerformance found = look({});
   EXPECT_EQ(found.found, 6);
   EXPECT_EQ(found.vehicles, 6);
   EXPECT_EQ(found.frames, 3);
@@ -156,7 +156,7 @@ TEST_F(CleanSightsTest, ScoresAndNumbersOfBoxesAreLookedAt) {
   EXPECT_THAT(refusal_, AllOf(HasSubstr("6 of 6 would be found at scores over 0.02"), HasSubstr("0.12")));
   with_logit(-9);
   EXPECT_THAT(refusal_, AllOf(HasSubstr("gives no box with a score over 0.02"), HasSubstr("top-k")));
-  const FoundClean one = look(
+  const CleanPerformance one = look(
       [](Detection proposal) {
         proposal.box.bev = {60, 30, 4, 2, 0};
         return proposal;
@@ -167,19 +167,20 @@ TEST_F(CleanSightsTest, ScoresAndNumbersOfBoxesAreLookedAt) {
 }
 
 TEST_F(CleanSightsTest, FewFoundAreToldApartFromNone) {
-  FoundClean few;
+  CleanPerformance few;
   few.vehicles = 100, few.found = 9;
   const Street detector;
-  EXPECT_NO_THROW(require_found(few, detector));
+  EXPECT_NO_THROW(require_detections(few, detector));
   few.found = 0;
-  EXPECT_THAT(error_text<InputError>([&] { require_found(few, detector); }), HasSubstr("none of the 100"));
+  EXPECT_THAT(error_text<InputError>([&] { require_detections(few, detector); }),
+              HasSubstr("none of the 100"));
 }
 
 TEST_F(CleanSightsTest, WhatWasSeenIsForgottenWhenTheWeightsChange) {
   Street detector;
   FrameStore store(FrameSource{folder_ / "data", "ip-basic", "box"});
   const auto prepared = store.get("000000");
-  CleanSights sights;
+  CleanDetectionCache sights;
   EXPECT_EQ(sights.of(*prepared, detector).size(), 2u);
   sights.of(*prepared, detector);
   sights.all_of(*prepared, detector);

@@ -17,11 +17,12 @@ namespace mirage {
 
 /// Detections of frames as recorded, kept in memory as long as the network's weights are the same, and on
 /// disk where it is told what detector they are of. Several threads may ask.
-class CleanSights {
+class CleanDetectionCache {
  public:
-  CleanSights() = default;
+  CleanDetectionCache() = default;
   /// `identity`: detector_identity(); empty: nothing is kept on disk. `store` outlives this.
-  CleanSights(FrameStore& store, std::string identity) : store_(&store), identity_(std::move(identity)) {}
+  CleanDetectionCache(FrameStore& store, std::string identity)
+      : store_(&store), identity_(std::move(identity)) {}
   /// The frame's detections at the score of an evaluation.
   std::vector<Detection> of(const PreparedFrame& prepared, Detector& detector);
   /// Down to the score that AP looks at (kScoreThresholdForAp); the detector is asked once for each frame.
@@ -49,7 +50,7 @@ struct CleanFrame {
 };
 
 /// How many of the vehicles a detector finds as recorded.
-struct FoundClean {
+struct CleanPerformance {
   int found = 0, vehicles = 0, frames = 0;
   bool of_objects = false;    ///< Victim::object: not vehicles, but plain objects where one is to stand
   double ap50 = 0, ap70 = 0;  ///< over the frames' vehicles, by Mirage's rules (average_precision.h)
@@ -62,21 +63,23 @@ struct FoundClean {
 /// What looks like a mistake in the detector's boxes is told in `hints`: with too few found each known
 /// mistake is undone (degrees, sides swapped, other axes, …), and what then finds more is named with its
 /// number.
-FoundClean judge_clean(const std::vector<CleanFrame>& frames, Matching matching);
+CleanPerformance clean_performance(const std::vector<CleanFrame>& frames, Matching matching);
 /// Looks at every frame of `hosts`. With Victim::object: whether a plain object (plain_object()) is reported
-/// at some of them, spread evenly; `sights` are not asked.
-FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
-                      const SimulationSettings& simulation, CleanSights& sights, bool quiet);
+/// at some of them, spread evenly; `clean_cache` is not used.
+CleanPerformance measure_clean_performance(const DetectorPool& detectors, FrameStore& store,
+                                           const std::vector<Host>& hosts,
+                                           const SimulationSettings& simulation,
+                                           CleanDetectionCache& clean_cache, bool quiet);
 
 /// "finds 83 of 112 vehicles (AP 0.7 59.0 %)", "reports a plain object at 31 of 48 places"
-std::string describe(const FoundClean& found);
+std::string describe(const CleanPerformance& found);
 /// {found, vehicles, frames, ap50, ap70, hints}
-nlohmann::json to_json(const FoundClean& found);
+nlohmann::json to_json(const CleanPerformance& found);
 
 /// Fewer than this share found: a warning. Of rates over so few vehicles nothing follows.
 inline constexpr double kFewFound = 0.1;
 /// InputError naming the detector, with the hints, if it finds no vehicle; a warning where it finds few, or
 /// where its logits look like none.
-void require_found(const FoundClean& found, const Detector& detector);
+void require_detections(const CleanPerformance& found, const Detector& detector);
 
 }  // namespace mirage

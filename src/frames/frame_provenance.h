@@ -27,7 +27,8 @@ void add_data(Provenance& provenance, const std::filesystem::path& data, std::sp
 void add_frames(Provenance& provenance, const FrameSource& source, std::span<const std::string> ids);
 /// The frames of these hosts.
 void add_frames(Provenance& provenance, const FrameSource& source, std::span<const HostId> hosts);
-/// The detector's options, plugin and weights, and those of its witnesses. Errors as weights_file's.
+/// The detector's options, plugin and weights, and those of its auxiliary detectors. Errors as
+/// weights_file's.
 void add_detector(Provenance& provenance, const DetectorOptions& options);
 
 }  // namespace mirage

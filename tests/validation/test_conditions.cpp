@@ -52,10 +52,10 @@ struct Stage {
       sum += std::abs(image.data[i] - prepared.frame.image.data[i]);
     return sum / attacked.adversary_pixels;
   }
-  VehicleResult result(const LookAt& look, int label) const {
+  VehicleResult result(const ViewEvaluator& look, int label) const {
     VehicleResult vehicle = seen_vehicle("00000" + std::to_string(label), label);
     vehicle.seen->raster = vehicle.seen->cycles = answer(0.5, true, 0);
-    vehicle.seen->arms = look_at_arms(scene, attacked, attacked, {&full.image}, look);
+    vehicle.seen->conditions = evaluate_conditions(scene, attacked, attacked, {&full.image}, look);
     return vehicle;
   }
 };
@@ -76,19 +76,20 @@ TEST(Arms, SevenArmsAndThreeControlsEachOfItsOwn) {
   const Stage stage;
   ASSERT_GT(stage.attacked.adversary_points, 50);
   std::vector<std::pair<ImageF, Sweep>> views;
-  const ArmsResult result = look_at_arms(stage.scene, stage.attacked, stage.attacked, {&stage.full.image},
-                                         [&](const Pictures& pictures, const Sweep& sweep) {
-                                           views.emplace_back(stage.shown(pictures), sweep);
-                                           return answer(0.5, false, 0);
-                                         });
-  ASSERT_EQ(result.arms.size(), 7u);
+  const VerdictResults result =
+      evaluate_conditions(stage.scene, stage.attacked, stage.attacked, {&stage.full.image},
+                          [&](const Pictures& pictures, const Sweep& sweep) {
+                            views.emplace_back(stage.shown(pictures), sweep);
+                            return answer(0.5, false, 0);
+                          });
+  ASSERT_EQ(result.conditions.size(), 7u);
   ASSERT_EQ(result.controls.size(), 3u);
-  EXPECT_EQ(result.arms[0].arm.light, ArmLight::learned);
-  EXPECT_EQ(result.arms[0].arm.returns, ArmReturns::learned);
-  EXPECT_EQ(result.arms[1].arm.light, ArmLight::raster);
-  EXPECT_EQ(result.arms[1].arm.returns, ArmReturns::ideal);
-  EXPECT_EQ(result.arms[6].arm.light, ArmLight::cycles);
-  EXPECT_EQ(result.arms[6].arm.returns, ArmReturns::realistic);
+  EXPECT_EQ(result.conditions[0].condition.light, ConditionLight::learned);
+  EXPECT_EQ(result.conditions[0].condition.returns, ConditionReturns::learned);
+  EXPECT_EQ(result.conditions[1].condition.light, ConditionLight::raster);
+  EXPECT_EQ(result.conditions[1].condition.returns, ConditionReturns::ideal);
+  EXPECT_EQ(result.conditions[6].condition.light, ConditionLight::cycles);
+  EXPECT_EQ(result.conditions[6].condition.returns, ConditionReturns::realistic);
   EXPECT_EQ(views[0].first.data, stage.attacked.image.data);
   views.erase(views.begin());  // a plain run's is raster x ideal
   // Pictures go by light, sweeps by returns.
@@ -121,11 +122,11 @@ TEST(Arms, TheFirstIsAsTheRunLearnedIt) {
   own.camera_effects.blur_sigma = 0.8;
   const Simulated learned = simulate_host(stage.scene, own);
   std::vector<std::pair<ImageF, Sweep>> views;
-  look_at_arms(stage.scene, stage.attacked, learned, {&stage.full.image},
-               [&](const Pictures& pictures, const Sweep& sweep) {
-                 views.emplace_back(stage.shown(pictures), sweep);
-                 return answer(0.5, false, 0);
-               });
+  evaluate_conditions(stage.scene, stage.attacked, learned, {&stage.full.image},
+                      [&](const Pictures& pictures, const Sweep& sweep) {
+                        views.emplace_back(stage.shown(pictures), sweep);
+                        return answer(0.5, false, 0);
+                      });
   EXPECT_EQ(views[0].first.data, learned.image.data);
   EXPECT_EQ(views[0].second.size(), learned.sweep.size());
   EXPECT_NE(views[0].first.data, stage.attacked.image.data);
@@ -160,16 +161,16 @@ TEST(Arms, AVerdictOnADetectorThatNeverLooksIsVacuous) {
   EXPECT_EQ(written.at("arms")[0].at("vehicles"), 1);
   EXPECT_EQ(written.at("arms")[6].at("light"), "cycles");
   EXPECT_EQ(written.at("arms")[6].at("returns"), "realistic");
-  EXPECT_EQ(result.all.arms.at(5).vehicles, 3);
-  const auto& arm = result.judged().arms.at(5);
-  EXPECT_EQ(arm.asr.value, 1);
-  EXPECT_EQ(arm.difference->value, 0);
+  EXPECT_EQ(result.all.conditions.at(5).vehicles, 3);
+  const auto& condition = result.judged().conditions.at(5);
+  EXPECT_EQ(condition.asr.value, 1);
+  EXPECT_EQ(condition.difference->value, 0);
   EXPECT_EQ(written.at("arms")[5].at("told"), "cannot be told");  // of one vehicle
   EXPECT_FALSE(written.at("arms")[0].contains("difference"));     // with itself
-  EXPECT_EQ(result.nearest_to_reality(true)->look.light, ArmLight::cycles);
-  EXPECT_EQ(result.nearest_to_reality(false)->look.light, ArmLight::raster);
+  EXPECT_EQ(result.nearest_to_reality(true)->key.light, ConditionLight::cycles);
+  EXPECT_EQ(result.nearest_to_reality(false)->key.light, ConditionLight::raster);
   const auto& unmet = result.controls.at(2);
-  EXPECT_EQ(unmet.look.control, "no returns");
+  EXPECT_EQ(unmet.key.control, "no returns");
   EXPECT_EQ(written.at("controls").at(2).at("control"), "no returns");
   EXPECT_EQ(unmet.flips, 3);
   EXPECT_EQ(unmet.difference->value, -1);
@@ -183,7 +184,7 @@ TEST(Arms, AVerdictOnOneThatLooksIsNot) {
   EXPECT_EQ(result.vacuous(Channel::image), false);
   EXPECT_EQ(result.vacuous(Channel::lidar), true);
   const auto& unseen = result.controls.at(1);
-  EXPECT_EQ(unseen.look.control, "photograph");
+  EXPECT_EQ(unseen.key.control, "photograph");
   EXPECT_EQ(unseen.flips, 3);
   EXPECT_EQ(unseen.asr.value, 0);
 }
@@ -192,8 +193,9 @@ TEST(Arms, EitherAFlipOrALogitIsEnoughAndNothingIsNothing) {
   const auto verdict_with = [&](const OutcomeResult& control) {
     VehicleResult vehicle = seen_vehicle("a", 0);
     vehicle.seen->raster = vehicle.seen->cycles = answer(0.5, false, 0);
-    vehicle.seen->arms = ArmsResult{{{{ArmLight::raster, ArmReturns::ideal}, answer(0.5, false, 0)}},
-                                    {{{Channel::image, "noise"}, control}}};
+    vehicle.seen->conditions =
+        VerdictResults{{{{ConditionLight::raster, ConditionReturns::ideal}, answer(0.5, false, 0)}},
+                       {{{Channel::image, "noise"}, control}}};
     return verdict({vehicle}, {});
   };
   EXPECT_EQ(verdict_with(answer(0.5, false, 0.49)).vacuous(Channel::image), true);

@@ -1,4 +1,4 @@
-#include "frames/made_of.h"
+#include "frames/frame_provenance.h"
 
 #include <vector>
 
@@ -53,9 +53,9 @@ std::string detector_identity(const DetectorOptions& options, const std::string&
 void add_data(Provenance& provenance, const fs::path& data, std::span<const std::string> ids,
               Cameras cameras) {
   provenance.input("data", frames_hash(data, ids, cameras));
-  provenance.tell("data", written_path(data, ""));
-  provenance.tell("data_hash", provenance.input("data"));
-  provenance.tell("frames", ids.size());
+  provenance.record("data", written_path(data, ""));
+  provenance.record("data_hash", provenance.input("data"));
+  provenance.record("frames", ids.size());
 }
 
 void add_frames(Provenance& provenance, const FrameSource& source, std::span<const HostId> hosts) {
@@ -94,10 +94,10 @@ void add_detector(Provenance& provenance, const DetectorOptions& options) {
     provenance.file("plugin", plugin_file(options));
     weights = weights_file(options);
     provenance.input("weights", options.fresh ? "" : weights_hash(options));
-    for (const DetectorOptions& witness : witnesses(options)) {
+    for (const DetectorOptions& auxiliary : auxiliary_detectors(options)) {
       Provenance its;
-      add_detector(its, witness);
-      provenance.input("witness_" + witness.detector, its.identity());
+      add_detector(its, auxiliary);
+      provenance.input("witness_" + auxiliary.detector, its.identity());
     }
   }
   for (const std::string& word : read_defense(options.defense).around)
@@ -105,10 +105,10 @@ void add_detector(Provenance& provenance, const DetectorOptions& options) {
       provenance.input(
           "detector_rig",
           lidar_identity(read_lidar_model(shipped_file("scenes/rigs/" + options.rig + ".toml"))));
-  provenance.tell("detector", escape_name(options.detector));
-  provenance.tell("weights", weights.empty() ? "" : written_path(weights, ""));
-  provenance.tell("weights_hash", provenance.input("weights"));
-  provenance.tell("defense", options.defense);
+  provenance.record("detector", escape_name(options.detector));
+  provenance.record("weights", weights.empty() ? "" : written_path(weights, ""));
+  provenance.record("weights_hash", provenance.input("weights"));
+  provenance.record("defense", options.defense);
 }
 
 }  // namespace mirage

@@ -14,9 +14,9 @@ namespace fs = std::filesystem;
 
 constexpr const char* kAbout = "labels.json";
 
-class GivenLabels : public DataSet {
+class SeparateLabels : public DataSet {
  public:
-  GivenLabels(fs::path data, std::shared_ptr<const DataSet> set)
+  SeparateLabels(fs::path data, std::shared_ptr<const DataSet> set)
       : DataSet(std::move(data)), set_(std::move(set)) {}
 
   const char* layout() const override { return set_->layout(); }
@@ -28,7 +28,7 @@ class GivenLabels : public DataSet {
   std::vector<SideCamera> others(const std::string& id) const override { return set_->others(id); }
   std::shared_ptr<const DataSet> with_all_cameras() const override {
     auto whole = set_->with_all_cameras();
-    return whole ? std::make_shared<GivenLabels>(data(), std::move(whole)) : nullptr;
+    return whole ? std::make_shared<SeparateLabels>(data(), std::move(whole)) : nullptr;
   }
   Sweep sweep(const std::string& id) const override { return set_->sweep(id); }
   std::optional<Lighting> lighting(const std::string& id) const override { return set_->lighting(id); }
@@ -45,16 +45,16 @@ class GivenLabels : public DataSet {
   }
 
   Annotations annotations(const std::string& id, int width, int height) const override {
-    Annotations known = set_->annotations(id, width, height);
-    if (known.labelled || !fs::exists(labels_file(id))) return known;
-    known.labels = read_labels(labels_file(id), known.calibration, &known.notes);
-    known.labelled = true;
-    return known;
+    Annotations result = set_->annotations(id, width, height);
+    if (result.labelled || !fs::exists(labels_file(id))) return result;
+    result.labels = read_labels(labels_file(id), result.calibration, &result.notes);
+    result.labelled = true;
+    return result;
   }
 
   std::string annotations_hash(const std::string& id) const override {
     std::string hashes = set_->annotations_hash(id);
-    if (fs::exists(labels_file(id))) hashes += file_hash(labels_file(id), kLargestFile);
+    if (fs::exists(labels_file(id))) hashes += file_hash(labels_file(id), kMaxFileBytes);
     return hashes;
   }
 
@@ -71,19 +71,19 @@ class GivenLabels : public DataSet {
 
 }  // namespace
 
-std::shared_ptr<const DataSet> open_given_labels(const fs::path& data) {
+std::shared_ptr<const DataSet> open_separate_labels(const fs::path& data) {
   std::error_code error;
   const fs::path about = data / kAbout;
   if (!fs::is_regular_file(about, error)) return nullptr;
-  const nlohmann::json json = read_json(about, kLargestRecord);
+  const nlohmann::json json = read_json(about, kMaxRecordBytes);
   const fs::path set = JsonFields(about, json, "make the labels again").text("data");
   if (!fs::is_directory(set, error) || fs::exists(set / kAbout, error))
     throw InputError(about.string(), "data", set.string() + " is no folder of a data set",
                      "write down where the data set lies now");
-  return std::make_shared<GivenLabels>(data, open_data_set(set));
+  return std::make_shared<SeparateLabels>(data, open_data_set(set));
 }
 
-void write_given_labels(const fs::path& folder, const fs::path& data, nlohmann::json about) {
+void write_separate_labels(const fs::path& folder, const fs::path& data, nlohmann::json about) {
   about["data"] = fs::absolute(data).lexically_normal().string();
   for (const char* name : {"dataset.json", "rig.toml"})
     if (fs::exists(data / name)) write_file(folder / name, read_file(data / name));
