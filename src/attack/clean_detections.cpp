@@ -255,7 +255,7 @@ bool finds(std::span<const Detection> proposals, const HostTruth& truth) {
 }
 
 bool reports(std::span<const Detection> proposals, const HostTruth& truth) {
-  return any_over(proposals, truth, kHidingRules.front().iou);
+  return any_over(proposals, truth, kMissCriteria.front().iou);
 }
 
 std::vector<Detection> CleanDetectionCache::of(const PreparedFrame& prepared, Detector& detector) {

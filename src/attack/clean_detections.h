@@ -38,7 +38,7 @@ class CleanDetectionCache {
 
 /// Whether any of them finds the host at the score and the IoU of an evaluation (EvaluationSettings).
 bool finds(std::span<const Detection> proposals, const HostTruth& truth);
-/// The same of any box that stands there: by the rule "vanished" (kHidingRules).
+/// The same of any box that stands there: by the rule "vanished" (kMissCriteria).
 bool reports(std::span<const Detection> proposals, const HostTruth& truth);
 
 /// What a detector says of one frame as recorded, and the vehicles there that count.

@@ -22,8 +22,8 @@ struct Pair {
   const HostOutcome* second;
 };
 
-const HidingRule& vanished() {
-  return kHidingRules[0];
+const MissCriterion& vanished() {
+  return kMissCriteria[0];
 }
 
 std::vector<Pair> pairs_of(std::span<const HostOutcome> first, std::span<const HostOutcome> second) {

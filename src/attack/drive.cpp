@@ -193,7 +193,7 @@ Vec3d ego_velocity(const std::vector<SceneFrame>& frames, std::size_t i) {
 void set_observations(DriveVersion version, const DriveScene& scene, const TrackedVehicle& followed,
                       const SceneDetections& scene_detections, const Tracks& tracks, int birth,
                       VehicleDrive& vehicle) {
-  const HidingRule& rule = kHidingRules.front();
+  const MissCriterion& rule = kMissCriteria.front();
   std::set<int> phantoms;
   std::map<int, int> hits;  // of tracks on the vehicle, since it carries the object
   for (std::size_t i = 0; i < followed.frames.size(); ++i) {

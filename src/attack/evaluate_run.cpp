@@ -82,11 +82,11 @@ void check_labels(const FrameSource& source, const std::vector<std::string>& fra
 }
 
 /// Complains about what --hosts-of leaves no choice in.
-void check_hosts_of(const EvaluationRequest& request, const Run& stage) {
+void check_hosts_of(const EvaluationRequest& request, const Run& target_run) {
   const auto data = request.overrides.find("data");
-  if (data != request.overrides.end() && is_other_data(stage, data->second))
+  if (data != request.overrides.end() && is_other_data(target_run, data->second))
     throw FieldError("data", data->second,
-                     "is not the data set of --hosts-of's run (" + stage.settings.data.string() + ")",
+                     "is not the data set of --hosts-of's run (" + target_run.settings.data.string() + ")",
                      "leave --data out");
   if (!request.hosts.empty() && request.hosts != "test")
     throw FieldError("hosts", request.hosts, "contradicts --hosts-of, which takes the run's test hosts",
@@ -144,7 +144,7 @@ Vec3d extents(const TexturedMesh& mesh) {
 
 /// What all meshes of an evaluation share, and how one fared.
 nlohmann::json arm_json(const RunEvaluation& all, const std::string& name, const Evaluation& of,
-                        const Vec3d& size, const NetSuccess* net) {
+                        const Vec3d& size, const GainOverControl* net) {
   auto seeds = nlohmann::json::array();
   for (int i = 0; i < of.meshes; ++i) seeds.push_back(all.run.settings.seed + static_cast<std::uint64_t>(i));
   nlohmann::json entry = {{"name", name},
@@ -182,39 +182,40 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.objects = read_objects(request.meshes);
   result.run = of_run ? read_run(request.run, request.trust) : run_of_objects(result.objects);
   result.hosts_of = request.hosts_of;
-  result.stage = request.hosts_of.empty() ? result.run : read_run(request.hosts_of, request.trust);
-  Run& stage = result.stage;
-  if (!request.hosts_of.empty()) check_hosts_of(request, stage);
+  result.target_run = request.hosts_of.empty() ? result.run : read_run(request.hosts_of, request.trust);
+  Run& target_run = result.target_run;
+  if (!request.hosts_of.empty()) check_hosts_of(request, target_run);
   const auto data = request.overrides.find("data");
-  const bool whole_data = data != request.overrides.end() && is_other_data(stage, data->second);
-  override_settings(stage, request.overrides, request.detector.seed, true);
+  const bool whole_data = data != request.overrides.end() && is_other_data(target_run, data->second);
+  override_settings(target_run, request.overrides, request.detector.seed, true);
   result.detector = request.detector;
-  use_detector_of(stage, result.detector);
-  result.detector = for_data(result.detector, stage.settings);
+  use_detector_of(target_run, result.detector);
+  result.detector = for_data(result.detector, target_run.settings);
   result.detector.precision = usable_precision(result.detector.precision);
-  result.store = std::make_unique<FrameStore>(stage.settings);
+  result.store = std::make_unique<FrameStore>(target_run.settings);
 
   if (whole_data) {  // all its usable vehicles are unseen ones
-    const std::vector<std::string> frames = list_frames(stage.settings.data);
-    check_labels(stage.settings, frames);
+    const std::vector<std::string> frames = list_frames(target_run.settings.data);
+    check_labels(target_run.settings, frames);
     result.detectors = load_detector_pool(result.detector, static_cast<int>(frames.size()));
-    result.hosts =
-        host_ids(find_all_hosts(*result.store, frames, result.detectors.front()->region(),
-                                stage.settings.simulation, stage.settings.min_view, true, &result.left_out));
+    result.hosts = host_ids(find_all_hosts(*result.store, frames, result.detectors.front()->region(),
+                                           target_run.settings.simulation, target_run.settings.min_view, true,
+                                           &result.left_out));
   } else {
-    result.hosts = hosts_of_split(stage, request.hosts);
-    check_labels(stage.settings, host_frames(result.hosts));
+    result.hosts = hosts_of_split(target_run, request.hosts);
+    check_labels(target_run.settings, host_frames(result.hosts));
     if (request.overrides.contains("placement")) result.left_out = leave_out(*result.store, result.hosts);
   }
-  if (result.hosts.empty()) refuse_left_out(stage.settings.placement, result.left_out);
+  if (result.hosts.empty()) refuse_left_out(target_run.settings.placement, result.left_out);
   if (result.hosts.empty() && whole_data)
-    throw InputError(stage.settings.data.string(), "labels", "no vehicle has the object in view",
+    throw InputError(target_run.settings.data.string(), "labels", "no vehicle has the object in view",
                      "give more frames or lower --min-view");
   if (result.hosts.empty())
-    throw InputError((stage.folder / "run.json").string(), request.hosts.empty() ? "test" : request.hosts,
-                     "has no host vehicles", "use --hosts all or a larger data set");
-  if (rank() == 0) warn_of_left_out(stage.settings.placement, result.left_out);
-  result.trained_on = count_trained_on(result.run, stage.settings.data, result.hosts);
+    throw InputError((target_run.folder / "run.json").string(),
+                     request.hosts.empty() ? "test" : request.hosts, "has no host vehicles",
+                     "use --hosts all or a larger data set");
+  if (rank() == 0) warn_of_left_out(target_run.settings.placement, result.left_out);
+  result.trained_on = count_trained_on(result.run, target_run.settings.data, result.hosts);
   if (!request.hosts_of.empty() && result.trained_on > 0)
     spdlog::warn("{} of the {} hosts stand in frames that the adversary was trained on", result.trained_on,
                  result.hosts.size());
@@ -222,7 +223,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.settings = request.settings;
   result.settings.reports_outcomes = rank() == 0;
   if (result.settings.reports_outcomes)
-    result.settings.kinds = vehicle_kinds(stage.settings.data, result.hosts);
+    result.settings.kinds = vehicle_kinds(target_run.settings.data, result.hosts);
   if (result.detectors.empty())
     result.detectors = load_detector_pool(result.detector, static_cast<int>(result.hosts.size()));
   const Capabilities can = result.detectors.front()->capabilities();
@@ -232,21 +233,21 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
     spdlog::info("every pass of the detector is over the whole frame: {}", can.why_whole);
   require_shared(result.store->cache(), "evaluate", result.settings.detector_identity);
   CleanDetections seen;
-  result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, stage.settings,
+  result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, target_run.settings,
                                     result.settings.quiet, &seen);
   CleanDetections clean;
-  if (stage.settings.placement.victim != Victim::object)  // its clean frames have a plain object in them
+  if (target_run.settings.placement.victim != Victim::object)  // its clean frames have a plain object in them
     clean = clean_detections(result.detectors, *result.store, result.hosts, result.settings, seen);
   const auto judged = [&](std::span<const TexturedMesh> meshes) {
-    return evaluate(result.detectors, *result.store, result.hosts, clean, meshes, stage.settings.simulation,
-                    result.settings);
+    return evaluate(result.detectors, *result.store, result.hosts, clean, meshes,
+                    target_run.settings.simulation, result.settings);
   };
   std::vector<TexturedMesh> meshes;
   for (const NamedObject& object : result.objects) meshes.push_back(object.mesh);
   if (of_run) meshes.push_back(result.run.adversary);
   const bool reports_outcomes = result.settings.reports_outcomes;
   for (std::size_t i = 0; i < meshes.size() && reports_outcomes; ++i)
-    warn_of_volume(stage.settings.placement, extents(meshes[i]),
+    warn_of_volume(target_run.settings.placement, extents(meshes[i]),
                    of_run ? "the run's mesh" : escape_name(result.objects[i].name));
   result.learned = judged(meshes);
   for (std::size_t mesh = 0; mesh < result.objects.size() && reports_outcomes; ++mesh)
@@ -261,7 +262,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
     if (!reports_outcomes) continue;
     result.baselines.push_back({kind, std::move(of), {}, extents(controls.front())});
     BaselineEvaluation& entry = result.baselines.back();
-    entry.net = net_success(result.learned.hosts, entry.evaluation.hosts);
+    entry.net = gain_over_control(result.learned.hosts, entry.evaluation.hosts);
   }
   return result;
 }
@@ -286,26 +287,26 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
   for (const BaselineEvaluation& entry : evaluation.baselines) {
     arms.push_back(arm_json(evaluation, to_word(entry.kind), entry.evaluation, entry.extents, &entry.net));
     if (!grown.empty())
-      arms.back()["grown"]["net"] = fields_json(net_success(grown, entry.evaluation.against_grown));
+      arms.back()["grown"]["net"] = fields_json(gain_over_control(grown, entry.evaluation.against_grown));
   }
   if (sized) result["net"] = fields_json(sized->net);
   for (const NamedObject& object : evaluation.objects) result["meshes"].push_back(escape_name(object.name));
   if (evaluation.objects.empty()) result["run"] = evaluation.run.folder.string();
   if (!evaluation.hosts_of.empty()) result["hosts_of"] = evaluation.hosts_of.string();
   result["hosts_trained_on"] = evaluation.trained_on;
-  result["data"] = evaluation.stage.settings.data.string();
+  result["data"] = evaluation.target_run.settings.data.string();
   result["detector"] = evaluation.detector.detector;
   result["weights"] = evaluation.detector.weights.string();
   result["defense"] = evaluation.detector.defense;
   result["precision"] = evaluation.detector.precision;
   result["locality"] = evaluation.detector.locality;
   result["reliance"] = to_json(evaluation.reliance);
-  result["simulation"] = to_json(evaluation.stage.settings.simulation);
-  result["sun"] = evaluation.stage.settings.sun;
-  result["depth"] = escape_name(evaluation.stage.settings.depth);
-  result["rooftop"] = escape_name(evaluation.stage.settings.rooftop);
-  result["placement"] = text_of(evaluation.stage.settings.placement);
-  result["placed"] = to_json(evaluation.stage.settings.placement);
+  result["simulation"] = to_json(evaluation.target_run.settings.simulation);
+  result["sun"] = evaluation.target_run.settings.sun;
+  result["depth"] = escape_name(evaluation.target_run.settings.depth);
+  result["rooftop"] = escape_name(evaluation.target_run.settings.rooftop);
+  result["placement"] = text_of(evaluation.target_run.settings.placement);
+  result["placed"] = to_json(evaluation.target_run.settings.placement);
   result["left_out"] = to_json(evaluation.left_out);
   result["plane"] = evaluation.settings.matching.name();
   result["score_threshold"] = evaluation.settings.score_threshold;

@@ -49,7 +49,7 @@ struct EvaluationRequest {
 struct BaselineEvaluation {
   Baseline kind = Baseline::start;
   Evaluation evaluation;
-  NetSuccess net;                 ///< the learned mesh's success less this one's
+  GainOverControl net;            ///< the learned mesh's success less this one's
   Vec3d extents = Vec3d::Zero();  ///< m, of the first mesh along its axes
 };
 
@@ -62,8 +62,8 @@ struct ObjectEvaluation {
 
 /// A run judged, and what it was judged on.
 struct RunEvaluation {
-  Run run;    ///< whose adversary was judged; with `objects` run_of_objects()
-  Run stage;  ///< the run that gave the hosts, with the settings that were in force; often the same
+  Run run;         ///< whose adversary was judged; with `objects` run_of_objects()
+  Run target_run;  ///< the run that gave the hosts, with the settings that were in force; often the same
   std::filesystem::path hosts_of;  ///< as asked for
   DetectorOptions detector;
   EvaluationSettings settings;
@@ -88,8 +88,8 @@ RunEvaluation evaluate_run(const EvaluationRequest& request);
 
 /// The learned mesh's Evaluation; of each baseline the same keys and "meshes", under its word, `start` under
 /// "random"; "arms": the learned mesh (or each object by its name) and all baselines, each {name, detector,
-/// rig, target, seeds, meshes, vehicles, extents_m, hidden: as HidingRates, fn_asr, fp_asr, asr: {value, low,
-/// high}, net: as NetSuccess, of the learned mesh over that baseline}; "net": that over `sized`;
+/// rig, target, seeds, meshes, vehicles, extents_m, hidden: as MissRates, fn_asr, fp_asr, asr: {value, low,
+/// high}, net: as GainOverControl, of the learned mesh over that baseline}; "net": that over `sized`;
 /// "bound" (in "arms", too): a HiddenBound of a car that any of the meshes hides; and what was
 /// judged: run (or meshes), data, depth, rooftop, detector, weights, defense, its reliance on its picture
 /// (detection/reliance.h), simulation, sun, thresholds; hosts_of if it was asked for.

@@ -63,8 +63,8 @@ std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int me
     for (const HostOutcome& host : hosts)
       if (part.holds(host)) {
         ++members;
-        clean.add(host.cluster(), kHidingRules[0].finds(host, true), 0, 1.0 / meshes);
-        attacked.add(host.cluster(), kHidingRules[0].finds(host, false), 0, 1.0 / meshes);
+        clean.add(host.cluster(), kMissCriteria[0].finds(host, true), 0, 1.0 / meshes);
+        attacked.add(host.cluster(), kMissCriteria[0].finds(host, false), 0, 1.0 / meshes);
       }
     result.push_back({part.by,
                       part.name,
@@ -275,7 +275,7 @@ Evaluation summarize(std::vector<HostOutcome> hosts, int meshes) {
   }
   result.rates = success_rates(hosts);
   result.at50 = success_rates(hosts, 0.5);
-  result.hiding = hiding_rates(hosts);
+  result.hiding = miss_rates(hosts);
   result.clusters = clusters.count();
 
   constexpr std::size_t kSteps = 21;
@@ -393,7 +393,7 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
 
 nlohmann::json grown_json(const std::vector<HostOutcome>& hosts, int meshes) {
   nlohmann::json json = fields_json(success_rates(hosts));
-  json["hidden"] = fields_json(hiding_rates(hosts));
+  json["hidden"] = fields_json(miss_rates(hosts));
   json["outcomes"] = outcomes_json(hosts, meshes);
   return json;
 }

@@ -107,7 +107,7 @@ struct Evaluation {
   int meshes = 1;
   SuccessRates rates;                                   ///< of the hosts detected clean
   SuccessRates at50;                                    ///< of those detected clean at an IoU of 0.5
-  HidingRates hiding;                                   ///< misses by every rule
+  MissRates hiding;                                     ///< misses by every rule
   std::vector<double> iou;                              ///< 0 … 1
   std::vector<Interval> recall_clean, recall_attacked;  ///< of all hosts, at each of `iou`
   std::vector<StratumSuccess> strata;
@@ -158,7 +158,7 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> c
                   const EvaluationLabels& boxes = {});
 
 /// What to_json(Evaluation) adds as "grown", where boxes grow: the success against grown boxes, {vehicles,
-/// fn_asr, fp_asr, asr: {value, low, high}, hidden: as HidingRates, outcomes}.
+/// fn_asr, fp_asr, asr: {value, low, high}, hidden: as MissRates, outcomes}.
 nlohmann::json grown_json(const std::vector<HostOutcome>& hosts, int meshes);
 
 /// Shares and curves over outcomes; with several meshes each host has as many outcomes.

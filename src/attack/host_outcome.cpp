@@ -74,11 +74,11 @@ ClusteredShare share_of(std::span<const HostOutcome> hosts, const OutcomeTest& c
   return share;
 }
 
-HidingRate rate(std::span<const HostOutcome> hosts, const HidingRule& rule) {
+MissRate rate(std::span<const HostOutcome> hosts, const MissCriterion& rule) {
   const auto found_clean = [&](const HostOutcome& host) { return rule.finds(host, true); };
   const ClusteredShare hidden =
       share_of(hosts, found_clean, [&](const HostOutcome& host) { return !rule.finds(host, false); });
-  HidingRate result{hidden.interval(), 0};
+  MissRate result{hidden.interval(), 0};
   for (const HostOutcome& host : hosts)
     result.vehicles += host.mesh == hosts.front().mesh && found_clean(host);
   return result;
@@ -254,27 +254,27 @@ nlohmann::json false_positives_json(const std::vector<HostOutcome>& hosts) {
   return result;
 }
 
-bool HidingRule::finds(const HostOutcome& host, bool clean) const {
+bool MissCriterion::finds(const HostOutcome& host, bool clean) const {
   return clean ? finds(host.clean_iou, host.clean_distance)
                : finds(host.attacked_iou, host.attacked_distance);
 }
 
-HidingRates hiding_rates(std::span<const HostOutcome> hosts) {
-  const auto of = [&](std::size_t rule) { return rate(hosts, kHidingRules[rule]); };
-  HidingRates rates{of(0), of(1), of(2), {}, {}};
+MissRates miss_rates(std::span<const HostOutcome> hosts) {
+  const auto of = [&](std::size_t rule) { return rate(hosts, kMissCriteria[rule]); };
+  MissRates rates{of(0), of(1), of(2), {}, {}};
   if (has_metres(hosts)) rates.distance1m = of(3), rates.distance2m = of(4);
   return rates;
 }
 
-NetSuccess net_success(std::span<const HostOutcome> learned, std::span<const HostOutcome> other) {
+GainOverControl gain_over_control(std::span<const HostOutcome> learned, std::span<const HostOutcome> other) {
   const auto of = [&](std::size_t rule) {
-    const HidingRule& by = kHidingRules[rule];
+    const MissCriterion& by = kMissCriteria[rule];
     return paired(
         learned, other, [&](const HostOutcome& host) { return by.finds(host, true); },
         [&](const HostOutcome& host) { return !by.finds(host, false); });
   };
   const OutcomeTest detected = [](const HostOutcome& host) { return host.detected; };
-  NetSuccess net{of(0), of(1), of(2), {}, {}, {}, {}, {}};
+  GainOverControl net{of(0), of(1), of(2), {}, {}, {}, {}, {}};
   if (has_metres(learned)) net.distance1m = of(3), net.distance2m = of(4);
   net.fn = paired(learned, other, detected, [](const HostOutcome& host) { return host.hidden; });
   net.false_positive =
@@ -317,7 +317,7 @@ std::optional<long> sample_size(double vehicles, double detectable, double diffe
 }
 
 HiddenBound hidden_bound(std::span<const HostOutcome> hosts, double nearest, double farthest) {
-  const HidingRule& vanished = kHidingRules[0];
+  const MissCriterion& vanished = kMissCriteria[0];
   std::map<HostId, std::pair<std::string, bool>> cars;  // cluster, and whether any mesh hides it
   HiddenBound bound;
   bound.nearest = nearest, bound.farthest = farthest;

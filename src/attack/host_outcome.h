@@ -168,7 +168,7 @@ nlohmann::json false_positives_json(const std::vector<HostOutcome>& hosts);
 // metres, and no rates by distance.
 
 /// What counts as found: an IoU above `iou`, or with `distance` > 0 a centre within so many metres.
-struct HidingRule {
+struct MissCriterion {
   const char* name;
   double iou = 0, distance = 0;
   /// Given the best IoU of a detection, and m to the nearest one's centre.
@@ -179,49 +179,49 @@ struct HidingRule {
   bool finds(const HostOutcome& host, bool clean) const;
 };
 
-/// All of them, in the order of HidingRates.
-inline constexpr std::array<HidingRule, 5> kHidingRules = {
+/// All of them, in the order of MissRates.
+inline constexpr std::array<MissCriterion, 5> kMissCriteria = {
     {{"vanished", 0.1, 0}, {"iou50", 0.5, 0}, {"iou70", 0.7, 0}, {"distance1m", 0, 1}, {"distance2m", 0, 2}}};
 
 /// Of the hosts that a rule finds clean, those that it does not find attacked.
-struct HidingRate {
+struct MissRate {
   Interval share;    ///< 95 % (base/intervals.h)
   int vehicles = 0;  ///< found clean by this rule: the denominator of one mesh
 };
-template <class Visitor, FieldsOf<HidingRate> S>
+template <class Visitor, FieldsOf<MissRate> S>
 void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, s.share);
   visit_named(visit, "vehicles", s.vehicles);
 }
 
 /// By each rule; those by distance only where boxes lie in space.
-struct HidingRates {
-  HidingRate vanished, iou50, iou70;
-  std::optional<HidingRate> distance1m, distance2m;
+struct MissRates {
+  MissRate vanished, iou50, iou70;
+  std::optional<MissRate> distance1m, distance2m;
 };
-template <class Visitor, FieldsOf<HidingRates> S>
+template <class Visitor, FieldsOf<MissRates> S>
 void visit_fields(Visitor& visit, S& s) {
   visit_named(visit, "vanished", s.vanished, "iou50", s.iou50, "iou70", s.iou70, "distance1m", s.distance1m,
               "distance2m", s.distance2m);
 }
 
 /// Over outcomes of one mesh or, a mesh after the other, of several.
-HidingRates hiding_rates(std::span<const HostOutcome> hosts);
+MissRates miss_rates(std::span<const HostOutcome> hosts);
 
 /// How much more often one mesh works than others on the same hosts: rate(learned) − rate(other) by each of
 /// the rules above, and of FN ASR, FP ASR and ASR (attack/evaluation.h). Paired (share_difference).
-struct NetSuccess {
+struct GainOverControl {
   Interval vanished, iou50, iou70;
   std::optional<Interval> distance1m, distance2m;
   Interval fn, false_positive, asr;
 };
-template <class Visitor, FieldsOf<NetSuccess> S>
+template <class Visitor, FieldsOf<GainOverControl> S>
 void visit_fields(Visitor& visit, S& s) {
   visit_named(visit, "vanished", s.vanished, "iou50", s.iou50, "iou70", s.iou70, "distance1m", s.distance1m,
               "distance2m", s.distance2m, "fn_asr", s.fn, "fp_asr", s.false_positive, "asr", s.asr);
 }
 /// Both are of the same hosts, in any order, each with as many meshes as it has.
-NetSuccess net_success(std::span<const HostOutcome> learned, std::span<const HostOutcome> other);
+GainOverControl gain_over_control(std::span<const HostOutcome> learned, std::span<const HostOutcome> other);
 
 // How large a share can be at most, where few cars or none vanish, and at least: exact, one-sided. And how
 // many vehicles it takes to tell more.

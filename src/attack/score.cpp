@@ -196,7 +196,7 @@ Audit use_of_points(const RunEvaluation& evaluation) {
   if (!evaluation.detectors.front()->capabilities().reads_points) return {};
   std::vector<Detector*> detectors;
   for (const auto& detector : evaluation.detectors) detectors.push_back(detector.get());
-  const AttackSettings& judged = evaluation.stage.settings;
+  const AttackSettings& judged = evaluation.target_run.settings;
   const std::vector<std::string> ids = spread_evenly(list_frames(judged.data), kAuditFrames);
   Progress progress("use of the sweep", ids.size(), evaluation.settings.quiet);
   return run_audit(detectors, recorded_frames(judged), ids, {{AuditChange::Kind::other_sweep}}, {}, 0,

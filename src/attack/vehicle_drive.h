@@ -101,7 +101,7 @@ enum class TrackStatus : char { found = 'f', coasting = 'c', lost = 'l' };
 
 /// One version of one frame.
 struct DriveObservation {
-  bool found = false;  ///< a detection over the score overlaps the vehicle's box (HidingRule vanished)
+  bool found = false;  ///< a detection over the score overlaps the vehicle's box (MissCriterion vanished)
   TrackStatus track = TrackStatus::lost;
   int phantoms = 0;              ///< phantom tracks there
   bool phantom_in_lane = false;  ///< one of them ahead in the car's own lane

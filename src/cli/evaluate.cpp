@@ -41,7 +41,7 @@ void print_arms(const RunEvaluation& evaluation) {
                    fmt::format("FN ASR, IoU {:.1f}", evaluation.settings.detected_iou),
                    picture ? "missed at IoU 0.5" : "no box within 2 m", "FP ASR", "ASR (FN or FP)"}};
   const auto shares = [&](const std::string& name, const Evaluation& of) {
-    const HidingRates& hidden = of.hiding;
+    const MissRates& hidden = of.hiding;
     rows.push_back({of.meshes > 1 ? fmt::format("{} × {}", of.meshes, name) : name,
                     percent(hidden.vanished.share), percent(of.rates.fn_asr),
                     percent(picture ? hidden.iou50.share : hidden.distance2m->share),
@@ -60,7 +60,7 @@ void print_arms(const RunEvaluation& evaluation) {
   if (!evaluation.baselines.empty())
     rows.push_back({evaluation.each.empty() ? "learned less, points:" : "object less, points:"});
   for (const BaselineEvaluation& entry : evaluation.baselines) {
-    const NetSuccess& net = entry.net;
+    const GainOverControl& net = entry.net;
     rows.push_back({"  " + describe(entry.kind), signed_points(net.vanished), signed_points(net.fn),
                     signed_points(picture ? net.iou50 : *net.distance2m), signed_points(net.false_positive),
                     signed_points(net.asr)});
@@ -92,7 +92,7 @@ void print_seen(const std::vector<StratumSuccess>& parts) {
 
 /// Only the parts that hold vehicles.
 void print_strata(const RunEvaluation& evaluation) {
-  if (evaluation.stage.settings.placement.victim == Victim::object)
+  if (evaluation.target_run.settings.placement.victim == Victim::object)
     return print_seen(evaluation.learned.strata);
   const BaselineEvaluation* control = evaluation.baselines.empty() ? nullptr : &evaluation.baselines.back();
   if (const BaselineEvaluation* sized = evaluation.baseline(Baseline::sized)) control = sized;
@@ -163,8 +163,8 @@ nlohmann::json run(const EvaluateOptions& options, const Common& common) {
   options.effects.add_to(request.overrides);
   const RunEvaluation evaluation = evaluate_run(request);
   if (rank() > 0) return nlohmann::json::object();  // the first tells
-  common.provenance->add(evaluation.stage.settings);
-  add_frames(*common.provenance, evaluation.stage.settings, evaluation.hosts);
+  common.provenance->add(evaluation.target_run.settings);
+  add_frames(*common.provenance, evaluation.target_run.settings, evaluation.hosts);
   if (!evaluation.objects.empty()) add_objects(*common.provenance, evaluation.objects);
   add_detector(*common.provenance, evaluation.detector);
   common.provenance->set("expect", options.expect);

@@ -80,7 +80,7 @@ void print_score(const ScoreResult& result) {
 
 /// Certificates of the same cars, beside what the objects left of them: their shares, one a size.
 nlohmann::json certified(const ScoreRequest& request, const RunEvaluation& evaluation) {
-  const AttackSettings& judged = evaluation.stage.settings;
+  const AttackSettings& judged = evaluation.target_run.settings;
   CertificateSettings settings;
   settings.sizes = request.sizes;
   settings.with_lattice = true;
@@ -130,7 +130,7 @@ nlohmann::json run(const ScoreOptions& options, const Common& common) {
   if (options.certify) certificates = certified(request, result.evaluation);
   if (rank() > 0) return nlohmann::json::object();  // the first tells
   Provenance& provenance = *common.provenance;
-  const AttackSettings& judged = result.evaluation.stage.settings;
+  const AttackSettings& judged = result.evaluation.target_run.settings;
   add_frames(provenance, judged, result.evaluation.hosts);
   add_objects(provenance, result.evaluation.objects);
   add_detector(provenance, result.evaluation.detector);

@@ -114,7 +114,7 @@ std::vector<LidarPoint> sweep_in_view(const Scene& scene, const std::string& id)
 }
 
 ImageF picture_of(const DataSet& data, const std::string& id) {
-  return read_srgb(data.parts(id).at(1).file);
+  return read_srgb(data.source_files(id).at(1).file);
 }
 
 /// What the camera of that number beside the scene's first saw in another frame.

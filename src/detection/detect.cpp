@@ -124,31 +124,31 @@ KittiDetection detection_of(const json& from, const fs::path& file, const std::s
 constexpr int kRecalls = 41;
 
 /// What becomes of a label or a detection at one level.
-enum class Part { counts, ignored, absent };
+enum class MatchRole { counts, ignored, absent };
 
 /// The kit reads a label's height as too low where it equals the limit.
-Part part_of(const Label& label, Difficulty level) {
+MatchRole role_of(const Label& label, Difficulty level) {
   const DifficultyLimits& limits = limits_of(level);
-  if (label.type == "Van") return Part::ignored;
-  if (label.type != "Car") return Part::absent;
+  if (label.type == "Van") return MatchRole::ignored;
+  if (label.type != "Car") return MatchRole::absent;
   const bool hard = label.occluded > limits.most_occluded || label.truncated > limits.most_truncated ||
                     label.bottom - label.top <= limits.least_height;
-  return hard ? Part::ignored : Part::counts;
+  return hard ? MatchRole::ignored : MatchRole::counts;
 }
 
-Part part_of(const KittiDetection& detection, Difficulty level) {
+MatchRole role_of(const KittiDetection& detection, Difficulty level) {
   const double height = detection.picture ? detection.picture->bottom - detection.picture->top : 0;
-  if (height < limits_of(level).least_height) return Part::ignored;
-  return detection.type == "Car" ? Part::counts : Part::absent;
+  if (height < limits_of(level).least_height) return MatchRole::ignored;
+  return detection.type == "Car" ? MatchRole::counts : MatchRole::absent;
 }
 
 ObjectBoxes boxes_of(const KittiDetection& detection) {
   return {detection.box.value_or(Box3{}), detection.picture.value_or(PictureBox{})};
 }
 
-/// A frame at one level: its parts, and what overlaps what.
+/// A frame at one level: roles, and what overlaps what.
 struct Judgement {
-  std::vector<Part> labels, detections;
+  std::vector<MatchRole> labels, detections;
   std::vector<double> scores;
   std::vector<std::vector<double>> iou;      ///< of label and detection
   std::vector<std::vector<double>> covered;  ///< of DontCare region and detection: share of the detection
@@ -158,7 +158,7 @@ Judgement judgement(const KittiFrame& frame, Matching matching, Difficulty level
   Judgement result;
   std::vector<ObjectBoxes> boxes;
   for (const KittiDetection& detection : frame.detections) {
-    result.detections.push_back(part_of(detection, level));
+    result.detections.push_back(role_of(detection, level));
     result.scores.push_back(detection.score);
     boxes.push_back(boxes_of(detection));
   }
@@ -173,9 +173,9 @@ Judgement judgement(const KittiFrame& frame, Matching matching, Difficulty level
       }
       continue;
     }
-    const Part part = part_of(label, level);
-    if (part == Part::absent) continue;
-    result.labels.push_back(part);
+    const MatchRole role = role_of(label, level);
+    if (role == MatchRole::absent) continue;
+    result.labels.push_back(role);
     result.iou.emplace_back();
     for (const ObjectBoxes& other : boxes) result.iou.back().push_back(matching.overlap(other, box));
   }
@@ -189,12 +189,12 @@ std::vector<double> hit_scores(const Judgement& frame, double min_iou) {
   for (std::size_t i = 0; i < frame.labels.size(); ++i) {
     std::size_t best = taken.size();
     for (std::size_t k = 0; k < taken.size(); ++k)
-      if (!taken[k] && frame.detections[k] != Part::absent && frame.iou[i][k] > min_iou &&
+      if (!taken[k] && frame.detections[k] != MatchRole::absent && frame.iou[i][k] > min_iou &&
           (best == taken.size() || frame.scores[k] > frame.scores[best]))
         best = k;
     if (best == taken.size()) continue;
     taken[best] = 1;
-    if (frame.labels[i] == Part::counts && frame.detections[best] == Part::counts)
+    if (frame.labels[i] == MatchRole::counts && frame.detections[best] == MatchRole::counts)
       scores.push_back(frame.scores[best]);
   }
   return scores;
@@ -211,13 +211,13 @@ Counts counts_at(const Judgement& frame, double min_iou, double score) {
   const std::size_t none = frame.detections.size();
   std::vector<char> taken(none, 0);
   const auto plays = [&](std::size_t k) {
-    return !taken[k] && frame.detections[k] != Part::absent && frame.scores[k] >= score;
+    return !taken[k] && frame.detections[k] != MatchRole::absent && frame.scores[k] >= score;
   };
   for (std::size_t i = 0; i < frame.labels.size(); ++i) {
     std::size_t best = none, low = none;
     for (std::size_t k = 0; k < none; ++k) {
       if (!plays(k) || !(frame.iou[i][k] > min_iou)) continue;
-      if (frame.detections[k] == Part::ignored)
+      if (frame.detections[k] == MatchRole::ignored)
         low = low == none ? k : low;
       else if (best == none || frame.iou[i][k] > frame.iou[i][best])
         best = k;
@@ -225,11 +225,11 @@ Counts counts_at(const Judgement& frame, double min_iou, double score) {
     const std::size_t match = best != none ? best : low;
     if (match == none) continue;
     taken[match] = 1;
-    counts.hits += frame.labels[i] == Part::counts && best != none;
+    counts.hits += frame.labels[i] == MatchRole::counts && best != none;
   }
   for (std::size_t k = 0; k < none; ++k) {
     const auto covers = [&](const std::vector<double>& shares) { return shares[k] > min_iou; };
-    counts.alarms += plays(k) && frame.detections[k] == Part::counts &&
+    counts.alarms += plays(k) && frame.detections[k] == MatchRole::counts &&
                      std::none_of(frame.covered.begin(), frame.covered.end(), covers);
   }
   return counts;
@@ -415,7 +415,7 @@ KittiPrecision kitti_average_precision(std::span<const KittiFrame> frames, Match
     if (!frame.labelled) continue;
     judged.push_back(judgement(frame, matching, level));
     const auto& labels = judged.back().labels;
-    result.cars += static_cast<int>(std::count(labels.begin(), labels.end(), Part::counts));
+    result.cars += static_cast<int>(std::count(labels.begin(), labels.end(), MatchRole::counts));
     const std::vector<double> hits = hit_scores(judged.back(), min_iou);
     scores.insert(scores.end(), hits.begin(), hits.end());
   }

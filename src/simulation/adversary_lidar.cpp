@@ -101,7 +101,7 @@ class Insertion {
   }
 
   /// A ray of the cone: false if it does not meet the object within the unit's range.
-  bool meet(std::size_t at, double weight, LidarTape::Part& part) const {
+  bool meet(std::size_t at, double weight, LidarTape::BeamSample& part) const {
     if (hits_.face[at] < 0) return false;
     const LidarRay& ray = traced_[at];
     part.face = hits_.face[at];
@@ -133,7 +133,7 @@ class Insertion {
     reflections_.clear();
     double behind = 0;  // share of the light that passes by the object to the measured return
     for (std::size_t k = 0; k < pattern_.size(); ++k) {
-      LidarTape::Part part;
+      LidarTape::BeamSample part;
       const bool here = meet(k * sent_.size() + i, pattern_[k].weight, part);
       met |= here;
       // The nearer of the two returns stays; a ray without a measured one has nothing in front.
@@ -174,7 +174,7 @@ class Insertion {
     }
     strongest_echo(reflections_, effects_.pulse_length, echo_);
     if (echo_.strongest < 0 || echo_.strongest == background) return false;
-    std::vector<LidarTape::Part> kept;
+    std::vector<LidarTape::BeamSample> kept;
     for (int i : echo_.members) {
       if (i == background) continue;
       if (i == echo_.strongest) strongest = static_cast<int>(kept.size());
@@ -192,13 +192,13 @@ class Insertion {
     back.first = static_cast<int>(first);
     back.count = static_cast<int>(tape_.parts.size() - first);
     back.strongest = strongest;
-    const LidarTape::Part& best = tape_.parts[first + as_size(strongest)];
+    const LidarTape::BeamSample& best = tape_.parts[first + as_size(strongest)];
     back.face = best.face;
     back.hit = best.hit;
     back.hit.reflectance = 0;
     double signal = 0, reflectivity = 0, light = 0;
     for (std::size_t p = first; p < tape_.parts.size(); ++p) {
-      const LidarTape::Part& part = tape_.parts[p];
+      const LidarTape::BeamSample& part = tape_.parts[p];
       back.hit.reflectance += part.weight * part.hit.reflectance;
       signal += strength(part);
       reflectivity += part.weight * part.reflectivity, light += part.weight;
@@ -252,7 +252,7 @@ class Insertion {
   static double square(double x) { return x * x; }
 
   /// What the ray's share of the beam's light brings back.
-  static double strength(const LidarTape::Part& part) {
+  static double strength(const LidarTape::BeamSample& part) {
     if (!(part.reflectivity > 0)) return 0;
     return part.weight *
            returned_signal(part.reflectivity, part.hit.reflectance / part.reflectivity, part.hit.range);

@@ -14,7 +14,7 @@ namespace mirage {
 /// The returns on the adversary.
 struct LidarTape {
   /// One ray of a beam that met the adversary; its share of the return's reflectance is `weight`.
-  struct Part {
+  struct BeamSample {
     Vec3d direction;  ///< in `velo` of the sweep's moment 0, where the adversary is placed
     int face = 0;
     FaceReturn<double> hit;
@@ -32,7 +32,7 @@ struct LidarTape {
     int first = 0, count = 1, strongest = 0;  ///< parts
   };
   std::vector<Return> returns;
-  std::vector<Part> parts;
+  std::vector<BeamSample> parts;
   std::size_t first = 0;  ///< index of the first new return in the simulated sweep
 };
 

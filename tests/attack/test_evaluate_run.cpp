@@ -57,7 +57,7 @@ TEST(EvaluateRun, AnotherRunsHostsAreThatRunsTestHostsExactly) {
   request.random_meshes = 0;
   const RunEvaluation judged = evaluate_run(request);
   EXPECT_THAT(names(judged.hosts), testing::ElementsAre("000001_0", "000003_0"));
-  EXPECT_EQ(judged.stage.settings.data, folder / "two");
+  EXPECT_EQ(judged.target_run.settings.data, folder / "two");
   EXPECT_EQ(judged.detector.weights, folder / "b/weights");
   EXPECT_EQ(judged.trained_on, 0);  // the frames' names agree, the data sets do not
   EXPECT_TRUE(judged.baselines.empty());

@@ -290,9 +290,9 @@ TEST(Judge, TheObjectItselfIsJudgedByItsOwnBox) {
   EXPECT_NEAR(seen.clean_iou, 1, 1e-12);
   EXPECT_NEAR(seen.attacked_iou, 0.375, 1e-12);
   EXPECT_FALSE(seen.false_positive);
-  EXPECT_TRUE(kHidingRules[0].finds(seen, true));
-  EXPECT_TRUE(kHidingRules[0].finds(seen, false));
-  EXPECT_FALSE(kHidingRules[0].finds(unseen, false));
+  EXPECT_TRUE(kMissCriteria[0].finds(seen, true));
+  EXPECT_TRUE(kMissCriteria[0].finds(seen, false));
+  EXPECT_FALSE(kMissCriteria[0].finds(unseen, false));
   // A box on the object is no false positive, even where nothing was found before.
   EXPECT_FALSE(judge({"000000", 0}, frame, {}, {thing}, EvaluationSettings(), boxes).false_positive);
   EXPECT_TRUE(judge({"000000", 0}, frame, {}, {thing}, EvaluationSettings()).false_positive);

@@ -36,7 +36,7 @@ TEST(Hiding, ABoxThatOnlyTurnedIsHiddenForTheSeedAndHasNotVanished) {
   EXPECT_LT(outcome.attacked_iou, 0.7);
   EXPECT_TRUE(outcome.hidden);
   EXPECT_EQ(outcome.attacked_distance, 0);
-  const HidingRates rates = hiding_rates(std::vector{outcome});
+  const MissRates rates = miss_rates(std::vector{outcome});
   EXPECT_EQ(rates.iou70.share.value, 1);
   EXPECT_EQ(rates.iou50.share.value, 0);
   EXPECT_EQ(rates.vanished.share.value, 0);
@@ -58,7 +58,7 @@ TEST(Hiding, EachRuleHasItsOwnDenominator) {
       judged_host("6", {corner}, {corner}),  // counts for 0.1 alone: there
       judged_host("7", {elsewhere}, {}),     // counts nowhere
       judged_host("8", {}, {on})};
-  const HidingRates rates = hiding_rates(hosts);
+  const MissRates rates = miss_rates(hosts);
   EXPECT_EQ(rates.iou70.vehicles, 5);
   EXPECT_DOUBLE_EQ(rates.iou70.share.value, 4 / 5.);
   EXPECT_EQ(rates.iou50.vehicles, 5);
@@ -84,11 +84,11 @@ TEST(Hiding, EachRuleHasItsOwnDenominator) {
 }
 
 TEST(Hiding, NothingFoundCleanTellsNothing) {
-  const HidingRates rates = hiding_rates(std::vector{judged_host("0", {}, {})});
+  const MissRates rates = miss_rates(std::vector{judged_host("0", {}, {})});
   EXPECT_EQ(rates.vanished.vehicles, 0);
   EXPECT_EQ(rates.vanished.share.low, 0);
   EXPECT_EQ(rates.vanished.share.high, 1);
-  EXPECT_EQ(hiding_rates({}).iou70.vehicles, 0);
+  EXPECT_EQ(miss_rates({}).iou70.vehicles, 0);
 }
 
 TEST(Hiding, InThePictureThereAreNoMetres) {
@@ -110,7 +110,7 @@ TEST(Hiding, InThePictureThereAreNoMetres) {
   const auto json = to_json(made);
   EXPECT_TRUE(json.at("hidden").at("distance1m").is_null());
   EXPECT_FALSE(json.at("outcomes").at(0).contains("clean_distance"));
-  const auto net = fields_json(net_success(made.hosts, made.hosts));
+  const auto net = fields_json(gain_over_control(made.hosts, made.hosts));
   EXPECT_TRUE(net.at("distance2m").is_null());
   EXPECT_EQ(net.at("iou70").at("value"), 0);
 }
@@ -131,11 +131,11 @@ TEST(Hiding, NetIsPairedOverTheSameHosts) {
       learned.push_back(with(host < (hard ? 4 : 1)));
       control.push_back(with(host < (hard ? 3 : 0)));
     }
-  const NetSuccess net = net_success(learned, control);
+  const GainOverControl net = gain_over_control(learned, control);
   EXPECT_NEAR(net.vanished.value, 0.2, 1e-12);
   // In every frame alike: the pairing leaves no spread but one flip more than was seen …
   EXPECT_NEAR(net.vanished.low, 0.2, 0.015);
-  const Interval alone = hiding_rates(learned).vanished.share;
+  const Interval alone = miss_rates(learned).vanished.share;
   EXPECT_GT(alone.high - alone.low, 0.15);  // … where either share by itself is uncertain
   EXPECT_NEAR(net.false_positive.value, 0.2, 1e-12);
   EXPECT_NEAR(net.asr.value, 0.2, 1e-12);
@@ -143,8 +143,8 @@ TEST(Hiding, NetIsPairedOverTheSameHosts) {
   // Twice the control, as two meshes: its share is the same, and so is the difference.
   std::vector<HostOutcome> twice = control;
   for (HostOutcome host : control) host.mesh = 1, twice.push_back(host);
-  EXPECT_NEAR(net_success(learned, twice).vanished.value, 0.2, 1e-12);
-  EXPECT_EQ(hiding_rates(twice).vanished.vehicles, 200);
+  EXPECT_NEAR(gain_over_control(learned, twice).vanished.value, 0.2, 1e-12);
+  EXPECT_EQ(miss_rates(twice).vanished.vehicles, 200);
 }
 
 }  // namespace

@@ -154,7 +154,7 @@ void nuscenes(const fs::path& file) {
   }
   const auto set = open_data_set(folder.parent_path());
   for (const std::string& id : set->frames()) {
-    const fs::path picture = set->parts(id).at(1).file.lexically_relative(folder.parent_path());
+    const fs::path picture = set->source_files(id).at(1).file.lexically_relative(folder.parent_path());
     demand(!picture.empty() && *picture.begin() != "..", "a picture outside the data set");
     check(set->annotations(id, kWidth, kHeight));
   }

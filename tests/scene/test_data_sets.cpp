@@ -163,7 +163,7 @@ TEST_P(DataSets, MissingAndDamagedFilesAreNamed) {
   const auto set = open_data_set(folder_.path());
   const std::string id = GetParam().ids[1];
   const auto one_line = AllOf(Not(HasSubstr("\n")));
-  for (const DataSet::Part& part : set->parts(id)) {
+  for (const DataSet::SourceFile& part : set->source_files(id)) {
     const std::string whole = read_file(part.file);
     std::filesystem::remove(part.file);
     if (std::string(part.what) == "the labels") {  // a frame that nobody has labelled
@@ -379,7 +379,7 @@ TEST(NuScenes, SweepsBetweenKeyframesAreNotTaken) {
   between["is_key_frame"] = false, between["filename"] = "sweeps/LIDAR_TOP/x.pcd.bin";
   table.insert(table.begin(), between);
   write_json(folder / "v1.0-mini" / "sample_data.json", table);
-  EXPECT_EQ(open_data_set(folder.path())->parts("sample0")[0].file.filename(), "0.pcd.bin");
+  EXPECT_EQ(open_data_set(folder.path())->source_files("sample0")[0].file.filename(), "0.pcd.bin");
 }
 
 }  // namespace

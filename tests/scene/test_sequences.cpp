@@ -262,7 +262,9 @@ TEST(Between, SweepsOfNuScenesAreFramesWithBoxesOnTheWay) {
   }
   // The nearest picture in time, at its own pose: sweep 2 has no picture of its time, and sample 3's comes.
   const auto set = open_data_set(folder.path());
-  const auto picture = [&](std::size_t i) { return set->parts(ids[i]).at(1).file.filename().string(); };
+  const auto picture = [&](std::size_t i) {
+    return set->source_files(ids[i]).at(1).file.filename().string();
+  };
   EXPECT_EQ(picture(1), "1.png");
   EXPECT_EQ(picture(2), "3.png");
   const auto place = [&](std::size_t i) { return read_frame(folder.path(), ids[i]).calibration; };

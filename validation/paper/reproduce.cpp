@@ -138,7 +138,7 @@ std::string rig_of(const std::string& arm) {
 /// null.
 json hidden_json(const Outcomes& outcomes, const Outcomes* control) {
   json rates = json::object();
-  for (const HidingRule& rule : kHidingRules) {
+  for (const MissCriterion& rule : kMissCriteria) {
     const Question asked = question(rule.name);
     json& rate = rates[rule.name];
     if (rule.distance > 0 && !has_metres(outcomes)) continue;

@@ -145,7 +145,7 @@ Question question(const std::string& key) {
   for (const bool clean : {false, true})
     for (const int iou : {50, 70})
       if (key == (clean ? "clean_recall" : "recall") + std::to_string(iou)) return recall(iou / 100.0, clean);
-  for (const HidingRule& rule : kHidingRules)
+  for (const MissCriterion& rule : kMissCriteria)
     if (key == rule.name)
       return {[rule](const Outcome& host) { return rule.finds(host, true); },
               [rule](const Outcome& host) { return !rule.finds(host, false); }};

@@ -136,7 +136,7 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
   const TexturedMesh& mesh =
       evaluation.objects.empty() ? evaluation.run.adversary : evaluation.objects[as_size(outcome.mesh)].mesh;
   const Simulated simulated =
-      simulate(prepared, store.placement(id), mesh, evaluation.stage.settings.simulation);
+      simulate(prepared, store.placement(id), mesh, evaluation.target_run.settings.simulation);
   const std::string name = picture_name(evaluation, outcome);
   const fs::path folder = data / name;
   write_srgb(folder / "clean.png", frame.image);

@@ -127,10 +127,10 @@ void DataSet::check_id(const std::string& id) const {
                      "give one of the names that `mirage view` and results show");
 }
 
-std::vector<DataSet::Part> DataSet::existing_parts(const std::string& id) const {
+std::vector<DataSet::SourceFile> DataSet::existing_files(const std::string& id) const {
   check_id(id);
-  std::vector<Part> all = parts(id);
-  for (const Part& part : all)
+  std::vector<SourceFile> all = source_files(id);
+  for (const SourceFile& part : all)
     if (!fs::is_regular_file(part.file)) {
       if (!fs::exists(part.file.parent_path())) static_cast<void>(frames());  // no data set: it says why
       throw InputError(part.file.string(), "", std::string("missing (") + part.what + " of the frame)",
@@ -148,12 +148,12 @@ std::optional<std::vector<int>> DataSet::tracks(const std::string& id) const {
 
 std::pair<int, int> DataSet::picture_size(const std::string& id) const {
   int width = 0, height = 0;
-  read_image_size(parts(id).at(1).file, width, height);
+  read_image_size(source_files(id).at(1).file, width, height);
   return {width, height};
 }
 
 Frame DataSet::read(const std::string& id) const {
-  const std::vector<Part> files = existing_parts(id);
+  const std::vector<SourceFile> files = existing_files(id);
   Frame frame;
   frame.id = id;
   frame.sweep = sweep(id);
@@ -210,13 +210,13 @@ void DataSet::add_velocities(const std::string& id, Frame& frame) const {
 
 std::string DataSet::annotations_hash(const std::string& id) const {
   std::string hashes;
-  const std::vector<Part> all = parts(id);
+  const std::vector<SourceFile> all = source_files(id);
   for (std::size_t i = 2; i < all.size(); ++i) hashes += file_hash(all[i].file, kMaxFileBytes);
   return hashes;
 }
 
 std::string DataSet::hash(const std::string& id) const {
-  const std::vector<Part> files = existing_parts(id);
+  const std::vector<SourceFile> files = existing_files(id);
   return content_hash(file_hash(files.at(0).file, kMaxFileBytes) +
                       file_hash(files.at(1).file, kMaxFileBytes) + annotations_hash(id));
 }

@@ -59,13 +59,13 @@ class DataSet {
   virtual std::string rig() const { return "kitti64"; }
 
   /// A file of a frame, and what the frame misses without it.
-  struct Part {
+  struct SourceFile {
     std::filesystem::path file;
     const char* what;  ///< "the sweep"
   };
   /// Files of a frame: its sweep, its picture, and those that hold its annotations. A frame that nobody has
   /// labelled has no file of labels.
-  virtual std::vector<Part> parts(const std::string& id) const = 0;
+  virtual std::vector<SourceFile> source_files(const std::string& id) const = 0;
   /// Calibration and labels, which neither sweep nor picture is read for. InputError naming file and field.
   virtual Annotations annotations(const std::string& id, int width, int height) const = 0;
   /// The frame's sweep in `velo`.
@@ -112,8 +112,8 @@ class DataSet {
   void check_id(const std::string& id) const;
   /// Velocities of the labels that have an identity, where their frame's neighbours show it too.
   void add_velocities(const std::string& id, Frame& frame) const;
-  /// parts(), all of which are there.
-  std::vector<Part> existing_parts(const std::string& id) const;
+  /// source_files(), all of which are there.
+  std::vector<SourceFile> existing_files(const std::string& id) const;
 
  private:
   std::filesystem::path data_;

@@ -180,11 +180,11 @@ class KittiObject : public DataSet {
     return ids;
   }
 
-  std::vector<Part> parts(const std::string& id) const override {
+  std::vector<SourceFile> source_files(const std::string& id) const override {
     check_id(id);
-    std::vector<Part> files = {{part_ / "velodyne" / (id + ".bin"), "the sweep"},
-                               {picture_in(part_ / "image_2", id), "the image"},
-                               {part_ / "calib" / (id + ".txt"), "the calibration"}};
+    std::vector<SourceFile> files = {{part_ / "velodyne" / (id + ".bin"), "the sweep"},
+                                     {picture_in(part_ / "image_2", id), "the image"},
+                                     {part_ / "calib" / (id + ".txt"), "the calibration"}};
     if (const fs::path labels = part_ / "label_2" / (id + ".txt"); fs::exists(labels))
       files.push_back({labels, "the labels"});
     if (cameras_ == Cameras::first) return files;
@@ -213,11 +213,11 @@ class KittiObject : public DataSet {
     return cameras_ == Cameras::all ? read_surround(part_, id).others : std::vector<SideCamera>();
   }
 
-  Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
+  Sweep sweep(const std::string& id) const override { return read_sweep(source_files(id).at(0).file); }
 
   Annotations annotations(const std::string& id, int width, int height) const override {
     Annotations result;
-    const std::vector<Part> files = parts(id);
+    const std::vector<SourceFile> files = source_files(id);
     result.calibration = read_calibration(files[2].file, width, height);
     const fs::path labels = part_ / "label_2" / (id + ".txt");
     result.labelled = fs::exists(labels);

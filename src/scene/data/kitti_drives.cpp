@@ -102,14 +102,14 @@ class KittiDrives : public DataSet {
  public:
   using DataSet::DataSet;
 
-  Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
+  Sweep sweep(const std::string& id) const override { return read_sweep(source_files(id).at(0).file); }
 
   std::optional<std::string> beside(const std::string& id, int step) const override {
     const Place at = place(id);
     if (at.frame + step < 0) return std::nullopt;
     const std::string other =
         fmt::format("{}_{:0{}}", at.sequence, at.frame + step, static_cast<int>(at.name.size()));
-    return fs::exists(parts(other).at(0).file) ? std::optional(other) : std::nullopt;
+    return fs::exists(source_files(other).at(0).file) ? std::optional(other) : std::nullopt;
   }
 
  protected:
@@ -217,19 +217,20 @@ class KittiRaw : public KittiDrives {
     return ids;
   }
 
-  std::vector<Part> parts(const std::string& id) const override {
+  std::vector<SourceFile> source_files(const std::string& id) const override {
     const Place at = place(id);
-    std::vector<Part> files = {{at.folder / "velodyne_points" / "data" / (at.name + ".bin"), "the sweep"},
-                               {picture_in(at.folder / "image_02" / "data", at.name), "the image"},
-                               {at.folder.parent_path() / kCameras, "the cameras' calibration"},
-                               {at.folder.parent_path() / kPose, "the LiDAR's calibration"}};
+    std::vector<SourceFile> files = {
+        {at.folder / "velodyne_points" / "data" / (at.name + ".bin"), "the sweep"},
+        {picture_in(at.folder / "image_02" / "data", at.name), "the image"},
+        {at.folder.parent_path() / kCameras, "the cameras' calibration"},
+        {at.folder.parent_path() / kPose, "the LiDAR's calibration"}};
     if (fs::exists(at.folder / kLabels)) files.push_back({at.folder / kLabels, "the labels"});
     return files;
   }
 
   Annotations annotations(const std::string& id, int width, int height) const override {
     const Place at = place(id);
-    const std::vector<Part> files = parts(id);
+    const std::vector<SourceFile> files = source_files(id);
     const CalibrationFile cameras(files[2].file), pose(files[3].file);
     const MatrixRow projection = cameras.row({"P_rect_02"}, 12),
                     rectification = cameras.row({"R_rect_00"}, 9);
@@ -330,11 +331,11 @@ class KittiTracking : public KittiDrives {
     return ids;
   }
 
-  std::vector<Part> parts(const std::string& id) const override {
+  std::vector<SourceFile> source_files(const std::string& id) const override {
     const Place at = place(id);
-    std::vector<Part> files = {{part_ / "velodyne" / at.sequence / (at.name + ".bin"), "the sweep"},
-                               {picture_in(part_ / "image_02" / at.sequence, at.name), "the image"},
-                               {part_ / "calib" / (at.sequence + ".txt"), "the calibration"}};
+    std::vector<SourceFile> files = {{part_ / "velodyne" / at.sequence / (at.name + ".bin"), "the sweep"},
+                                     {picture_in(part_ / "image_02" / at.sequence, at.name), "the image"},
+                                     {part_ / "calib" / (at.sequence + ".txt"), "the calibration"}};
     if (const fs::path labels = part_ / "label_02" / (at.sequence + ".txt"); fs::exists(labels))
       files.push_back({labels, "the labels"});
     return files;
@@ -342,7 +343,7 @@ class KittiTracking : public KittiDrives {
 
   Annotations annotations(const std::string& id, int width, int height) const override {
     const Place at = place(id);
-    const std::vector<Part> files = parts(id);
+    const std::vector<SourceFile> files = source_files(id);
     const CalibrationFile rows(files[2].file);
     const MatrixRow projection = rows.row({"P2"}, 12), rectification = rows.row(kRectification, 9);
     Annotations result;

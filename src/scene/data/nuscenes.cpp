@@ -421,7 +421,7 @@ class NuScenes : public DataSet {
     return cameras;
   }
 
-  std::vector<Part> parts(const std::string& id) const override {
+  std::vector<SourceFile> source_files(const std::string& id) const override {
     const auto [tables, sample] = of(id);
     const fs::path root = tables_.parent_path();
     return {{root / sample.lidar.file, "the sweep"}, {root / sample.camera.file, "the image"}};

@@ -37,9 +37,9 @@ class SeparateLabels : public DataSet {
     return set_->beside(id, step);
   }
 
-  std::vector<Part> parts(const std::string& id) const override {
+  std::vector<SourceFile> source_files(const std::string& id) const override {
     check_id(id);
-    std::vector<Part> files = set_->parts(id);
+    std::vector<SourceFile> files = set_->source_files(id);
     if (fs::exists(labels_file(id))) files.push_back({labels_file(id), "the labels"});
     return files;
   }
