@@ -73,7 +73,7 @@ struct TrainingSchedule {
   std::filesystem::path out;  ///< holds the run's state and its result
   std::int64_t steps = 4000;
   int batch = 2;
-  double learning_rate = 2e-3;  ///< peak of one_cycle()
+  double learning_rate = 2e-3;  ///< peak of one_cycle_rate()
   double minutes = 0;           ///< > 0: the schedule ends at `steps` or then, which is first
   CheckpointInterval checkpoint{250};
   std::size_t frames = 0;  ///< only the first N (0: all)

@@ -122,7 +122,7 @@ void add_options(CLI::App& app, DetectOptions& options) {
   app.add_option("--check", options.check,
                  "also say whether the detector's glue is right: its boxes beside the labels, and how much "
                  "of its change the gradient sees at the first N vehicles that it finds")
-      ->check(CLI::Range(1, 1000));
+      ->check(within({1, 1000}));
   app.add_option("--kitti", options.kitti,
                  "also write KITTI result files ID.txt into this folder (heights come from the sweep)");
   add_cache_note(app);

@@ -181,7 +181,7 @@ void add_options(CLI::App& app, ExportOptions& options) {
   add_defaulted(app, "--bed", options.bed, "of --kit: the printer's bed X,Y,Z, m; each part fits it")
       ->delimiter(',')
       ->expected(3)
-      ->check(CLI::Range(0.05, 10.0));
+      ->check(within({0.05, 10}));
   add_defaulted(app, "--sheet", options.sheet, "of --kit: paper of the skin")
       ->check(one_of({"A0", "A1", "A2", "A3", "A4"}));
 }

@@ -101,6 +101,8 @@ TEST_F(CommandLine, AValueOutOfItsRangeIsToldTheRange) {
            {"attack --data d --size 0", "--size"},
            {"attack --data d --size nan", "--size"},
            {"attack --data d --sigma 5", "--sigma"},
+           {"detect --data d --check 0", "--check: 0 is out of range; use 1 to 1000"},
+           {"export --run r --bed 20,0.3,0.3", "--bed: 20 is out of range; use 0.05 to 10"},
            {"attack --data d --gamma 1e9", "--gamma"},
            {"attack --data d --checkpoint-every 0", "--checkpoint-every"},
            {"attack --data d --checkpoint-seconds -1", "--checkpoint-seconds"},

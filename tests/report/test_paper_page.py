@@ -15,6 +15,8 @@ import browser
 import paper_fixture
 
 SOURCE = os.path.abspath(sys.argv[1])
+sys.path.append(os.path.join(SOURCE, "validation", "paper"))
+import paper_page  # noqa: E402
 
 
 def write_page(folder):
@@ -45,6 +47,9 @@ class Page(browser.ReportChecks, unittest.TestCase):
     def test_headline_counts_the_findings(self):
         self.assertEqual(self.browser.run("document.querySelector('h1').textContent"),
                          "Of 4 of the paper's findings, 1 holds, 1 holds in part, 1 does not, 1 cannot be told.")
+        told = [{"claim": "a", "verdict": "cannot be told", "checks": [1]}] * 3
+        self.assertEqual(paper_page.headline(told), "None of 3 of the paper's findings can be told from these data.")
+        self.assertEqual(self.count("#findings .finding .tag"), 4)  # one a finding
         self.assertIn("not measured here", self.browser.run("document.querySelector('#findings').textContent.toLowerCase()"))
 
     def test_failed_rows_show_their_error(self):

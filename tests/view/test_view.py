@@ -499,19 +499,23 @@ class OfADrive(browser.PageChecks, Opened):
         seen = self.browser.run("""(async () => {
           const seen = [], start = performance.now(), root = document.documentElement;
           play();
-          while (performance.now() - start < 1500) {
-            const at = about().frames.indexOf(root.dataset.frame);
-            if (at !== seen.at(-1)?.[0]) seen.push([at, (performance.now() - start) / 1000 - drive.playtimes[at]]);
+          while ((seen.at(-1)?.index ?? 0) < 6 && performance.now() - start < 30000) {
+            const index = about().frames.indexOf(root.dataset.frame), began = drive.clock?.began;
+            if (drive.clock && index !== seen.at(-1)?.index)
+              seen.push({index, began, due: drive.playtimes[index], shown: performance.now() / 1000 - began});
             await new Promise(done => setTimeout(done, 2));
           }
           play();
           return seen })()""")
-        indices, late = zip(*seen)
-        self.assertEqual(list(indices), sorted(indices))
-        self.assertGreaterEqual(indices[-1], 6)  # of 15: with a machine that is busy
-        self.assertGreater(min(late), -0.02)
-        self.assertLess(max(late), 0.9)
-        print(f"\nplayed {len(indices)} of {indices[-1] + 1} frames in 1.5 s, {max(late):.2f} s late at most")
+        self.assertGreaterEqual(seen[-1]["index"], 6)  # of 15
+        for frame in seen:
+            self.assertGreater(frame["shown"], frame["due"] - 0.02)
+        for before, frame in zip(seen, seen[1:]):
+            if before["began"] != frame["began"]:  # so slow a machine that the drive began again
+                continue
+            self.assertGreater(frame["index"], before["index"])
+            self.assertGreater(frame["due"], before["shown"] - 0.3)  # what the machine can't show in time is left out
+        print(f"\nplayed {len(seen)} of {seen[-1]['index'] + 1} frames")
 
     def test_the_strip_seeks(self):
         x, y, width, height = self.place(".scale")

@@ -55,6 +55,8 @@ def headline(findings):
         counts[finding["verdict"]] = counts.get(finding["verdict"], 0) + 1
     named = {"holds": ("holds", "hold"), "holds in part": ("holds in part", "hold in part"),
              "does not hold": ("does not", "do not"), "cannot be told": ("cannot be told", "cannot be told")}
+    if counts == {"cannot be told": len(own)} and len(own) > 1:
+        return f"None of {len(own)} of the paper's findings can be told from these data."
     parts = [f"{counts[key]} {words[counts[key] > 1]}" for key, words in named.items() if key in counts]
     return f"Of {len(own)} of the paper's findings, " + ", ".join(parts) + "."
 

@@ -121,7 +121,7 @@ def loss_curve(path):
     if len(rows) < 2:
         return None
     values = [float(row["loss"]) for row in rows]
-    span = max(1, len(values) // 20)
+    span = max(1, len(values) // 5)
     sums = [0.0]
     for value in values:
         sums.append(sums[-1] + value)
