@@ -269,12 +269,12 @@ Driver driver_of(FrameStore& store, const DriveScene& scene, const TrackedVehicl
 }
 
 /// All but what was seen of it.
-VehicleDrive unseen_drive(const DriveScene& scene, const TrackedVehicle& followed, const RoofTrack& ridden) {
+VehicleDrive unseen_drive(const DriveScene& scene, const TrackedVehicle& followed, const RoofTrack& roof) {
   VehicleDrive vehicle;
   vehicle.sequence = scene.name();
   vehicle.track = followed.track;
-  vehicle.type = ridden.carriers.front().label.type;
-  vehicle.roof = ridden.fit;
+  vehicle.type = roof.carriers.front().label.type;
+  vehicle.roof = roof.fit;
   for (std::size_t i = 0; i < followed.frames.size(); ++i) {
     const std::size_t at = followed.frames[i];
     const Moment& moment = scene.frames()[at].moment;
@@ -285,8 +285,8 @@ VehicleDrive unseen_drive(const DriveScene& scene, const TrackedVehicle& followe
     frame.range = std::hypot(box.x, box.y);
     frame.nearest = frame.range;
     for (const Vec2d& corner : corners(box)) frame.nearest = std::min(frame.nearest, corner.norm());
-    const Vec3d relative = moment.world_from_ego.linear().transpose() *
-                           (ridden.velocities[i] - ego_velocity(scene.frames(), at));
+    const Vec3d relative =
+        moment.world_from_ego.linear().transpose() * (roof.velocities[i] - ego_velocity(scene.frames(), at));
     if (frame.range > 0) frame.closing = -(relative.x() * box.x + relative.y() * box.y) / frame.range;
     vehicle.frames.push_back(frame);
   }

@@ -29,8 +29,8 @@ struct Blend {
   double share = 0;
 };
 
-/// Proposals that speak, the most certain first.
-std::vector<std::size_t> speaking(const std::vector<Detection>& proposals) {
+/// Proposals above kNoDetectionLogit, the most certain first.
+std::vector<std::size_t> by_confidence(const std::vector<Detection>& proposals) {
   std::vector<std::size_t> order;
   for (std::size_t i = 0; i < proposals.size(); ++i)
     if (proposals[i].logit > kNoDetectionLogit) order.push_back(i);
@@ -43,7 +43,7 @@ std::vector<std::size_t> speaking(const std::vector<Detection>& proposals) {
 class CameraVotes {
  public:
   CameraVotes(const SensorView& view, const std::vector<Detection>& boxes)
-      : boxes_(boxes), order_(speaking(boxes)), returns_(floats_of(view.points)) {
+      : boxes_(boxes), order_(by_confidence(boxes)), returns_(floats_of(view.points)) {
     if (!view.image || view.image->empty() || !view.calibration) return;
     width_ = view.image->width, height_ = view.image->height;
     projection_ = pixel_from_velo(*view.calibration);
@@ -95,7 +95,7 @@ class ConsistentDetector : public DetectorWrapper {
     }
     for (std::size_t m = 0; m < members_.size(); ++m) counts_[m] = found[m].size();
     const CameraVotes picture(view, found[Source::camera]);
-    const std::vector<std::size_t> lidar_order = speaking(found[Source::lidar]);
+    const std::vector<std::size_t> lidar_order = by_confidence(found[Source::lidar]);
     std::vector<Detection> result;
     blends_.clear();
     const auto add = [&](Detection proposal, double logit, const Blend& blend) {

@@ -76,12 +76,12 @@ std::unique_ptr<Detector> under_ceiling(std::unique_ptr<Detector> inner, double 
 // Bodies and shadows as a defence: what a detector says is held against what the sweep says of solid bodies
 // without any network. In logits:
 //
-//     a body stands there      its proposals, and the body's own box, are raised by kBodyLift up to
-//     kBodyLogit;
+//     a body stands there      its proposals, and the body's own box, are raised by kBodyLift
+//                              up to kBodyLogit;
 //                              beyond, with the slope kSaturatedSlope: the better of two stays the better
-//     rays go through there    a proposal above kThroughLogit sinks to it, but for the same slope: five rays
-//     or
-//                              more, and more than are stopped
+//     rays go through there    a proposal above kThroughLogit sinks to it, but for the same slope:
+//                              five rays or more,
+//                              and more than are stopped
 //
 // An object on a roof changes neither bodies nor the rays below it, so all that an attacker who knows the
 // defence can do is to push a car's logit further, by kBodyLift; the gradient that says how is there.

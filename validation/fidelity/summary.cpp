@@ -74,12 +74,13 @@ std::vector<Compared<Key>> compared(const Vehicles& vehicles, std::vector<Entry>
       place->second.add(own_cluster(*vehicle), outcome, verdicts.conditions.at(0).outcome);
     }
   }
-  constexpr bool kArms = std::is_same_v<Key, VerdictCondition>;  // whose first is not compared with itself
+  constexpr bool kConditions =
+      std::is_same_v<Key, VerdictCondition>;  // whose first is not compared with itself
   std::vector<Compared<Key>> list;
   for (const auto& [key, paired] : all) {
     const double n = paired.tally.vehicles;
     const std::optional<Interval> difference =
-        kArms && list.empty() ? std::nullopt : std::optional(paired.difference().asr);
+        kConditions && list.empty() ? std::nullopt : std::optional(paired.difference().asr);
     list.push_back(
         {paired.tally.success(), key, difference, paired.flips, paired.logit / n, paired.score / n});
   }

@@ -281,9 +281,9 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   if (cameras.empty()) return result;
   SeenResult& seen = result.seen.emplace();
   const std::size_t lost_before = context.renderer.losses().size();
-  std::deque<DrawnView> looks;
+  std::deque<DrawnView> drawn_views;
   for (const std::size_t camera : cameras) {
-    DrawnView& at = looks.emplace_back();
+    DrawnView& at = drawn_views.emplace_back();
     at.camera = camera;
     if (camera > 0) {
       at.scene = facing(scene, at.turned.emplace(facing(prepared, camera)), camera);
@@ -299,7 +299,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
       at.simulated = simulated;
     }
     at.matched = matched_light(context.renderer, at.scene);
-    if (context.settings.noise > 0 && &at == &looks.front())
+    if (context.settings.noise > 0 && &at == &drawn_views.front())
       scene.samples =
           samples_for(measure_noise(context.renderer, at.scene, at.simulated), context.settings.noise);
     at.scene.samples = scene.samples;
@@ -310,7 +310,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
       seen.surround->cameras.push_back({frame.name_of(camera), at.matched, at.full_result()});
     }
   }
-  const DrawnView& best = looks.front();
+  const DrawnView& best = drawn_views.front();
   const FullLight& full = best.full;
   seen.matched.add(check_lidar(context.renderer, scene, simulated));
   seen.samples = scene.samples;
@@ -329,7 +329,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   const Simulated learned = simulate(prepared, scene.placement, scene.adversary, built.simulation());
   as_recorded.changed = learned.rect;
   Pictures in_cycles(frame.cameras());
-  for (const DrawnView& at : looks) {
+  for (const DrawnView& at : drawn_views) {
     in_cycles[at.camera] = &at.full.image;
     if (at.camera == 0) as_recorded.changed = united(at.full.rect, learned.rect);
   }
@@ -384,7 +384,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   result.shown["host_rect"] = as_size(host.camera) == best.camera
                                   ? json({host.left, host.top, host.right, host.bottom})
                                   : result.shown["crop_rect"];
-  for (const DrawnView& at : looks) {
+  for (const DrawnView& at : drawn_views) {
     const auto save = [&](const std::string& picture, const ImageF& image) {
       const std::string kind = &at == &best ? picture : picture + "_" + frame.name_of(at.camera);
       const std::string file = "pictures/" + name + "_" + kind + ".png";
