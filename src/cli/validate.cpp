@@ -67,12 +67,14 @@ std::string against_first(const Compared<VerdictCondition>& condition) {
 /// `sees`: else who drew the object says nothing about the attack.
 void add_verdict(const Verdict& verdict, bool sees, Rows& rows) {
   for (const auto& [group, title] :
-       {std::pair(&verdict.held_back, "held back"), std::pair(&verdict.all, "all")})
+       {std::pair(&verdict.held_back, "held back"), std::pair(&verdict.all, "all")}) {
+    if (group == &verdict.all && verdict.all.vehicles == verdict.held_back.vehicles) continue;  // none else
     for (const VerdictVariant& variant : group->variants)
       if (variant.kind == VariantKind::soft || (sees && variant.kind != VariantKind::rung))
         rows.push_back(
             {fmt::format("FN | ASR, {}, {} (95 %)", title, variant.name),
              fmt::format("{} | {} of {}", percent(variant.fn_asr), percent(variant.asr), variant.vehicles)});
+  }
   for (const auto& condition : verdict.judged().conditions) {
     if (!sees &&
         (condition.key.light == ConditionLight::visible || condition.key.light == ConditionLight::cycles))
@@ -84,7 +86,7 @@ void add_verdict(const Verdict& verdict, bool sees, Rows& rows) {
   rows.push_back({"intervals over", to_string(verdict.judged().clusters)});
   for (const auto& control : verdict.controls)
     rows.push_back({fmt::format("control: {}, {}", to_word(control.key.channel), control.key.control),
-                    fmt::format("{} outcomes of {} change, logits by {:.2f}", control.flips, control.vehicles,
+                    fmt::format("{} of {} outcomes change, logits by {:.2f}", control.flips, control.vehicles,
                                 control.mean_delta_logit)});
   for (const auto& [channel, what] :
        {std::pair(Channel::image, "drew it"), std::pair(Channel::lidar, "met it")})

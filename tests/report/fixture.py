@@ -54,7 +54,7 @@ def host(folder, name, index):
     seen = [{"box": [310, 70, 385, 152], "score": 0.8}]
     in_picture = {"picture_boxes": {"host": [300, 90, 380, 150], "object": [320, 60, 360, 90], "clean": seen, "raster": [],
                                     "truth": [[300, 90, 380, 150], [10, 80, 60, 120]], "cycles": seen}} if index == 1 else {}
-    return {**in_picture, "name": name, "frame": name[:6], "label": 0, "range": 20.0 + index, "visible_share": 0.9, "detected": True,
+    return {**in_picture, "name": name, "frame": name[:6], "label": 0, "range": 20.0 - index, "visible_share": 0.9, "detected": True,
             "adversary_points": 2, "host_rect": [300, 90, 380, 150], "crop_rect": [320, 60, 360, 90],
             "clean": {"iou": 0.8, "score": 0.95}, "raster": raster, "cycles": {**cycles, "score": 0.7},
             "full": {"mae": 0.02, "mean": 0.2, "relative": 0.1, "ssim": 0.9, "flip": 0.1, "seconds": 1.5},
@@ -67,11 +67,11 @@ def host(folder, name, index):
 
 def ladder():
     fidelity = {"mae": 0.01, "relative": 0.05, "psnr": 31.0, "ssim": 0.95, "flip": 0.06}
-    rungs = [("hard edges", "raster", 0.01), ("hemisphere", "raster", 0.02), ("sun shadows", "cycles", 0.4),
+    rungs = [("hard edges", "raster", 0.01), ("visible light, exact areas", "raster", 0.02), ("+occlusion", "cycles", 0.4),
              ("bounces 4", "cycles", 1.2)]
     return [{"effect": effect, "group": group, "base": "matched", **fidelity, "crop": fidelity,
-             "to_full": {**fidelity, "relative": 0.3 / (1 + k)}, "seconds": seconds, "vehicles": 2, "detected": 2,
-             "hidden": 1, "false_positive": 0, "fn_asr": 0.5, "asr": 0.5, "mean_score": 0.6, "score_change": 0.03,
+             "to_full": {**fidelity, "relative": 0.3 / (1 + k)}, "seconds": seconds, "vehicles": 128, "detected": 128,
+             "hidden": 111, "false_positive": 0, "fn_asr": 0.5, "asr": 0.5, "mean_score": 0.6, "score_change": 0.03,
              "error_plain": math.hypot(0.3 / (1 + k), 0.05 * k), "floor": 0.05 * k, "error_drawn": 0.32 / (1 + k),
              "error_unbiased": 0.3 / (1 + k) if k < 3 else -0.02, "interval_over": "clusters",
              "interval": share(0.3 / (1 + k) if k < 3 else -0.02, 0.05)}
@@ -161,7 +161,8 @@ def make(folder, uses_picture=True, vacuous=False):
     glb(os.path.join(run, "adversary.glb"))
     iou = [k / 10 for k in range(11)]
     write_json(os.path.join(folder, "evaluation.json"), {
-        "asr": 0.4, "fn_asr": 0.3, "fp_asr": 0.2, "sized": {"asr": 0.1, "intervals": {"asr": share(0.1)}}, "vehicles": 20, "hosts": 22, "detected_iou": 0.7, "outcomes": [],
+        "asr": 0.4, "fn_asr": 0.3, "fp_asr": 0.2, "vehicles": 20, "hosts": 22, "detected_iou": 0.7, "outcomes": [],
+        "arms": [{"name": name, "asr": share(value)} for name, value in (("learned", 0.4), ("sized", 0.1), ("cuboid", 0.05))],
         "hidden": {"vanished": {**share(0.15), "vehicles": 21}}, "net": {"vanished": share(0.1), "asr": share(0.2)},
         "recall_iou": {"iou": iou, "clean": [1 - 0.3 * k * k for k in iou], "attacked": [0.8 - 0.5 * k for k in iou]}})
     write_json(os.path.join(folder, "tradeoff.json"), tradeoff())

@@ -115,13 +115,17 @@ class Page(browser.ReportChecks, unittest.TestCase):
         self.assertIn("22.0 % (12.0–32.0 %) of 20 held-back vehicles", rate)
         self.assertIn("over 10 frames only: wide and approximate", rate)
         self.assertIn("−13.0 (−18.0 to −8.0) points: less", rate)
-        self.assertIn("a random mesh of its size 10.0 % (0.0–20.0 %)", rate)
+        self.assertIn("this object 40.0 % (30.0–50.0 %), a random mesh of its size 10.0 % (0.0–20.0 %), a cuboid that fills the box 5.0 % (", rate)
+        self.assertIn("Decision Open", rate)
 
     def test_says_what_became_of_a_vehicle(self):
         tags = self.browser.run("[...document.querySelectorAll('article.vehicle .tag')].slice(0, 4).map(t => t.innerText)")
         self.assertEqual(tags, ["rasteriser: vanished", "Cycles: misplaced (IoU 0.62)", "rasteriser: found", "Cycles: found"])
-        rows = self.browser.run("[...document.querySelectorAll('#all tbody tr:first-child td')].slice(2, 4).map(t => t.innerText)")
-        self.assertEqual(rows, ["vanished", "misplaced (IoU 0.62)"])
+        rows = self.browser.run("[...document.querySelectorAll('#all tbody tr')].map(r => [0, 1, 3, 4].map(k => r.cells[k].innerText))")
+        self.assertEqual(rows, [["000002_1", "19.0", "found", "found"],
+                                ["000001_0", "20.0", "vanished", "misplaced (IoU 0.62)"]])  # the nearest first
+        self.assertEqual(self.browser.run("document.querySelector('#hidden').innerText"),
+                         "Not found any more in Cycles, the nearest first: 000001_0 (20 m, misplaced).")
 
     def test_of_a_detector_that_sees_it_is_whole(self):
         text, count = (lambda selector, what=what: self.browser.run(what % json.dumps(selector))
@@ -183,7 +187,7 @@ class WithoutViewer(unittest.TestCase):
         self.browser.open(self.path.replace("report.html", "sign-off.html"))
         text = self.browser.run("document.body.innerText")
         for part in ("Attack success 22.0 % in Cycles", "fusion-kitti64.pt", "8d1f", "ea8efec", "mirage validate --run out/attack",
-                     "15–30 m\t2\t1\t1", "Hidden in Cycles: 000001_0.", "What was not tested", "signature"):
+                     "15–30 m\t2\t1\t1", "Hidden in Cycles: 000001_0 (20 m).", "a random mesh of its size\t10.0\u202f%", "one front camera", "What was not tested", "signature"):
             self.assertIn(part, text)
         sheet = base64.b64decode(self.browser.call("Page.printToPDF", preferCSSPageSize=True)["data"])
         self.assertEqual(len(re.findall(rb"/Type\s*/Page\b", sheet)), 1)

@@ -293,6 +293,8 @@ TEST(LidarLadder, IdealChangesNothingAndEachEffectDoesWhatItSays) {
   EXPECT_NEAR(rungs.at("drop-out").changed, 0.1, 4 * std::sqrt(0.09 / count));
   EXPECT_NEAR(rungs.at("drop-out").changed, -rungs.at("drop-out").returns_change, 1e-12);
   EXPECT_GT(rungs.at("divergence").changed, 0);
+  EXPECT_GT(rungs.at("all").changed, 0.9);
+  for (const auto& [effect, rung] : rungs) EXPECT_LE(rung.changed, 1) << effect;
   EXPECT_EQ(rungs.at("all").sweep.size() > 0, true);
 }
 

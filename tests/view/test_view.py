@@ -5,6 +5,7 @@ asks for nothing but itself, frames show, slider, keys and mouse do what they sa
 hold, and both themes draw."""
 
 import json
+import math
 import os
 import struct
 import subprocess
@@ -374,6 +375,43 @@ class OfARun(browser.PageChecks, Opened):
         self.assertEqual(names[0], names[-1])
         self.assertRegex(self.browser.run("document.getElementById('outcome').textContent"), "ound as recorded|Hidden|Still found")
 
+    def test_the_nearest_vehicle_comes_first(self):
+        ranges = self.browser.run("Promise.all(about().frames.map((_, k) => frameAt(k).then(f => f.attacks.map("
+                                  "a => Math.hypot(...f.labels[a.label].box.slice(0, 2))))))")
+        self.assertGreater(max(map(len, ranges)), 1)
+        for of_frame in ranges:
+            self.assertEqual(of_frame, sorted(of_frame))
+        listed = self.browser.run("[...document.querySelectorAll('#vehicle option')].map(o => +/([0-9]+) m/.exec(o.textContent)[1])")
+        self.assertEqual(listed, [math.floor(value + 0.5) for value in ranges[0]])
+
+    def test_opens_at_the_vehicle(self):
+        self.browser.open(self.path)
+        self.shown(self.browser.run("about().frames[0]"))
+        away = self.browser.run("(() => { const [x, y] = current.labels[current.attacks[state.vehicle].label].box;"
+                                "return Math.hypot(eyes.top.x - x, eyes.top.y - y) })()")
+        self.assertLess(away, 1e-6)
+        spans = [self.browser.run("eyes.top.span")]
+        self.key("0")
+        self.settle()
+        spans.append(self.browser.run("eyes.top.span"))
+        self.assertLess(spans[0], 0.5 * spans[1])
+
+    def test_a_phone_has_room_for_one_side(self):
+        shown = "[...document.querySelectorAll('.column')].filter(c => c.querySelector('.picture').offsetParent).map(c => c.classList[1])"
+        self.assertEqual(self.browser.run(shown), ["clean", "attacked"])
+        self.resize(420)
+        self.settle()
+        try:
+            self.assertEqual(self.browser.run(shown), ["attacked"])
+            self.key("s")
+            self.assertEqual(self.browser.run(shown), ["clean"])
+            self.browser.run("[...document.querySelectorAll('#side button')].find(b => b.value === 'attacked').click()")
+            self.settle()
+            self.assertEqual(self.browser.run(shown), ["attacked"])
+        finally:
+            self.resize(*self.size)
+            self.settle()
+        self.assertEqual(self.browser.run(shown), ["clean", "attacked"])
 
     def test_steps_through_all_vehicles_and_the_address_names_them(self):
         counts = {"hidden": 0, "found": 0, "unfound": 0}

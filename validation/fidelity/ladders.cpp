@@ -454,15 +454,16 @@ std::vector<LidarRung> lidar_ladder(const HostScene& scene) {
     rung.seconds = seconds_since(start);
     const auto points = by_ray(tape, simulated.sweep);
     if (ladder.empty()) reference = points;
-    std::size_t changed = 0;
+    std::size_t changed = 0, either = reference.size();
     for (const auto& [ray, point] : points) {
       const auto same = reference.find(ray);
+      either += same == reference.end();
       changed += same == reference.end() || (same->second - point).norm() > kMoved;
     }
     for (const auto& [ray, point] : reference) changed += !points.contains(ray);
     const double count = std::max<double>(1, static_cast<double>(reference.size()));
     rung.returns = static_cast<int>(points.size());
-    rung.changed = static_cast<double>(changed) / count;
+    rung.changed = static_cast<double>(changed) / std::max<double>(1, static_cast<double>(either));
     rung.returns_change =
         (static_cast<double>(points.size()) - static_cast<double>(reference.size())) / count;
     rung.sweep = std::move(simulated.sweep);

@@ -154,8 +154,8 @@ void visit_fields(Visitor& visit, S& s) {
 /// A rung of the LiDAR's (ladders.h).
 struct LidarRungResult {
   std::string effect;
-  int returns = 0;     ///< on the object
-  double changed = 0;  ///< share of the ideal returns lost or moved, and new ones, over the ideal count
+  int returns = 0;            ///< on the object
+  double changed = 0;         ///< of all returns, ideal or not: the share that is lost, moved or new
   double returns_change = 0;  ///< relative change of their number
   double seconds = 0;         ///< of the whole insertion
   std::optional<OutcomeResult> outcome;
@@ -164,7 +164,7 @@ template <class Visitor, FieldsOf<LidarRungResult> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "effect"}, s.effect);
   visit({.name = "returns", .range = kNotNegative}, s.returns);
-  visit({.name = "changed", .range = kNotNegative}, s.changed);
+  visit({.name = "changed", .range = kShare}, s.changed);
   visit({.name = "returns_change"}, s.returns_change);
   visit({.name = "seconds", .range = kNotNegative}, s.seconds);
   visit.among("score", s.outcome);

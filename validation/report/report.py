@@ -29,6 +29,8 @@ except ImportError as error:
 PICTURED_HOSTS = 12  # vehicles shown with pictures; the table holds all
 PICTURED_FLIPS = 12
 NAMED_HIDDEN = 12  # vehicles that the page to sign names
+OBJECTS = {"learned": "this object", "start": "a random mesh", "sized": "a random mesh of its size", "ellipsoid": "an ellipsoid that fills the box",
+           "cuboid": "a cuboid that fills the box"}  # arms of mirage evaluate
 BANDS = ((0, 15), (15, 30), (30, 50), (50, math.inf))  # m, those of mirage evaluate
 NO_VIEWER = ("model-viewer was not there when Mirage was built. Build once with the npm registry in reach, then run "
              "mirage validate again: finished vehicles are kept.")
@@ -52,6 +54,13 @@ def model_uri(path):
 def arms(result):
     """{(light, returns): place in verdict.arms}, of arms that hold a vehicle."""
     return {(arm["light"], arm["returns"]): index for index, arm in enumerate(result["verdict"]["arms"])}
+
+
+def objects(result):
+    """[(name, place of its success)] in the evaluation: this object's, and its controls'."""
+    found = result["beside"].get("evaluation", {}).get("arms", [])
+    return [(OBJECTS[arm["name"]], f"beside.evaluation.arms.{index}.asr") for index, arm in enumerate(found)
+            if arm["name"] in OBJECTS]
 
 
 def flips_of(result, folder):
@@ -84,22 +93,21 @@ def by_distance(hosts):
 
 def untested(result):
     """Sentences: what a reader might take for tested and is not."""
+    cameras = f"these {len(result['cameras'])} cameras" if "cameras" in result else "one front camera"
     lines = ["An object that was built: its material, mount and weather are the model's.",
              "What a tracker makes of the missed frames: each frame was judged alone.",
-             "Sensors other than one front camera and one LiDAR; light other than the recorded sky and sun."]
+             f"Sensors other than {cameras} and one LiDAR; light other than the recorded sky and sun."]
     if result["test_frames"] < result["frames"]:
         lines.insert(0, f"{result['frames'] - result['test_frames']} of the {result['frames']} frames: the attack was learned on them.")
-    if "evaluation" not in result["beside"]:
+    if OBJECTS["sized"] not in dict(objects(result)):
         lines.insert(0, "A random object of the same size: give --evaluation.")
     return lines
 
 
 def sign_off(environment, hosts):
     """The page to sign, of the environment that page() filled."""
-    named = [host["name"] for host in sorted(hosts, key=lambda host: host["range"]) if host["detected"] and host["cycles"]["hidden"]]
-    more = [f"{len(named) - NAMED_HIDDEN} more"] if len(named) > NAMED_HIDDEN else []
     return environment.get_template("sign_off.html.j2").render(
-        bands=by_distance(hosts), hidden=named[:NAMED_HIDDEN] + more, untested=untested(environment.globals["result"]),
+        bands=by_distance(hosts), named=NAMED_HIDDEN, untested=untested(environment.globals["result"]),
         style=figures.asset(HERE, "a4.css"))
 
 
@@ -111,16 +119,17 @@ def page(environment, result, hosts, folder, model, viewer, origin):
     seen = ["vanished", "misplaced", "found", "not found clean"]
     order = sorted(range(len(hosts)), key=lambda i: ([seen.index(figures.outcome(hosts[i], key)[0])
                                                       for key in ("cycles", "raster")], hosts[i]["range"]))
+    nearest = [host_view(i, hosts[i]) for i in sorted(range(len(hosts)), key=lambda i: hosts[i]["range"])]
     environment.globals.update(
         result=result, fig=fig, interval=figures.interval_function(result, fig), group=verdict["of"], shown=plots.SHOWN,
-        arms=arms(result), checks=figures.targets(result), made_of=figures.made_of(result), flips=flips_of(result, folder),
+        arms=arms(result), checks=figures.targets(result), made_of=figures.made_of(result), objects=objects(result), flips=flips_of(result, folder),
         note=note, light_names=plots.LIGHT, tradeoff=beside.get("tradeoff"), pareto=plots.pareto(beside.get("tradeoff")),
         viewer_missing=NO_VIEWER, model=model,
         plots={"loss": plots.loss(beside.get("loss")), "recall": plots.recall(beside.get("evaluation")),
                "success": plots.arms(verdict, bool(note)), "scores": plots.scores(verdict), "ladder": plots.ladder(result),
                "remaining": plots.remaining(result), "ladder_cost": plots.ladder_cost(result)},
         pictured=[pictured_view(folder, i, hosts[i]) for i in order[:PICTURED_HOSTS]],
-        hosts=[host_view(i, host) for i, host in enumerate(hosts)])
+        hosts=nearest, hidden=[host for host in nearest if host["cycles"][1] == "bad"])
     return environment.get_template("page.html.j2").render(style=figures.asset(HERE, "style.css"), script=figures.asset(HERE, "page.js"),
                                                            viewer=viewer)
 

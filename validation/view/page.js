@@ -1,7 +1,8 @@
 // The page: what is shown, and what changes it.
 
 const told = about();
-const state = {index: 0, camera: 0, colour: "height", show: "both", score: told.judged_at, vehicle: 0, close: false,
+const state = {index: 0, camera: 0, colour: "height", show: "both", score: told.judged_at, vehicle: 0, side: "attacked",
+               close: !!told.run && !told.drive,
                layers: {label: !told.drive, found: !!told.detector && !told.drive, file: !!told.file, track: !!told.drive}, playing: 0};
 let choice = "system"; // of the theme
 let current = null;    // the frame that is shown
@@ -191,6 +192,7 @@ function refresh() {
   score.style.display = score.hidden ? "none" : "";
   score.querySelector("input").value = state.score;
   score.querySelector("output").textContent = state.score.toFixed(2);
+  byId("columns").dataset.side = state.side;
   for (const {maps} of columns) {
     maps.classList.toggle("one", state.show !== "both");
     maps.querySelector(".top").style.display = state.show === "orbit" ? "none" : "";
@@ -329,6 +331,7 @@ const KEYS = {
   h: () => { state.colour = "height"; },
   r: () => { state.colour = "reflectance"; },
   i: () => { state.colour = "instance"; },
+  s: () => { state.side = step(["clean", "attacked"], state.side); },
   v: () => { state.show = step(["top", "orbit", "both"], state.show); },
   l: () => toggle(["label"]),
   d: () => toggle(KINDS.slice(1, 3).filter(kind => kind[2]).map(kind => kind[0])),
@@ -365,6 +368,7 @@ byId("theme").onclick = KEYS.t;
 byId("score").querySelector("input").addEventListener("input", event => { state.score = +event.target.value; refresh(); });
 byId("vehicle").querySelector("select").addEventListener("change", event => { state.vehicle = +event.target.value; state.close ? closeUp() : lookAt(state.camera); refresh(); });
 byId("camera").querySelector("select").addEventListener("change", event => { state.camera = +event.target.value; refresh(); });
+for (const {side, title} of columns) Object.assign(make(byId("side"), "button", "", title.firstChild.textContent), {type: "button", value: side});
 for (const button of document.querySelectorAll("fieldset button"))
   button.onclick = () => { state[button.parentElement.id] = button.value; refresh(); };
 for (const [kind, name, there] of KINDS.filter(kind => kind[2])) {

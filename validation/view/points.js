@@ -5,7 +5,7 @@ const EYES = {
   top: () => ({x: 27, y: 0, span: 70}), // the middle, and metres across the shorter side
   orbit: () => ({x: 15, y: 0, z: -1, heading: -0.2, down: 0.4, distance: 27}),
 };
-const FIELD = 0.9; // rad, of the 3-D view's height
+const FIELD = 0.9; // rad, across the shorter side of the 3-D view
 const RINGS = [10, 20, 30, 40, 60, 80, 100];
 
 class PointView {
@@ -59,7 +59,7 @@ class PointView {
     const ch = Math.cos(eye.heading), sh = Math.sin(eye.heading), cd = Math.cos(eye.down), sd = Math.sin(eye.down);
     const f = [cd * ch, cd * sh, -sd], r = [sh, -ch, 0], up = [sd * ch, sd * sh, cd];
     const from = [eye.x - eye.distance * f[0], eye.y - eye.distance * f[1], eye.z - eye.distance * f[2]];
-    const k = this.focal = height / 2 / Math.tan(FIELD / 2);
+    const k = this.focal = Math.min(width, height) / 2 / Math.tan(FIELD / 2);
     const depth = p => (p[0] - from[0]) * f[0] + (p[1] - from[1]) * f[1] + (p[2] - from[2]) * f[2];
     this.view = {f, r, up, from};
     this.place = (x, y, z) => {

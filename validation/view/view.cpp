@@ -75,6 +75,11 @@ class Attacker {
                      attack);
       view.attacks.push_back(std::move(attack));
     }
+    const auto range = [&](const ViewAttack& attack) {
+      const BevBox& box = view.frame.labels[as_size(attack.label)].box.bev;
+      return std::hypot(box.x, box.y);
+    };
+    std::ranges::stable_sort(view.attacks, {}, range);
   }
 
  private:
@@ -86,13 +91,13 @@ class Attacker {
         detections(*detector_, view_of(prepared, simulated, detector_->capabilities()), evaluation_);
     attack.found = {kitti_detections(attacked, evaluation_.matching, whole, detector_->capabilities().types),
                     true};
-    EvaluationSettings judged_by = evaluation_;
-    judged_by.score_threshold = EvaluationSettings{}.score_threshold;
+    EvaluationSettings judging = evaluation_;
+    judging.score_threshold = EvaluationSettings{}.score_threshold;
     const auto sure = [&](std::vector<Detection> proposals) {
-      std::erase_if(proposals, [&](const Detection& p) { return p.score() < judged_by.score_threshold; });
+      std::erase_if(proposals, [&](const Detection& p) { return p.score() < judging.score_threshold; });
       return proposals;
     };
-    const HostOutcome outcome = judge(id, seen, sure(clean), sure(attacked), judged_by, boxes);
+    const HostOutcome outcome = judge(id, seen, sure(clean), sure(attacked), judging, boxes);
     attack.outcome.update({{"clean_iou", outcome.clean_iou},
                            {"attacked_iou", outcome.attacked_iou},
                            {"clean_score", outcome.clean_score},
