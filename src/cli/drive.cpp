@@ -91,7 +91,7 @@ void add_options(CLI::App& app, DriveOptions& options) {
   add_overrides<FrameSource>(app, options.overrides);
   app.get_option("--data")->required();
   add_fields(app, options.part);
-  add_fields(app, options.detector);
+  add_detector_of_run(app, options.detector);
   options.quality.add(app, "the run's settings");
   add_overrides<SimulationSettings>(app, options.overrides, {"light", "camera_effects"});
   options.effects.add(app, "the run's");

@@ -121,7 +121,7 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
                  "another run folder: judge on its test hosts, data set and detector (black-box "
                  "transfer)");
   add_overrides<FrameSource>(app, request.overrides);
-  add_fields(app, request.detector, {"precision", "locality"});
+  add_detector_of_run(app, request.detector, {"precision", "locality"});
   add_overrides<DetectorOptions>(app, options.computed, {"precision", "locality"});
   options.quality.add(app, "the run's settings");
   add_overrides<SimulationSettings>(app, request.overrides, {"light", "camera_effects"});
@@ -129,7 +129,7 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
   options.effects.add(app, "the run's");
   add_defaulted(app, "--expect", options.expect,
                 "environment to sample for each vehicle, the same for every object on it: words as of mirage "
-                "attack --expect, for example shape:0.02,colour for what a workshop makes of it");
+                "attack --expect, for example shape:0.02,colour for an object as built");
   add_trust_option(app, request.trust);
   add_cache_note(app);
   app.add_option("--hosts", request.hosts,

@@ -34,12 +34,14 @@ const std::vector<std::pair<std::string, std::vector<std::string>>>& headings() 
                 "--kitti64",      "--xenith",     "--real",         "--judge-frames",
                 "--sequence",     "--between",    "--least-frames", "--learn-data",
                 "--learn-frames", "--board",      "--classes",      "--sensors",
-                "--sweeps",       "--drive",      "--vehicle"}},
+                "--sweeps",       "--drive",      "--vehicle",      "--frame",
+                "--scene",        "--detections"}},
       {"Tracker", {"--tracker", "--birth", "--death", "--track-by", "--track-iou", "--track-distance"}},
       {"Detector",
-       {"--detector", "--detectors", "--weights", "--defense", "--clean-memory", "--precision", "--locality",
-        "--matching", "--trust-run", "--start", "--camera", "--lidar", "--fresh", "--gate", "--claim",
-        "--score", "--iou", "--keep-start", "--certify"}},
+       {"--detector", "--detectors", "--weights",   "--defense",    "--clean-memory", "--precision",
+        "--locality", "--matching",  "--trust-run", "--start",      "--camera",       "--lidar",
+        "--fresh",    "--gate",      "--claim",     "--score",      "--iou",          "--keep-start",
+        "--certify",  "--check",     "--kitti",     "--no-detector"}},
       {"Object",
        {"--size", "--parts", "--mesh", "--free", "--gamut", "--min-thickness", "--baseline",
         "--random-meshes", "--mesh-forward", "--mesh-up", "--model", "--mesh-format", "--objects",
@@ -64,7 +66,7 @@ const std::vector<std::pair<std::string, std::vector<std::string>>>& headings() 
                     "--no-adaptive"}},
       {"Run",
        {"--out", "--seed", "--threads", "--quiet", "--config", "--checkpoint-every", "--checkpoint-seconds",
-        "--pictures", "--animation", "--fail-above", "--help"}},
+        "--pictures", "--animation", "--fail-above", "--sign-off", "--quick", "--only", "--seeds", "--help"}},
   };
   return all;
 }

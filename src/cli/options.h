@@ -37,6 +37,20 @@ inline void add_trust_option(CLI::App& app, TrustRun& trust) {
       "load plugins and TorchScript models that the run names: they are programs, and run as you");
 }
 
+/// Options of a detector in place of a run's (use_detector_of), but those to skip.
+inline void add_detector_of_run(CLI::App& app, DetectorOptions& detector, std::set<std::string> skip = {}) {
+  add_fields(app, detector, std::move(skip));
+  const std::string shipped = " (default: the shipped ones for the data set's rig)";
+  for (const char* name :
+       {"--detector", "--weights", "--defense", "--precision", "--locality", "--matching"}) {
+    CLI::Option* option = app.get_option_no_throw(name);
+    if (!option) continue;
+    std::string help = option->get_description();
+    if (const auto at = help.find(shipped); at != std::string::npos) help.erase(at, shipped.size());
+    option->description(help + "; default: the run's")->default_str("");
+  }
+}
+
 /// --score of the commands that judge detections.
 inline void add_score_option(CLI::App& app, double& threshold) {
   add_defaulted(app, "--score", threshold, "score of a detection")->check(within(kShare));

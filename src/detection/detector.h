@@ -275,7 +275,7 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "the detector's defence: none, jpeg:QUALITY, ceiling:HEIGHT (ignores what stands higher "
                  "over the road, m), consistency (with the lidar and the camera detector), shadows (with the "
                  "sweep's solid bodies), or shipped weights of mirage defend (adversarial, denoising, "
-                 "depth-gate, roof-objects, picture-dropout); several as adversarial+shadows",
+                 "depth-gate, ceiling, roof-objects, picture-dropout); several as adversarial+shadows",
          .check = check_defense},
         s.defense);
   visit({.name = "clean_memory",

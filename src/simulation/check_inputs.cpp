@@ -150,9 +150,9 @@ void warn_of_large_object(const Vec3d& size, const std::string& where) {
   constexpr double kOfARoof = 3;  // m; roofs are about 2 × 1.3 m, what is carried on them is longer
   if (size.maxCoeff() > kOfARoof)
     spdlog::warn(
-        "{}: {} is larger than a car's roof, about 2 × 1.3 m: it hides what no load would; give "
-        "at most {:g} m",
-        where, in_metres(size), kOfARoof);
+        "{}: {} is larger than a car's roof, about 2 × 1.3 m: it hides what no load would; keep every side "
+        "within {:g} m (--size {:g})",
+        where, in_metres(size), kOfARoof, kOfARoof / 2);
 }
 
 void check_window(const PreparedFrame& prepared, std::size_t of, const PixelRect& rect) {

@@ -71,7 +71,7 @@ class Opened(unittest.TestCase):
         cls.addClassCleanup(cls.browser.__exit__)
         cls.browser.theme("light")
         cls.browser.open(cls.path)
-        cls.shown(cls.browser.run("about().frames[0]"))
+        cls.browser.wait_for("document.documentElement.dataset.frame !== undefined")
 
     @classmethod
     def shown(cls, frame):
@@ -373,7 +373,7 @@ class OfARun(browser.PageChecks, Opened):
             self.settle()
         self.assertEqual(len(set(names)), count)
         self.assertEqual(names[0], names[-1])
-        self.assertRegex(self.browser.run("document.getElementById('outcome').textContent"), "ound as recorded|Hidden|Still found")
+        self.assertRegex(self.browser.run("document.getElementById('outcome').textContent"), "ound as recorded|Vanished|Misplaced|Still found")
 
     def test_the_nearest_vehicle_comes_first(self):
         ranges = self.browser.run("Promise.all(about().frames.map((_, k) => frameAt(k).then(f => f.attacks.map("
@@ -386,7 +386,9 @@ class OfARun(browser.PageChecks, Opened):
 
     def test_opens_at_the_vehicle(self):
         self.browser.open(self.path)
-        self.shown(self.browser.run("about().frames[0]"))
+        self.browser.wait_for("document.documentElement.dataset.frame !== undefined")
+        first = self.browser.run("AMONG[1].vehicles[0] ?? [0, state.vehicle]")  # a hidden one, if any is
+        self.assertEqual(self.browser.run("[state.index, state.vehicle]"), first)
         away = self.browser.run("(() => { const [x, y] = current.labels[current.attacks[state.vehicle].label].box;"
                                 "return Math.hypot(eyes.top.x - x, eyes.top.y - y) })()")
         self.assertLess(away, 1e-6)

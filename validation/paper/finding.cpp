@@ -382,9 +382,9 @@ std::string distances(const Outcomes& outcomes, bool in_full) {
   }
   if (all.empty()) return "";
   const auto word = [&](const char* text) { return in_full ? text : ""; };
-  return fmt::format("{}{}, median {:.1f} m{}, {}{} beyond {:.0f} m", all.size(), word(" false positives"),
-                     quantile(all, 0.5), word(" from the host"), percent(far.interval()), word(" of them"),
-                     kFar);
+  return fmt::format("{}{}, median {:.1f} m{}, {}{} beyond {:.0f} m", all.size(),
+                     word(all.size() == 1 ? " false positive" : " false positives"), quantile(all, 0.5),
+                     word(" from the host"), percent(far.interval()), word(" of them"), kFar);
 }
 
 /// Vehicles that get a false positive far away, beside those that a random mesh gives one: background that
@@ -485,7 +485,7 @@ std::string title(const std::string& rig) {
 
 std::string points(const Interval& difference) {
   std::string text =
-      std::isfinite(difference.low)
+      difference.high - difference.low < 2  // wider than what a difference of shares can be
           ? fmt::format("{:+.1f} points ({:+.1f} to {:+.1f})", 100 * difference.value, 100 * difference.low,
                         100 * difference.high)
           : fmt::format("{:+.1f} points (too few to draw an interval from)", 100 * difference.value);

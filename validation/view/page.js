@@ -58,7 +58,12 @@ function boxesOf(frame, attack, side) {
     });
   const add = (found, kind, colour) => (found ?? []).filter(one => one.score >= state.score - 1e-9)
     .forEach(one => boxes.push({...one, kind, colour}));
-  if (state.layers.found) add(attack ? attack.found : frame.found, "found", side);
+  if (state.layers.found) {
+    add(attack ? attack.found : frame.found, "found", side);
+    const of = frame.attacks[state.vehicle]?.outcome ?? {}, score = attack ? of.attacked_score : of.clean_score;
+    const own = boxes.find(box => box.kind === "found" && Math.abs(box.score - score) < 1e-4);
+    if (own && (attack ? of.attacked_iou : of.clean_iou) > 0) own.own = true;
+  }
   if (state.layers.track)
     for (const {identity, box, detected} of (attack ?? frame).tracks)
       boxes.push({type: `Track ${identity}`, kind: "track", identity, box, coasts: !detected, tag: `#${identity}`});
@@ -143,7 +148,7 @@ function outcome() {
   }
   const found = (score, iou) => iou > 0 ? `score ${score.toFixed(2)}, IoU ${iou.toFixed(2)}` : "nothing there";
   if (!of.detected) part("Not found as recorded", "quiet");
-  else part(of.hidden ? "Hidden" : "Still found", of.hidden ? "bad" : "good");
+  else part(!of.hidden ? "Still found" : of.vanished ? "Vanished" : "Misplaced", of.hidden ? "bad" : "good");
   part(`: ${found(of.clean_score, of.clean_iou)} as recorded, ${found(of.attacked_score, of.attacked_iou)} attacked`);
   part(of.new_boxes ? `, ${of.new_boxes} new false ${of.new_boxes > 1 ? "boxes" : "box"}.` : ".", of.new_boxes ? "bad" : "");
   part(` Found means IoU > ${told.judged_iou} at score ≥ ${told.judged_at}.`, "quiet");
@@ -233,7 +238,8 @@ function address() {
 }
 function follow() {
   const [id, vehicle] = location.hash.slice(1).split(","), index = told.frames.indexOf(decodeURIComponent(id));
-  return index < 0 ? show(0) : show(index, vehicle > 0 ? vehicle - 1 : undefined);
+  if (index >= 0) return show(index, vehicle > 0 ? vehicle - 1 : undefined);
+  return show(...(!drive && AMONG[1].vehicles[0] || [0])); // a hidden vehicle, if there is one
 }
 
 async function show(index, vehicle) {

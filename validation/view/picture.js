@@ -72,11 +72,12 @@ class PictureView {
     this.tags(context, tags, objects, width, height);
   }
 
-  // Scores over the boxes or below, where they hide no object; a drive's vehicle and tracks, the host, then the surest first.
+  // Scores over the boxes or below, where they hide no object; a drive's vehicle and tracks, the host and
+  // its own detection, then the surest first.
   tags(context, tags, objects, width, height) {
     context.font = "600 11px system-ui, 'Liberation Sans', sans-serif";
     const taken = [...objects];
-    const rank = ({box}) => box.kind === "mark" ? 3 : box.tag ? 2 : box.host ? 1 : box.score;
+    const rank = ({box}) => box.kind === "mark" ? 4 : box.tag ? 3 : box.host ? 2 : box.own ? 1 : box.score;
     tags.sort((a, b) => rank(b) - rank(a));
     for (const {box, seen} of tags) {
       const text = box.tag ?? (box.score !== undefined ? box.score.toFixed(2) : "host"), w = context.measureText(text).width + 8, h = 15;

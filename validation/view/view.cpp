@@ -104,6 +104,7 @@ class Attacker {
                            {"attacked_score", outcome.attacked_score},
                            {"detected", outcome.detected},
                            {"hidden", outcome.hidden},
+                           {"vanished", !kMissCriteria[0].finds(outcome, false)},
                            {"new_boxes", outcome.new_boxes.size()}});
   }
 
@@ -179,7 +180,7 @@ json make_view(const ViewSettings& requested) {
                        "give --frames N, which goes on with those that it learned on");
   } else {
     if (settings.data.empty())
-      throw InputError("view", "DIR", "is missing", "give a data set in KITTI layout, or --run");
+      throw InputError("view", "DIR", "is missing", "give a data set, --run or --drive");
     ids = list_frames(settings.data);
     if (settings.overrides.contains("cameras"))
       cameras = parse_word<Cameras>(settings.overrides.at("cameras"), "cameras");
