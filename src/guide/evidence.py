@@ -68,18 +68,67 @@ def detections(source, data):
             if os.path.exists(os.path.join(source, RESULTS, file + ".json"))}
 
 
+def titled(detector):
+    return f"`{detector}`" + (", in the picture" if detector == "camera" else "")
+
+
+def ap(result):
+    return [percent(result["ap70"]), between(result["ap70_interval"])]
+
+
+def average_precisions(source, sets):
+    """AP 0.7 of the shipped detectors on each of the sets (name of the files, title)."""
+    results = [detections(source, of) for of, _ in sets]
+    head = ["detector", *(each for _, said in sets for each in (said + ", %", "95 %"))]
+    rows = [[titled(name), *(cell for of in results for cell in (ap(of[name]) if name in of else ["–", "–"]))] for name in DETECTORS
+            if any(name in of for of in results)]
+    return table(head, rows) + commands(*(of["lidar"] for of in results))
+
+
 def detectors(source):
-    """AP 0.7 of the shipped detectors on generated and on recorded frames."""
-    generated, recorded = detections(source, "generated"), detections(source, "kitti")
-    rows = []
-    for name in DETECTORS:
-        cells = [f"`{name}`" + (", in the picture" if name == "camera" else "")]
-        for result in (generated.get(name), recorded.get(name)):
-            cells += [percent(result["ap70"]), between(result["ap70_interval"])] if result else ["–", "–"]
-        if len(set(cells[1:])) > 1:
-            rows.append(cells)
-    return table(["detector", "generated, %", "95 %", "44 KITTI frames, %", "95 %"], rows) + commands(
-        *(next(iter(results.values())) for results in (generated, recorded) if results))
+    return average_precisions(source, (("generated", "generated"), ("kitti", "44 KITTI frames")))
+
+
+def recorded(source):
+    """By the free weights and by those tuned on KITTI."""
+    return average_precisions(source, (("0009-free", "drive 0009"), ("0009-real", "drive 0009, `real`"), ("34-free", "34 frames")))
+
+
+def depth(source):
+    """Errors of depth completion on generated and on recorded frames."""
+    made = [(stored(source, "depth-" + of), said) for of, said in (("generated", "30 generated, true depth"),
+                                                                 ("kitti", "44 KITTI, 20 % of returns held back"))]
+    names, rows = ("ip-basic", "guided"), []
+    for result, said in made:
+        by = {each["name"]: each["common"] for each in result["backends"]}
+        rows.append([said, *(f"{by[name][what]:.0f}" for name in names for what in ("rmse_mm", "mae_mm"))])
+    return table(["frames", *(f"{name} {what}" for name in names for what in ("RMSE, mm", "MAE, mm"))], rows) + commands(
+        *(result for result, _ in made))
+
+
+def roofs(source):
+    """How far fitted roofs lie from the true ones, by distance."""
+    made, rows = stored(source, "fit-generated"), []
+    for each in made["by_range"]:
+        (low, high), error = each["range_m"], each["error"]["roof_m"]
+        rows.append([f"{low:.0f}–{high:.0f} m" if high else f"{low:.0f} m on", str(each["vehicles"]), str(each["fitted"]),
+                     f"{100 * error['median']:.1f}", f"{100 * error['p95']:.1f}"])
+    return table(["range", "cars", "fitted", "median error, cm", "95th percentile, cm"], rows) + commands(made)
+
+
+def certified(source):
+    """Of one size: found, and certified with the roof known and without."""
+    of = next(each for each in stored(source, "certify-lidar")["sizes"] if each["size"] == 0.8)
+    rows = [[said, f"{percent(of[key]['value'])} %", between(of[key])] for key, said in
+            (("clean_iou70", "found as recorded"), ("known_roof_iou70", "certified, roof known"), ("lattice_iou70", "certified by the lattice"))]
+    return table(["", "cars", "95 %"], rows)
+
+
+def certificates(source):
+    """Cars that no object of a size can hide."""
+    made = stored(source, "certify-lidar")
+    rows = [[f"{each['size']:.1f} m", percent(each["lattice_iou70"]["value"]), between(each["lattice_iou70"])] for each in made["sizes"]]
+    return table(["half length L", "certified, %", "95 %"], rows) + commands(made)
 
 
 # What, the printed line with its figure, and the test.
@@ -130,7 +179,8 @@ def zoo(source):
         return json.load(file)
 
 
-TABLES = {"detectors": detectors, "gradients": gradients, "real_to_sim": real_to_sim}
+TABLES = {"detectors": detectors, "recorded": recorded, "gradients": gradients, "real_to_sim": real_to_sim, "depth": depth, "roofs": roofs,
+          "certificates": certificates, "certified": certified}
 
 
 def cells(title, said, left, columns, rows):
@@ -334,7 +384,7 @@ def origin_of_command(source, command):
 
 
 # Where a command's own folders lie is nobody's business: what a reader puts in their place.
-PLACES = ((r"--data \S*shared/kitti\b", "--data path/to/kitti"), (r"--data \S*/kitti64-test\b", "--data out/kitti64-test"),
+PLACES = ((r"--data \S*shared/kitti\b", "--data path/to/kitti"), (r"--data /\S*/([\w-]+)", r"--data out/\1"),
           (r" --weights /\S+", ""), (r" --out \S+", ""), (r" --(?:quiet|threads \d+)\b", ""))
 
 
