@@ -57,15 +57,14 @@ class Site(unittest.TestCase):
         for page in VISITED:
             for width in (1400, 420):
                 with self.subTest(page=page, width=width):
-                    self.browser.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1,
-                                      mobile=False)
+                    self.browser.resize(width)
                     self.browser.open(self.root + page)
                     self.assertLessEqual(self.browser.run("document.documentElement.scrollWidth"), width)
                     self.browser.wait_for("[...document.images].every(i => i.complete)")
                     self.assertEqual(self.browser.run("[...document.images].filter(i => !i.naturalWidth).map(i => i.src)"), [])
 
     def test_the_search_finds_a_word_and_leads_to_its_page(self):
-        self.browser.call("Emulation.setDeviceMetricsOverride", width=1400, height=900, deviceScaleFactor=1, mobile=False)
+        self.browser.resize(1400)
         self.browser.open(self.root + "index.html")
         self.browser.run("document.querySelector('.md-search__input').focus()")
         self.browser.wait_for("document.querySelector('.md-search-result__meta').innerText.startsWith('Type')")

@@ -55,7 +55,7 @@ class Browser:
         self.session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(domain + ".enable")
-        self.call("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False)
+        self.resize(*size)
 
     def __enter__(self):
         return self
@@ -143,6 +143,9 @@ class Browser:
         for kind in ("keyDown", "keyUp"):
             self.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code)
 
+    def resize(self, width, height=900):
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+
     def theme(self, name):
         self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": name}])
 
@@ -170,14 +173,11 @@ class PageChecks:
                "const cut = [...document.querySelectorAll('table.data')].filter(t => t.offsetWidth > t.parentElement.clientWidth)"
                ".map(t => t.textContent.trim().slice(0, 60)); shut.forEach(d => { d.open = false }); return cut })()")
         for width in (1400, 1280, 420):
-            self.resize(width)
+            self.browser.resize(width)
             self.assertLessEqual(self.browser.run("document.documentElement.scrollWidth"), width)
             if width != 1280:
                 self.assertEqual(self.browser.run(cut), [], width)
-        self.resize(1280)
-
-    def resize(self, width, height=900):
-        self.browser.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.browser.resize(1280)
 
     def test_themes(self):
         paper = []

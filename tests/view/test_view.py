@@ -401,7 +401,7 @@ class OfARun(browser.PageChecks, Opened):
     def test_a_phone_has_room_for_one_side(self):
         shown = "[...document.querySelectorAll('.column')].filter(c => c.querySelector('.picture').offsetParent).map(c => c.classList[1])"
         self.assertEqual(self.browser.run(shown), ["clean", "attacked"])
-        self.resize(420)
+        self.browser.resize(420)
         self.settle()
         try:
             self.assertEqual(self.browser.run(shown), ["attacked"])
@@ -411,7 +411,7 @@ class OfARun(browser.PageChecks, Opened):
             self.settle()
             self.assertEqual(self.browser.run(shown), ["attacked"])
         finally:
-            self.resize(*self.size)
+            self.browser.resize(*self.size)
             self.settle()
         self.assertEqual(self.browser.run(shown), ["clean", "attacked"])
 
