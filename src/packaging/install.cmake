@@ -13,8 +13,7 @@ if(MIRAGE_DETECTORS)
   file(GLOB weights CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/plugins/*/*/weights/*.weights)
   install(FILES ${weights} ${PROJECT_SOURCE_DIR}/plugins/convert_weights.py DESTINATION ${parts}/plugins/weights COMPONENT program)
 endif()
-install(DIRECTORY ${PROJECT_SOURCE_DIR}/scenes DESTINATION ${data} COMPONENT program
-        FILES_MATCHING PATTERN *.toml PATTERN *.shape PATTERN *.glb PATTERN zoo.json)
+install(DIRECTORY ${PROJECT_SOURCE_DIR}/scenes DESTINATION ${data} COMPONENT program PATTERN *.jpg EXCLUDE)
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/validation DESTINATION ${data} COMPONENT program
         FILES_MATCHING PATTERN *.py PATTERN *.toml PATTERN *.j2 PATTERN *.html PATTERN *.css PATTERN *.js
         PATTERN benchmarks EXCLUDE PATTERN studies EXCLUDE PATTERN __pycache__ EXCLUDE)

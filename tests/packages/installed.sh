@@ -33,6 +33,9 @@ fi
 if [ -e "$prefix/lib/mirage/plugins/fusion.so" ]; then
   "$prefix/bin/mirage" detect --data data --detector lidar --quiet --out detected > detect.log
 fi
+(cd "$source" && find scenes -type f ! -name '*.jpg') | while read -r file; do
+  [ -f "$prefix/share/mirage/$file" ] || fail "$file is not installed"
+done
 for script in blender/blender_worker.py report/report.py report/page.html.j2; do
   [ -f "$prefix/share/mirage/validation/$script" ] || fail "validation/$script is not installed"
 done
