@@ -6,7 +6,7 @@
 DEMO_PACKAGES := g++ cmake ninja-build ccache libeigen3-dev libtbb-dev libspdlog-dev libfmt-dev nlohmann-json3-dev \
   libtomlplusplus-dev librandom123-dev libboost-dev libcli11-dev libembree-dev libopenimageio-dev libceres-dev libopenexr-dev \
   libtinygltf-dev libopencv-imgproc-dev libhwy-dev libnova-dev libtinyxml2-dev libpagmo-dev liblcms2-dev libopenmpi-dev libtorch-dev libssl-dev \
-  libopenblas0-pthread libturbojpeg0-dev zlib1g-dev blender python3-numpy python3-jinja2 python3-pil
+  libopenblas0-pthread libtcmalloc-minimal4 libturbojpeg0-dev zlib1g-dev blender python3-numpy python3-jinja2 python3-pil
 # What the Python module and the tests take besides.
 TEST_PACKAGES := python3-matplotlib python3-scipy python3-dev pybind11-dev python3-torch python3-wheel openmpi-bin xvfb xauth libgl1-mesa-dri \
   libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format clang-tidy doxygen strace nodejs npm chromium \

@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdint>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -51,9 +50,8 @@ std::string SharedMemory::path() const {
 }  // namespace mirage
 
 extern "C" {
-/// oneTBB's (tbb/scalable_allocator.h), where its allocator is part of the program; else null.
-int scalable_allocation_command(int command, void* parameter) __attribute__((weak));
-int scalable_allocation_mode(int mode, std::intptr_t value) __attribute__((weak));
+/// tcmalloc's (gperftools/malloc_extension_c.h), where it is part of the program; else null.
+void MallocExtension_ReleaseFreeMemory(void) __attribute__((weak));
 }
 
 namespace mirage {
@@ -74,14 +72,8 @@ std::size_t machine_memory() {
   return bytes;
 }
 
-void keep_heap_below(std::size_t bytes) {
-  constexpr int kSoftHeapLimit = 1;  // TBBMALLOC_SET_SOFT_HEAP_LIMIT
-  if (scalable_allocation_mode) scalable_allocation_mode(kSoftHeapLimit, static_cast<std::intptr_t>(bytes));
-}
-
 void return_unused_memory() {
-  constexpr int kCleanAllBuffers = 0;  // TBBMALLOC_CLEAN_ALL_BUFFERS
-  if (scalable_allocation_command) scalable_allocation_command(kCleanAllBuffers, nullptr);
+  if (MallocExtension_ReleaseFreeMemory) MallocExtension_ReleaseFreeMemory();
   malloc_trim(0);
 }
 

@@ -44,11 +44,7 @@ inline void copy_bytes(void* to, const void* from, std::size_t bytes) {
 /// bytes.
 std::size_t machine_memory();
 
-/// From so many bytes on the allocator keeps nothing of what is freed, where it is oneTBB's. Costs a few per
-/// cent of time then.
-void keep_heap_below(std::size_t bytes);
-
-/// Gives back to the system what the allocator keeps of freed memory: oneTBB's, where the program has it, and
+/// Gives back to the system what the allocator keeps of freed memory: tcmalloc's, where the program has it, and
 /// glibc's. An attack frees gigabytes that it would otherwise hold through the evaluation after it.
 void return_unused_memory();
 
