@@ -86,7 +86,7 @@ def average_precisions(source, sets):
 
 
 def detectors(source):
-    return average_precisions(source, (("generated", "generated"), ("kitti", "44 KITTI frames")))
+    return average_precisions(source, (("generated", "generated"), ("kitti", "44 KITTI frames"), ("xenith", "rig xenith")))
 
 
 def recorded(source):
@@ -142,14 +142,30 @@ GRADIENTS = (
 )
 
 
+# Through a whole insertion: what, and the printed line with its figure.
+INSERTION = (
+    ("camera, vertices", r"^camera, vertices: .* error (\S+)"),
+    ("LiDAR, vertices", r"^LiDAR, vertices: .* error (\S+),"),
+    ("LiDAR with all effects", r"vertex components, worst (\S+);"),
+    ("lens and sensor", r"^(?:blur|noise|unit): .* error (\S+)"),
+)
+
+
+def worst(lines, pattern):
+    return f"{max(float(match[1]) for line in lines if (match := re.search(pattern, line))):.1e}"
+
+
 def gradients(source):
     """The worst of each test's printed figures."""
     result = stored(source, "gradients")
-    rows = []
-    for what, pattern, test in GRADIENTS:
-        figures = [float(match[1]) for line in result["lines"] if (match := re.search(pattern, line))]
-        rows.append([what, f"{max(figures):.1e}", f"`{test}`"])
+    rows = [[what, worst(result["lines"], pattern), f"`{test}`"] for what, pattern, test in GRADIENTS]
     return table(["backward pass against central differences", "worst relative error", "tests"], rows) + commands(result)
+
+
+def insertion(source):
+    result = stored(source, "gradients-insertion")
+    return table(["through a whole insertion", "worst relative error"],
+                 [[what, worst(result["lines"], pattern)] for what, pattern in INSERTION]) + commands(result)
 
 
 REAL_TO_SIM = (("fitted", "fitted from other frames"), ("as-recorded", "the same mesh, `as-recorded`"), ("unit", "the same mesh, `unit`"),
@@ -173,6 +189,24 @@ def real_to_sim(source):
     return table(head, rows) + commands(made)
 
 
+def speed(source):
+    """Of one insertion, of a vehicle's step, of a picture from Python."""
+    made = stored(source, "bench")
+    figures = made["figures"]
+    rows = [["both sensors, occlusion, forward + VJP", f"{figures['insertion_ms_10m_sigma_1e-5']:.2f}"],
+            ["copying its picture and sweep", f"{figures['insertion_copy_image_ms'] + figures['insertion_copy_sweep_ms']:.2f}"]]
+    text = table(["one insertion at 10 m", "ms"], rows) + "\n"
+    rows = [[f"`{name}`", f"{figures[at + '_full']:.0f}", f"{figures[at]:.0f}", f"{figures['attack_step_speedup_' + name]:.1f}"]
+            for name, at in ((name, "attack_step_ms_" + name) for name in ("lidar", "fusion", "late"))]
+    text += table(["a vehicle's step", "whole, ms", "what the object changes, ms", "times faster"], rows) + "\n"
+    rows = []
+    for picture, size in (("crop", "128×128"), ("full", "375×1242")):
+        for sigma in ("1e-5", "1e-4") if picture == "full" else ("1e-5",):
+            at = f"python_rasterize_{picture}_{sigma}_"
+            rows.append([size, sigma, *(f"{figures[at + key]:.2f}" for key in ("module_kernel_ms", "module_cpp_ms", "module_ms", "pytorch3d_ms"))])
+    return text + table(["picture and VJP", "σ", "kernel, ms", "C++, ms", "`mirage.rasterize`, ms", "`mirage.pytorch3d`, ms"], rows) + commands(made)
+
+
 def zoo(source):
     """The shipped objects (scenes/objects/zoo.json, which `mirage zoo` writes): {objects, command}."""
     with open(os.path.join(source, "scenes", "objects", "zoo.json"), encoding="utf-8") as file:
@@ -180,7 +214,7 @@ def zoo(source):
 
 
 TABLES = {"detectors": detectors, "recorded": recorded, "gradients": gradients, "real_to_sim": real_to_sim, "depth": depth, "roofs": roofs,
-          "certificates": certificates, "certified": certified}
+          "certificates": certificates, "certified": certified, "insertion": insertion, "speed": speed}
 
 
 def cells(title, said, left, columns, rows):

@@ -12,7 +12,7 @@ import subprocess
 import sys
 
 # A description's end: the default, or that it is required.
-STANDARD = re.compile(r"(?:; default: (the run's)| \((?:[^()]*; )?(default [^();]*|required)\)|(?: \(default: ([^()]*)\)))$")
+STANDARD = re.compile(r"(?: \((?:[^()]*; )?(default [^();]*|required)\)| \(default: ([^()]*)\))$")
 
 HEAD = """# Commands
 
@@ -95,6 +95,8 @@ def page(program):
 def limits(words, by, default):
     """With the range and the default that most commands have."""
     match = re.search(r" \(((?:[^()]*; )?)(?:default [^();]*|required)\)$", by[0])
+    if default and not re.match("default |required", default):
+        default = "default: " + default
     within = [part for part in ((match[1].rstrip("; ") if match else ""), default) if part]
     return f"{words} ({'; '.join(within)})" if within else words
 

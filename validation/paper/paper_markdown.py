@@ -19,6 +19,13 @@ def percent(share):
     return f"{text} ({100 * number(share['low'], -math.inf):.1f}–{100 * number(share['high'], math.inf):.1f})"
 
 
+def points(difference):
+    """"+7.1 (0.0 to +17.5)": of shares, in points."""
+    text = (f"{100 * number(difference['value']):+.1f} ({100 * number(difference['low'], -math.inf):+.1f} to "
+            f"{100 * number(difference['high'], math.inf):+.1f})").replace("-", "−")
+    return text.replace("+0.0", "0.0").replace("−0.0", "0.0")  # a sign would say more of a zero than is known
+
+
 def escaped(text):
     """A bar in a cell would end it."""
     return text.replace("|", "\\|").replace("\n", " ")
@@ -46,14 +53,15 @@ def plain_table(table):
     paper = {key for row in rows for key in row["paper"]}
     head = ["data", ""] if rigs else [""]
     for column in columns:
-        head += [f"{column['title']}, %"] + (["paper"] if column["key"] in paper else [])
+        head += [f"{column['title']}, {'points' if column['key'].startswith('net') else '%'}"] + (["paper"] if column["key"] in paper else [])
     head += ["vehicles", "minutes"]
     lines = ["|" + "".join(f" {cell} |" if cell else " |" for cell in head), "|" + "---|" * len(head)]
     for row in rows:
         cells = ([row["rig"]] if rigs else []) + [escaped(row["label"])]
         for column in columns:
             key = column["key"]
-            cells.append(percent(row["values"][key]) if key in row["values"] else "–")
+            form = points if key.startswith("net") else percent
+            cells.append(form(row["values"][key]) if key in row["values"] else "–")
             if key in paper:
                 cells.append(f"{100 * row['paper'][key]:.2f}" if key in row["paper"] else "")
         text = "|" + "".join(f" {cell} |" if cell else " |" for cell in cells) + f" {remarks(row)} |"
@@ -69,9 +77,7 @@ def net_cell(values, key):
     net = values.get("net_" + key)
     if not net:
         return text
-    text += (f"; {100 * number(net['value']):+.1f} ({100 * number(net['low'], -math.inf):+.1f} to "
-             f"{100 * number(net['high'], math.inf):+.1f})").replace("-", "−")
-    return text.replace("+0.0", "0.0").replace("−0.0", "0.0")  # a sign would say more of a zero than is known
+    return f"{text}; {points(net)}"
 
 
 def matrix(table):

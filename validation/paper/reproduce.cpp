@@ -54,7 +54,7 @@ json value_of(const std::string& key, const Row& row, const Outcomes& outcomes, 
     return to_json(share(outcomes, question((row.mesh == "none" ? "clean_" : "") + key)));
   if (key.starts_with("ap")) return nullptr;
   if (!key.starts_with("net")) return to_json(share(outcomes, question(key)));
-  const Question asked = question(key == "net" ? "asr" : key.substr(4));
+  const Question asked = question(key.substr(std::string_view("net_").size()));
   return sized ? to_json(difference(outcomes, *sized, asked)) : json();
 }
 
