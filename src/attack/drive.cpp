@@ -282,7 +282,7 @@ VehicleDrive unseen_drive(const DriveScene& scene, const TrackedVehicle& followe
     DriveFrame frame;
     frame.index = moment.index;
     frame.time = moment.time;
-    frame.range = std::hypot(box.x, box.y);
+    frame.range = horizontal_distance(box);
     frame.nearest = frame.range;
     for (const Vec2d& corner : corners(box)) frame.nearest = std::min(frame.nearest, corner.norm());
     const Vec3d relative =

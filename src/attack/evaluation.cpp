@@ -240,7 +240,7 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> c
   outcome.track = label.track;
   outcome.occluded = label.occluded;
   outcome.truncated = label.truncated;
-  outcome.range = std::hypot(label.box.bev.x, label.box.bev.y);
+  outcome.range = horizontal_distance(label.box.bev);
   std::tie(outcome.clean_iou, outcome.clean_score) = best_match(clean, recorded);
   std::tie(outcome.attacked_iou, outcome.attacked_score) = best_match(attacked, truth);
   outcome.clean_distance = nearest_centre(clean, recorded);
@@ -254,7 +254,7 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> c
     if (was_found || truth.label_iou(proposal) >= settings.false_positive_iou) continue;
     const double distance = settings.matching.distance(proposal, truth.host());
     const BevBox& box = proposal.box.bev;
-    const double range = settings.matching.in_picture() ? 0 : std::hypot(box.x, box.y);
+    const double range = settings.matching.in_picture() ? 0 : horizontal_distance(box);
     outcome.new_boxes.push_back({proposal, proposal.score(), distance, range});
     outcome.false_positive = true;
     outcome.false_positive_distance = std::max(outcome.false_positive_distance, distance);

@@ -38,9 +38,8 @@ BoxHabits box_habits(const std::vector<CleanFrame>& frames) {
       const BevBox& label = host.host().box.bev;
       // Detections are sorted by falling score.
       const auto found =
-          std::find_if(frame.proposals.begin(), frame.proposals.end(), [&](const Detection& p) {
-            return std::hypot(p.box.bev.x - label.x, p.box.bev.y - label.y) < kNear;
-          });
+          std::find_if(frame.proposals.begin(), frame.proposals.end(),
+                       [&](const Detection& p) { return horizontal_distance(p.box.bev, label) < kNear; });
       if (found == frame.proposals.end()) continue;
       taken[as_size(found - frame.proposals.begin())] = true;
       const BevBox& box = found->box.bev;

@@ -72,6 +72,7 @@ inline constexpr Range kFromOne{1, Range::kMax};
 struct Field {
   const char* name = "";         ///< in files and errors; the option is --name, with dashes
   const char* help = "";         ///< of the option
+  const char* otherwise = "";    ///< what holds without the option, where the value does not say it
   Range range = {};              ///< of a number, or of each of a vector's
   const char* option = nullptr;  ///< the option's name where it is another; "": there is none
   bool required = false;         ///< the option must be given

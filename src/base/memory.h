@@ -44,8 +44,8 @@ inline void copy_bytes(void* to, const void* from, std::size_t bytes) {
 /// bytes.
 std::size_t machine_memory();
 
-/// Gives back to the system what the allocator keeps of freed memory: tcmalloc's, where the program has it, and
-/// glibc's. An attack frees gigabytes that it would otherwise hold through the evaluation after it.
+/// Gives back to the system what the allocator keeps of freed memory: tcmalloc's, where the program has it,
+/// and glibc's. An attack frees gigabytes that it would otherwise hold through the evaluation after it.
 void return_unused_memory();
 
 }  // namespace mirage

@@ -138,8 +138,8 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
                 "random meshes of each baseline, pooled (seeds from the run's on). 0: none");
   app.add_option("--baseline", request.baseline,
                  "controls: all, none, or some of start (a random mesh of 0.75 of the box), sized "
-                 "(a random mesh with the learned extents), ellipsoid and cuboid (filling the box); default: "
-                 "start,sized, with --mesh none");
+                 "(a random mesh with the learned extents), ellipsoid and cuboid (filling the box) (default: "
+                 "start,sized; with --mesh: none)");
   add_defaulted(app, "--pictures", options.pictures,
                 "draw up to N hidden vehicles and N with false positives, with image features, "
                 "into OUT/pictures")

@@ -105,6 +105,10 @@ void name_option(const Field& field) {
   if (field.option) renamed()[field.name] = field.option_name();
 }
 
+std::string with_default(const std::string& help, const std::string& otherwise) {
+  return otherwise.empty() ? help : help + " (default: " + otherwise + ")";
+}
+
 std::string option_of(const CLI::App& app, const std::string& field) {
   const auto other = renamed().find(field);
   std::string option = "--" + (other == renamed().end() ? field : other->second);

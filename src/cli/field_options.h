@@ -16,6 +16,8 @@ namespace mirage::cli {
 void name_option(const Field& field);
 /// The option of `app` that sets the field; the field's own name where there is none.
 std::string option_of(const CLI::App& app, const std::string& field);
+/// An option's help and what holds without the option, if anything is said of that.
+std::string with_default(const std::string& help, const std::string& otherwise);
 /// Refuses, on the command line, what is out of the range.
 CLI::Validator within(const Range& range);
 /// Refuses what is none of the words.
@@ -38,7 +40,8 @@ UsageError usage_error(const CLI::ParseError& error, const CLI::App& app);
 /// Of add_fields.
 class FieldOptions {
  public:
-  FieldOptions(CLI::App& to, std::set<std::string> without) : app(to), skip(std::move(without)) {}
+  explicit FieldOptions(CLI::App& to, std::set<std::string> without = {}, std::string elsewhere = "")
+      : app(to), skip(std::move(without)), otherwise(std::move(elsewhere)) {}
   template <class T>
   void operator()(const Field& field, T& value) {
     const std::string name = field.option_name();
@@ -47,7 +50,8 @@ class FieldOptions {
     if constexpr (std::same_as<T, bool>) {
       const bool set = field.option == nullptr;  // an option of another name says the opposite of the field
       app.add_flag_function(
-          "--" + name, [&value, set](std::int64_t times) { value = (times > 0) == set; }, field.help);
+          "--" + name, [&value, set](std::int64_t times) { value = (times > 0) == set; },
+          with_default(field.help, field.otherwise));
     } else if constexpr (HasWords<T>) {
       std::string words;
       for (const char* word : words_of(value)) words += (words.empty() ? "{" : ",") + std::string(word);
@@ -57,9 +61,10 @@ class FieldOptions {
     } else if constexpr (HasText<T>) {
       by_text(field, value);
     } else if constexpr (!NumberVector<T>) {
-      CLI::Option* option = app.add_option("--" + name, value, field.help)->required(field.required);
+      CLI::Option* option = app.add_option("--" + name, value)->required(field.required);
       if constexpr (Number<T>) option->check(within(field.range));
       if constexpr (!std::same_as<T, std::filesystem::path>) option->capture_default_str();
+      describe(field, option);
     }
   }
   template <class T>
@@ -84,21 +89,27 @@ class FieldOptions {
                    [](const std::string& text, T& set) { set_from_text(text, set); });
   }
   template <class T, class Set>
-  CLI::Option* by_text(const Field& field, T& value, const std::string& otherwise, const Set& set) {
-    return app
-        .add_option_function<std::string>(
-            "--" + field.option_name(), [&value, set](const std::string& text) { set(text, value); },
-            field.help)
-        ->default_str(otherwise);
+  CLI::Option* by_text(const Field& field, T& value, const std::string& initial, const Set& set) {
+    return describe(field, app.add_option_function<std::string>(
+                                  "--" + field.option_name(),
+                                  [&value, set](const std::string& text) { set(text, value); })
+                               ->default_str(initial));
+  }
+  CLI::Option* describe(const Field& field, CLI::Option* option) {
+    const bool from_elsewhere = !otherwise.empty() && field.matters;
+    if (from_elsewhere) option->default_str("");
+    return option->description(with_default(field.help, from_elsewhere ? otherwise : field.otherwise));
   }
   CLI::App& app;
   std::set<std::string> skip;
+  std::string otherwise;
 };
 
-/// An option for each field that has one, but those to skip; `s` lives as long as the command.
+/// An option for each field that has one, but those to skip; `s` lives as long as the command. `otherwise`:
+/// where the values come from without the options, if `s` does not hold them; of all that matter to results.
 template <class S>
-void add_fields(CLI::App& app, S& s, std::set<std::string> skip = {}) {
-  FieldOptions options(app, std::move(skip));
+void add_fields(CLI::App& app, S& s, std::set<std::string> skip = {}, std::string otherwise = "") {
+  FieldOptions options(app, std::move(skip), std::move(otherwise));
   visit_fields(options, s);
 }
 
@@ -112,7 +123,7 @@ class OverrideOptions {
     name_option(field);
     app.add_option_function<std::string>(
         "--" + name, [to = &overrides, key = field.name](const std::string& text) { (*to)[key] = text; },
-        std::string(field.help) + "; default: " + otherwise);
+        with_default(field.help, otherwise));
   }
   template <class T>
   void group(const Field&, const T& inner) {

@@ -39,16 +39,7 @@ inline void add_trust_option(CLI::App& app, TrustRun& trust) {
 
 /// Options of a detector in place of a run's (use_detector_of), but those to skip.
 inline void add_detector_of_run(CLI::App& app, DetectorOptions& detector, std::set<std::string> skip = {}) {
-  add_fields(app, detector, std::move(skip));
-  const std::string shipped = " (default: the shipped ones for the data set's rig)";
-  for (const char* name :
-       {"--detector", "--weights", "--defense", "--precision", "--locality", "--matching"}) {
-    CLI::Option* option = app.get_option_no_throw(name);
-    if (!option) continue;
-    std::string help = option->get_description();
-    if (const auto at = help.find(shipped); at != std::string::npos) help.erase(at, shipped.size());
-    option->description(help + "; default: the run's")->default_str("");
-  }
+  add_fields(app, detector, std::move(skip), "the run's");
 }
 
 /// --score of the commands that judge detections.
@@ -77,9 +68,9 @@ struct QualityOption {
     app = &command;
     auto* option = command.add_option(
         "--quality", name,
-        "draft or default: σ, γ, cut-off and samples of the camera (options of their own win); exact: every "
-        "pixel's exact areas, and their derivative" +
-            (otherwise.empty() ? "" : "; default: " + otherwise));
+        with_default("draft or default: σ, γ, cut-off and samples of the camera (options of their own win); "
+                     "exact: every pixel's exact areas, and their derivative",
+                     otherwise));
     std::vector<std::string> names;
     for (const Quality& quality : qualities()) names.push_back(quality.name);
     option->check(one_of(names));
@@ -107,9 +98,10 @@ struct LidarEffectsOption {
   void add(CLI::App& command, const std::string& otherwise = "") {
     auto* option = command.add_option(
         "--lidar-effects", words,
-        "returns on the object: ideal, as-recorded (what the data set's sweeps have), unit (noise, drop-out, "
-        "divergence), or some of noise,drop-out,dark-loss,divergence,motion,albedo" +
-            (otherwise.empty() ? "" : "; default: " + otherwise));
+        with_default(
+            "returns on the object: ideal, as-recorded (what the data set's sweeps have), unit (noise, "
+            "drop-out, divergence), or some of noise,drop-out,dark-loss,divergence,motion,albedo",
+            otherwise));
     if (otherwise.empty()) option->capture_default_str();
   }
   /// In place of a run's.

@@ -28,7 +28,7 @@ void add_options(CLI::App& app, ScoreOptions& options) {
   add_defaulted(app, "--frames", request.frames, "generated frames to judge on");
   app.add_option("--learn-data", request.learn_data,
                  "data set to learn objects on; that of --data: on seven tenths of its frames, and the "
-                 "others are judged; default: frames that are generated");
+                 "others are judged (default: frames that are generated)");
   add_defaulted(app, "--learn-frames", request.learn_frames, "generated frames to learn on");
   add_defaulted(app, "--sizes", request.sizes,
                 "half lengths L of the objects to learn, m (height 5/4 L), with commas")

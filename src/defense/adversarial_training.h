@@ -65,7 +65,8 @@ void visit_fields(Visitor& visit, S& s) {
         s.validation);
   visit({.name = "detector", .help = "fusion or lidar"}, s.detector.detector);
   visit({.name = "weights",
-         .help = "where training starts (default: the shipped clean ones for the data set's rig)",
+         .help = "where training starts",
+         .otherwise = "the shipped clean ones for the data set's rig",
          .decides = false},
         s.detector.weights);
   visit({.name = "precision",

@@ -189,7 +189,7 @@ class Certifier {
       const HostTruth& truth = sight.hosts.emplace_back(frame, label, by.matching);
       sight.roofs.push_back(store_.placement(host.id));
       host.track = label.track;
-      host.range = std::hypot(label.box.bev.x, label.box.bev.y);
+      host.range = horizontal_distance(label.box.bev);
       host.clean_iou = best_iou(sight.clean, truth, score);
       host.sizes.resize(limits_.size());
       host.control_iou = best_iou(sight.found(sight.behind(label.box, margin_)), truth, score);
@@ -292,9 +292,7 @@ class Certifier {
     const Simulated attacked = simulate(prepared, sight.roofs[h], adversary, settings_.simulation);
     const HostTruth truth(prepared.frame, label_of(prepared.frame, id), sight.by.matching,
                           carried_box(attacked, sight.roofs[h]));
-    const auto away = [&](const Box3& mask) {
-      return std::hypot(mask.bev.x - object.bev.x, mask.bev.y - object.bev.y);
-    };
+    const auto away = [&](const Box3& mask) { return horizontal_distance(mask.bev, object.bev); };
     std::ranges::stable_sort(masks, {}, away);
     for (const Box3& mask : masks) {
       throw_if_interrupted(how_to_go_on(store_, settings_.evaluation));
@@ -420,7 +418,7 @@ std::vector<Box3> lattice(const Calibration& calibration, const AdversaryLimits&
       box.bev = {i * settings.step, k * settings.step, side, side, 0};
       box.bottom = ground + settings.roof_low;
       box.height = settings.roof_high - settings.roof_low + 2 * limits.half.z();
-      if (std::hypot(box.bev.x, box.bev.y) > settings.farthest) continue;
+      if (horizontal_distance(box.bev) > settings.farthest) continue;
       bool in_view = false;
       for (const Vec3d& corner : corners(box)) {
         const Vec3d p_camera = calibration.camera_from_velo * corner;

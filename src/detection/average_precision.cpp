@@ -96,7 +96,7 @@ ApparentSize apparent_size(const Detection& proposal, const ScoredFrame& frame) 
   };
   if (frame.matching.in_picture()) return {by_car(height_of(proposal.picture)), height_of(proposal.picture)};
   const BevBox& box = proposal.box.bev;
-  return {std::hypot(box.x, box.y), by_car(box.x)};
+  return {horizontal_distance(box), by_car(box.x)};
 }
 
 /// Makes precision the best at that recall or above, and takes the mean over 40 recalls.
@@ -204,7 +204,7 @@ void must_find(TruthBoxes& truth, const Label& label, std::size_t i) {
   truth.boxes.push_back(boxes_of(label));
   truth.labels.push_back(i);
   truth.difficulty.push_back(easiest_level(label));
-  truth.distance.push_back(has_box(label) ? std::hypot(label.box.bev.x, label.box.bev.y) : kUnknownDistance);
+  truth.distance.push_back(has_box(label) ? horizontal_distance(label.box.bev) : kUnknownDistance);
   truth.tracks.push_back(label.track);
 }
 
@@ -359,7 +359,7 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
     for (std::size_t i = 0; i < frame.truth.boxes.size(); ++i) {
       const ObjectBoxes& box = frame.truth.boxes[i];
       const double distance =
-          frame.matching.in_picture() ? frame.truth.distance[i] : std::hypot(box.box.bev.x, box.box.bev.y);
+          frame.matching.in_picture() ? frame.truth.distance[i] : horizontal_distance(box.box.bev);
       const bool inside = in_range(distance) && frame.truth.difficulty[i] <= stratum.hardest;
       (inside ? part.truth.boxes : part.truth.ignore).push_back(box);
     }

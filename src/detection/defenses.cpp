@@ -411,7 +411,7 @@ std::vector<BevBox> BodyEvidence::bodies() const {
     if (one.places.size() < kMinCount || one.tallest < kTall || across > kMaxSize || across < kMinSize)
       continue;
     const auto box = car_seen_as(closest_rectangle(one.places));
-    if (!box || std::hypot(box->x, box->y) > kFar) continue;
+    if (!box || horizontal_distance(*box) > kFar) continue;
     const RayCount count = rays(*box);
     if (count.stopped > kMinStopped && kPassedShare * count.passed <= count.stopped + count.passed)
       found.push_back(*box);

@@ -53,7 +53,7 @@ inline double reporting_threshold(double threshold) {
 inline bool same_place(const BevBox& a, const BevBox& b) {
   constexpr double kOverlap = 0.1;
   const double reach = (std::hypot(a.length, a.width) + std::hypot(b.length, b.width)) / 2;
-  return std::hypot(a.x - b.x, a.y - b.y) < reach && iou(a, b) > kOverlap;
+  return horizontal_distance(a, b) < reach && iou(a, b) > kOverlap;
 }
 
 // A ceiling as a defence: a detector that looks at nothing above a height over the road.

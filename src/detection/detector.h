@@ -266,9 +266,11 @@ void visit_fields(Visitor& visit, S& s) {
                  "(*.so), or a program of yours: \"exec:python3 my_detector.py\""},
         s.detector);
   visit({.name = "weights",
-         .help = "weights file (default: the shipped ones for the data set's rig), or real: the shipped ones "
-                 "fine-tuned on KITTI, for non-commercial use. clusters needs none: a picture network that "
-                 "says which of its things are cars (*.pt, *.onnx, or *.weights of camera)",
+         .help =
+             "weights file, or real: the shipped ones fine-tuned on KITTI, for non-commercial use. clusters "
+             "needs none: a picture network that says which of its things are cars (*.pt, *.onnx, or "
+             "*.weights of camera)",
+         .otherwise = "the shipped ones for the data set's rig",
          .word = kRealWeights},
         s.weights);
   visit({.name = "defense",

@@ -207,7 +207,7 @@ void paste_picture_box(CompactFrame& frame, const CutOut& car, int rows) {
   truth.boxes.push_back({car.box, box});
   truth.labels.push_back(TruthBoxes::kPasted);
   truth.difficulty.push_back(car.difficulty);
-  truth.distance.push_back(std::hypot(car.box.bev.x, car.box.bev.y));
+  truth.distance.push_back(horizontal_distance(car.box.bev));
   frame.truth.picture = std::move(truth);
 }
 

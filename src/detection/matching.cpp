@@ -19,7 +19,7 @@ double Matching::overlap(const ObjectBoxes& a, const ObjectBoxes& b) const {
 
 double Matching::distance(const ObjectBoxes& a, const ObjectBoxes& b) const {
   const BevBox p = flat(a), q = flat(b);
-  return std::hypot(p.x - q.x, p.y - q.y);
+  return horizontal_distance(p, q);
 }
 
 double Matching::area(const ObjectBoxes& a) const {

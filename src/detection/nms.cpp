@@ -126,7 +126,7 @@ std::pair<std::string, const char*> proposal_problem(const Detection& proposal, 
   if (matching.by == MatchBy::space && !(height > 0 && height <= kMaxSide))
     return {fmt::format("height {:g} m is no size (over 0, at most {:g} m)", height, kMaxSide),
             "let the network's sizes be positive, as by exp or softplus, and limit them"};
-  if (std::hypot(box.x, box.y) > kMaxBoxDistance)
+  if (horizontal_distance(box) > kMaxBoxDistance)
     return {fmt::format("x {:g} m, y {:g} m is no place near the sensor", box.x, box.y),
             "give metres in the LiDAR's frame, and limit what the network gives"};
   return {};

@@ -122,8 +122,8 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "rig", .help = kRigHelp, .lacking = ""}, s.rig);
   visit({.name = "detector", .help = "lidar, camera, painted, fusion, late or refined"}, s.detector);
   visit({.name = "start",
-         .help = "weights to start from (default: fresh ones); fusion may start from lidar weights, refined "
-                 "from fusion ones",
+         .help = "weights to start from; fusion may start from lidar weights, refined from fusion ones",
+         .otherwise = "fresh ones",
          .decides = false},
         s.start);
   visit({.name = "camera",
@@ -135,8 +135,8 @@ void visit_fields(Visitor& visit, S& s) {
          .decides = false},
         s.lidar);
   visit({.name = "joint",
-         .help = "detector: also train what --camera, --lidar and COCO's weights gave (default: "
-                 "frozen)",
+         .help = "detector: also train what --camera, --lidar and COCO's weights gave",
+         .otherwise = "frozen",
          .lacking = "false"},
         s.joint);
   visit({.name = "heads",

@@ -29,7 +29,7 @@ constexpr double kCarsWithReturns = 0.5;
 bool should_hold_returns(const Label& label) {
   constexpr double kMaxDistance = 50;  // m
   return label.type == "Car" && has_box(label) && label.occluded <= 1 && label.truncated < 0.5 &&
-         std::hypot(label.box.bev.x, label.box.bev.y) < kMaxDistance;
+         horizontal_distance(label.box.bev) < kMaxDistance;
 }
 
 /// Whether level ground surely gives a beam returns: it is met within 30 m, and not below the car.

@@ -250,7 +250,7 @@ std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame&
     FittedVehicle vehicle;
     vehicle.frame = frame.id;
     vehicle.label = static_cast<int>(i);
-    vehicle.range = std::hypot(label.box.bev.x, label.box.bev.y);
+    vehicle.range = horizontal_distance(label.box.bev);
     vehicle.velo_from_roof = by_box.find(frame, label).velo_from_roof;
     const auto start = std::chrono::steady_clock::now();
     vehicle.fit = finder.fit(index, label);

@@ -58,7 +58,7 @@ double iou(const BevBox& a, const BevBox& b) {
   if (!has_area(a) || !has_area(b)) return 0;
   const double area_a = a.length * a.width, area_b = b.length * b.width;
   const double reach = std::hypot(a.length, a.width) + std::hypot(b.length, b.width);
-  if (2 * std::hypot(a.x - b.x, a.y - b.y) > reach) return 0;
+  if (2 * horizontal_distance(a, b) > reach) return 0;
   const double both = intersection_area(a, b);
   return std::clamp(both / (area_a + area_b - both), 0.0, 1.0);
 }

@@ -23,6 +23,14 @@ struct Box3 {
 
 /// Corners counter-clockwise, first = front left.
 std::array<Vec2d, 4> corners(const BevBox& box);
+/// From the origin to the box's centre, m.
+inline double horizontal_distance(const BevBox& box) {
+  return std::hypot(box.x, box.y);
+}
+/// Between the centres, m.
+inline double horizontal_distance(const BevBox& a, const BevBox& b) {
+  return std::hypot(a.x - b.x, a.y - b.y);
+}
 /// Eight corners: the four bottom ones in `corners` order, then the four top ones.
 std::array<Vec3d, 8> corners(const Box3& box);
 /// Exact area of the intersection of two rectangles (Sutherland–Hodgman clipping of convex polygons); 0 if a

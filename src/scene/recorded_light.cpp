@@ -318,7 +318,7 @@ SunEstimate sun_from_shadows(const Frame& frame) {
   for (auto& s : score) s.fill(0);
   SunEstimate best;
   for (const Label& label : frame.labels) {
-    if (!is_vehicle(label) || std::hypot(label.box.bev.x, label.box.bev.y) > kMaxGroundDistance) continue;
+    if (!is_vehicle(label) || horizontal_distance(label.box.bev) > kMaxGroundDistance) continue;
     std::vector<GroundSample> ground_samples = ground_around(frame, Caster(label.box), casters, outlines);
     if (ground_samples.size() < kMinCount) continue;
     const Ground ground(std::move(ground_samples));
@@ -326,8 +326,7 @@ SunEstimate sun_from_shadows(const Frame& frame) {
     ++best.vehicles;
     std::vector<const Caster*> near;
     for (const Caster& c : casters)
-      if (std::hypot(c.box.bev.x - label.box.bev.x, c.box.bev.y - label.box.bev.y) < kCaster)
-        near.push_back(&c);
+      if (horizontal_distance(c.box.bev, label.box.bev) < kCaster) near.push_back(&c);
     std::vector<std::vector<Vec3d>> local(near.size());  // the samples in each caster's frame
     for (std::size_t c = 0; c < near.size(); ++c)
       for (const GroundSample& sample : samples) local[c].push_back(near[c]->local(sample.p_velo));

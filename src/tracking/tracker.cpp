@@ -279,7 +279,7 @@ std::vector<TrackState> Tracker::step(double time, std::span<const TrackedDetect
       const Box3 box = box_of(tracks_[t].x);
       const BevBox &a = detections[d].box.bev, &b = box.bev;
       cost(static_cast<Eigen::Index>(d), static_cast<Eigen::Index>(t)) =
-          by_iou ? 1 - iou(detections[d].box, box) : std::hypot(a.x - b.x, a.y - b.y);
+          by_iou ? 1 - iou(detections[d].box, box) : horizontal_distance(a, b);
     }
   // As published: all are assigned first, and what is too far is taken apart then.
   const double most = by_iou ? 1 - settings_.least_iou : settings_.farthest;

@@ -96,7 +96,7 @@ void fit(benchmark::State& state) {
       const auto street = generator::make_street(12, static_cast<std::uint64_t>(index), lidar.height);
       const SweepIndex sweep(simulate_sweep(RayScene(street.surfaces), lidar, 1), lidar);
       for (const auto& thing : street.placed) {
-        if (thing.type != "Car" || std::hypot(thing.box.bev.x, thing.box.bev.y) > kMaxDistance) continue;
+        if (thing.type != "Car" || horizontal_distance(thing.box.bev) > kMaxDistance) continue;
         VehicleEvidence evidence;
         const double gather = milliseconds([&] { evidence = gather_evidence(sweep, thing.box); });
         ShapeFit fit;

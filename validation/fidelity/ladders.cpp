@@ -496,7 +496,7 @@ std::map<std::string, double> scene_features(const HostScene& scene, const Simul
       {"sun_along_heading", cosine(light.to_sun_velo, Vec3d(std::cos(yaw), std::sin(yaw), 0))},
       {"sun_share", sun + sky > 0 ? sun / (sun + sky) : 0},
       {"roof_height", bounds(scene.placed.mesh).min().z() - scene.host->box.bottom},
-      {"range", std::hypot(scene.host->box.bev.x, scene.host->box.bev.y)},
+      {"range", horizontal_distance(scene.host->box.bev)},
       {"camera_elevation", std::atan2(to_camera.z(), to_camera.head<2>().norm())},
       {"log_pixels", std::log(1.0 + simulated.adversary_pixels)},
       {"visible_share", simulated.visible_share},

@@ -151,7 +151,7 @@ std::vector<Place> places(FrameStore& store, const std::filesystem::path& data, 
     std::vector<Place> of_frame;
     for (const Host& host : find_hosts(store, id, {2, 60, -40, 40}, {}, 0.95)) {
       const BevBox& box = label_of(store.get(id)->frame, host.id).box.bev;
-      of_frame.push_back({host.id, std::hypot(box.x, box.y)});
+      of_frame.push_back({host.id, horizontal_distance(box)});
     }
     std::ranges::sort(of_frame, {}, &Place::range);
     if (choice.nearest && of_frame.size() > 1) of_frame.resize(1);

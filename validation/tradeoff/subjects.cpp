@@ -62,7 +62,7 @@ Subjects choose_subjects(const TradeoffSettings& settings, const Run* run, Frame
   const auto distance = [&](const HostId& id) {
     const auto frame_handle = store.get(id.frame);
     const BevBox& box = label_of(frame_handle->frame, id).box.bev;
-    return std::hypot(box.x, box.y);
+    return horizontal_distance(box);
   };
   std::stable_sort(all.begin(), all.end(),
                    [&](const HostId& a, const HostId& b) { return distance(a) < distance(b); });

@@ -77,7 +77,7 @@ class Attacker {
     }
     const auto range = [&](const ViewAttack& attack) {
       const BevBox& box = view.frame.labels[as_size(attack.label)].box.bev;
-      return std::hypot(box.x, box.y);
+      return horizontal_distance(box);
     };
     std::ranges::stable_sort(view.attacks, {}, range);
   }

@@ -69,7 +69,7 @@ double unlike_height(double height) {
 
 /// Returns from a metre of a solid box's height, as finely as the unit looks there.
 double expected_returns(const Cluster& cluster, const BevBox& box) {
-  const double middle = std::atan2(box.y, box.x), range = std::hypot(box.x, box.y);
+  const double middle = std::atan2(box.y, box.x), range = horizontal_distance(box);
   double right = 0, left = 0;
   for (const Vec2d& corner : corners(box)) {
     const double azimuth = wrap_angle(std::atan2(corner.y(), corner.x()) - middle);

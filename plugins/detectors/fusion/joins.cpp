@@ -147,7 +147,7 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
       coded[as_size(c)] = values.data_ptr<float>()[(kDx + c) * cells + proposals[k]];
     const MirageBox decoded = decode_box(proposals[k], coded);
     const BevBox box = {decoded.x, decoded.y, decoded.length, decoded.width, decoded.yaw};
-    const auto distance = static_cast<float>(std::hypot(box.x, box.y) / kDistanceUnit);
+    const auto distance = static_cast<float>(horizontal_distance(box) / kDistanceUnit);
     const auto seen = car_in_picture(box, returns.ground(box), input.projection, width, height);
     std::int64_t pairs = 0;
     for (std::size_t b = 0; seen && b < boxes.size(); ++b) {

@@ -56,9 +56,11 @@ void check_frame_range(const std::string& frames);
 
 template <class Visitor, FieldsOf<SequencePart> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "sequence", .help = "drive, scene or sequence of the data set; default: all"}, s.sequence);
+  visit({.name = "sequence", .help = "drive, scene or sequence of the data set", .otherwise = "all"},
+        s.sequence);
   visit({.name = "frames",
-         .help = "numbers of frames, A:B with both counted; A: and :B leave an end open; default: all",
+         .help = "numbers of frames, A:B with both counted; A: and :B leave an end open",
+         .otherwise = "all",
          .check = check_frame_range},
         s.frames);
   visit({.name = "between",

@@ -100,7 +100,8 @@ struct DepthTrainingOptions : TrainingSchedule, DepthLearning {
 template <class Visitor, FieldsOf<DepthTrainingOptions> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "data", .help = "training set with known depth", .required = true}, s.data);
-  visit({.name = "start", .help = "weights to start from (default: fresh ones)", .decides = false}, s.start);
+  visit({.name = "start", .help = "weights to start from", .otherwise = "fresh ones", .decides = false},
+        s.start);
   visit_fields(visit, as_base<TrainingSchedule>(s));
   visit_fields(visit, as_base<DepthLearning>(s));
 }
