@@ -40,7 +40,7 @@ UsageError usage_error(const CLI::ParseError& error, const CLI::App& app);
 /// Of add_fields.
 class FieldOptions {
  public:
-  explicit FieldOptions(CLI::App& to, std::set<std::string> without = {}, std::string elsewhere = "")
+  FieldOptions(CLI::App& to, std::set<std::string> without, std::string elsewhere = "")
       : app(to), skip(std::move(without)), otherwise(std::move(elsewhere)) {}
   template <class T>
   void operator()(const Field& field, T& value) {

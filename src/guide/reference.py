@@ -73,7 +73,7 @@ def page(program):
     lines = [HEAD]
     for name, (description, example, groups) in helps.items():
         lines += [f"## {name}", "", description[:1].upper() + description[1:] + ".", "", f"    {example}", ""]
-        also = []
+        also = collections.defaultdict(list)  # by what this command's default is, where that is not the usual one
         for heading, options in groups:
             own = []
             for option, said in options:
@@ -81,12 +81,13 @@ def page(program):
                 if (option, words) not in shared:
                     own.append((option, said))
                 elif option.split()[0] != "-h,--help":
-                    its = "" if default == usual[option, words] else f" ({default or 'no default'})"
-                    also.append(f"`{option.split()[0]}`{its}")
+                    its = "" if default == usual[option, words] else default or "no default"
+                    also[its].append(f"`{option.split()[0]}`")
             if own:
                 lines += [f"**{heading}**", "", *(entry(*option) for option in own), ""]
         if also:
-            lines += ["Also, [below](#options-of-several-commands): " + ", ".join(also) + ".", ""]
+            lists = (", ".join(names) + (f" ({its})" if its else "") for its, names in also.items())
+            lines += ["Also, [below](#options-of-several-commands): " + "; ".join(lists) + ".", ""]
     lines += ["## Options of several commands", ""]
     lines += [entry(key[0], limits(key[1], by, usual[key])) for key, by in users.items() if key in shared]
     return "\n".join(lines) + "\n"

@@ -111,6 +111,8 @@ TEST(FusionTable, CellsAreNetOfTheirOwnRandomMesh) {
   // Four of five in three frames of four, beside one of five.
   EXPECT_NEAR(value("fusion, image", "fusion", "vanished"), 0.6, 1e-12);
   EXPECT_NEAR(value("fusion, image", "fusion", "net_vanished"), 0.45, 1e-12);
+  EXPECT_GT(
+      cell_of(result, "fusion, image", "fusion").at("values").at("net_vanished").at("low").get<double>(), 0);
   EXPECT_NEAR(value("fusion, image", "fusion", "net_fn_asr"), 0.45, 1e-12);
   EXPECT_NEAR(value("fusion, image", "camera", "net_vanished"), 0, 1e-12);  // missed, and a box is left
   EXPECT_NEAR(value("fusion, image", "camera", "net_fn_asr"), 0.3, 1e-12);
