@@ -17,6 +17,7 @@ endmacro()
 # The layer that needs a package, where that is not base.
 set(MIRAGE_LAYER_OF_CLI11 cli)
 set(MIRAGE_LAYER_OF_ZLIB cli)
+set(MIRAGE_LAYER_OF_OpenSSL cli)
 set(MIRAGE_LAYER_OF_Ceres scene)
 
 function(mirage_package name debian)
@@ -47,6 +48,7 @@ mirage_package(spdlog libspdlog-dev)
 mirage_package(nlohmann_json nlohmann-json3-dev)
 mirage_package(CLI11 libcli11-dev)
 mirage_package(ZLIB zlib1g-dev)  # validation's pages and the fuzzers' seeds
+mirage_package(OpenSSL libssl-dev)  # weights' SHA-256, base64 of validation's pages
 # Embree 4 where it is, or else 3 (sensors/embree.h).
 if(sensors IN_LIST MIRAGE_LAYERS AND NOT TARGET mirage_embree)
   find_package(embree 4 QUIET)
@@ -90,9 +92,9 @@ function(mirage_library target)
   target_link_libraries(${target} INTERFACE ${libraries})
 endfunction()
 
-mirage_library(mirage_image_files LAYER base DEBIAN libopenimageio-dev HEADER OpenImageIO/imageio.h
+mirage_library(mirage_image_files LAYER cli DEBIAN libopenimageio-dev HEADER OpenImageIO/imageio.h
                LIBRARY OpenImageIO OpenImageIO_Util)
-mirage_library(mirage_imath LAYER base DEBIAN libimath-dev HEADER ImathVec.h IN Imath)
+mirage_library(mirage_imath LAYER cli DEBIAN libimath-dev HEADER ImathVec.h IN Imath)
 mirage_library(mirage_toml LAYER base DEBIAN libtomlplusplus-dev HEADER toml++/toml.h)
 mirage_library(mirage_random LAYER base DEBIAN librandom123-dev HEADER Random123/philox.h)
 mirage_library(mirage_boost LAYER base DEBIAN libboost-dev HEADER boost/math/distributions/students_t.hpp)

@@ -2,8 +2,8 @@
 
 mirage: for this interpreter, or the one that is named. Its libraries are those of the machine that built it; with --carry they are
 in the wheel, by auditwheel's rules (Debian: patchelf): all but those that every Linux has (PEP 600), under names of their own, found
-beside it (168 MB for 12; some of Debian's are under the GPL, so that wheel is for machines of your own). Its plugins, which take
-LibTorch, stay out then: a detector of the user's own needs none.
+beside it (168 MB for 12; some of Debian's are under the GPL, so that wheel is for machines of your own). Of its plugins those that
+take LibTorch stay out then: a detector of the user's own needs none.
 mirage_weights: the weights of its detectors, for every interpreter.
 """
 
@@ -28,6 +28,7 @@ CODE = ("*.py", "*.pyi", "py.typed", "_core{suffix}", "plugins/process/*")
 SHIPPED = re.compile(r"(scenes/.*\.(toml|shape|glb|ti3)|scenes/objects/zoo\.json|plugins/blender/mirage_blender/.*\.py|"
                      r"validation/(?!benchmarks|studies).*\.(py|toml|j2|html|css|js))")
 PLUGINS = ("plugins/*.so", "plugins/*.json")
+PICTURES = ("plugins/pictures.so",)
 WEIGHTS = ("plugins/weights/*",)
 TOLD = """import json, sys, sysconfig
 print(json.dumps([sys.version_info[:2], sysconfig.get_platform(), sysconfig.get_config_var("EXT_SUFFIX")]))"""
@@ -61,23 +62,23 @@ def needed(file):
     return subprocess.run(["patchelf", "--print-needed", file], check=True, capture_output=True, text=True).stdout.split()
 
 
-def carry(module, folder):
-    """Copies a module and what it needs into the folder as they lie in the wheel: {path in the wheel: file}."""
+def carry(modules, folder):
+    """Copies modules {path in the wheel: file}, and what they need, into the folder as they lie in the wheel: {path in the wheel: file}."""
     if shutil.which("patchelf") is None:
         raise SystemExit("--carry: patchelf is missing; apt-get install patchelf")
-    libraries = {name: path for name, path in resolved(module).items() if not EVERYWHERE.fullmatch(name)}
+    libraries = {name: path for module in modules.values() for name, path in resolved(module).items() if not EVERYWHERE.fullmatch(name)}
     names = {}
     for name, path in libraries.items():
         with open(path, "rb") as file:
             stem, dot, rest = name.partition(".so")
             names[name] = f"{stem}-{hashlib.sha256(file.read()).hexdigest()[:8]}{dot}{rest}"
     packed = {}
-    for source, place, origin in [(module, "mirage/" + os.path.basename(module), "$ORIGIN/../mirage.libs"),
-                                  *((path, "mirage.libs/" + names[name], "$ORIGIN") for name, path in libraries.items())]:
+    for place, source in {**modules, **{"mirage.libs/" + names[name]: path for name, path in libraries.items()}}.items():
         file = os.path.join(folder, os.path.basename(place))
         shutil.copyfile(source, file)
+        origin = os.path.normpath(os.path.join("$ORIGIN", os.path.relpath("mirage.libs", os.path.dirname(place))))
         changes = [["--set-rpath", origin, "--force-rpath"]]  # one call each: together, some are lost
-        if source != module:
+        if place not in modules:
             changes.append(["--set-soname", os.path.basename(place)])
         changes.append([word for name in needed(file) if name in names for word in ("--replace-needed", name, names[name])])
         for change in filter(None, changes):
@@ -133,7 +134,8 @@ def main():
         if module not in code:
             raise SystemExit(f"{asked.interpreter}: the module was not built for it; make python PYTHON={asked.interpreter}")
         if asked.carry:
-            code.update(carry(code[module], folder))
+            carried = {module: code[module], **files(PICTURES)}
+            code.update(carry(carried, folder))
             glibc = subprocess.check_output(["getconf", "GNU_LIBC_VERSION"], text=True).split()[1]
             platform = f"manylinux_{glibc}_" + platform.split("-", 1)[1]
         else:

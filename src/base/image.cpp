@@ -1,16 +1,20 @@
 #include "base/image.h"
 
-#include <OpenImageIO/filesystem.h>
-#include <OpenImageIO/imageio.h>
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cstring>
 #include <memory>
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/picture_codec.h"
+#include "base/plugins.h"
 
 namespace mirage {
 
@@ -49,16 +53,51 @@ class LevelTable {
   std::vector<std::uint32_t> entries_;
 };
 
-using File = OIIO::Filesystem::IOProxy;
+/// The bytes of a file, or of memory.
+class Bytes {
+ public:
+  explicit Bytes(std::string_view memory) : memory_(memory) {}
+  explicit Bytes(const std::filesystem::path& file) : file_(::open(file.c_str(), O_RDONLY | O_CLOEXEC)) {}
+  Bytes(const Bytes&) = delete;
+  Bytes& operator=(const Bytes&) = delete;
+  ~Bytes() {
+    if (file_ >= 0) ::close(file_);
+  }
+  bool is_open() const { return memory_.data() || file_ >= 0; }
+  std::size_t size() const {
+    struct stat status {};
+    return memory_.data() ? memory_.size() : ::fstat(file_, &status) == 0 ? as_size(status.st_size) : 0;
+  }
+  /// As many from `at` on as there are, at most `size`.
+  std::size_t read(char* to, std::size_t size, std::size_t at) const {
+    if (memory_.data()) {
+      const std::string_view part = memory_.substr(std::min(at, memory_.size()), size);
+      std::copy(part.begin(), part.end(), to);
+      return part.size();
+    }
+    std::size_t done = 0;
+    while (done < size) {
+      const ssize_t more = ::pread(file_, to + done, size - done, static_cast<off_t>(at + done));
+      if (more < 0 && errno == EINTR) continue;
+      if (more <= 0) break;
+      done += as_size(more);
+    }
+    return done;
+  }
 
-/// As much of the file from `at` on as there is, at most `window`.
+ private:
+  std::string_view memory_;
+  int file_ = -1;
+};
+
+/// As much from `at` on as there is, at most `window`.
 template <std::size_t N>
-std::string_view read_at(File& file, std::size_t at, char (&window)[N]) {
-  return {window, file.pread(window, N, static_cast<std::int64_t>(at))};
+std::string_view read_at(const Bytes& file, std::size_t at, char (&window)[N]) {
+  return {window, file.read(window, N, at)};
 }
 
 /// OpenEXR sets aside what an attribute of the header claims before it reads it.
-std::string exr_claim(File& file) {
+std::string exr_claim(const Bytes& file) {
   constexpr std::size_t kHead = 8, kMaxNamesLength = 2 * 256;
   constexpr unsigned char kManyParts = 0x10;  // of the version's second byte
   const std::size_t size = file.size();
@@ -88,7 +127,7 @@ std::string exr_claim(File& file) {
 }
 
 /// Whether the text of the iTXt chunk at `at` is compressed: so says the byte behind its keyword.
-bool is_compressed(File& file, std::size_t at) {
+bool is_compressed(const Bytes& file, std::size_t at) {
   char keyword[81] = {};
   const std::string_view text = read_at(file, at, keyword);
   const std::size_t end = text.find('\0');
@@ -97,7 +136,7 @@ bool is_compressed(File& file, std::size_t at) {
 
 /// libpng sets aside what a chunk claims, but for pixels, which it reads piece by piece; and what compressed
 /// texts become, a thousand times what they are.
-std::string png_claim(File& file) {
+std::string png_claim(const Bytes& file) {
   constexpr std::size_t kSignature = 8, kCheckSum = 4, kMaxTexts = 1 << 12;
   std::size_t texts = 0;
   const std::size_t size = file.size();
@@ -116,6 +155,17 @@ std::string png_claim(File& file) {
     at += claimed + kCheckSum;
   }
   return "";
+}
+
+/// By the file's header (PNG, 3rd edition, section 11.2.1), which libpng has checked; 1 at least.
+std::size_t png_bits_a_pixel(const Bytes& file) {
+  constexpr std::size_t kDepth = 24, kColourType = 25;
+  char head[kColourType + 1] = {};
+  if (read_at(file, 0, head).size() != sizeof head) return 1;
+  constexpr std::array<std::size_t, 7> kSamples = {1, 0, 3, 1, 2, 0, 4};
+  const std::size_t colour = static_cast<unsigned char>(head[kColourType]),
+                    depth = static_cast<unsigned char>(head[kDepth]);
+  return std::max<std::size_t>(1, (colour < kSamples.size() ? kSamples[colour] : 1) * depth);
 }
 
 namespace fs = std::filesystem;
@@ -138,94 +188,67 @@ std::string reason(std::string text) {
   return text.empty() ? "" : " (" + text + ")";
 }
 
-/// A file whose reads give all that was asked for, or what is left of it: OpenImageIO's decoders take fewer
-/// bytes, which a system call may give at any time, for a damaged picture.
-class CompleteReads : public OIIO::Filesystem::IOFile {
- public:
-  explicit CompleteReads(const std::string& path) : IOFile(path, Read) {}
-  std::size_t pread(void* bytes, std::size_t size, std::int64_t offset) override {
-    std::size_t read = 0;
-    while (read < size) {
-      const std::size_t more = IOFile::pread(static_cast<char*>(bytes) + read, size - read,
-                                             offset + static_cast<std::int64_t>(read));
-      if (more == 0 || more > size - read) break;  // its end, or −1 as a size
-      read += more;
-    }
-    return read;
-  }
-};
+/// Loaded when it is first asked for.
+const PictureCodec& codec() {
+  static const PictureCodec* const plugin = [] {
+    const fs::path beside = built_file("plugins/pictures.so");
+    // Not beside somebody else's program, which knows by its run path where Mirage is installed.
+    return open_plugin<PictureCodec>(fs::exists(beside) ? beside : beside.filename(), "mirage_pictures",
+                                     "base/picture_codec.h", {kPictureCodec});
+  }();
+  return *plugin;
+}
 
 /// A picture with its header read and judged; nothing is decoded or reserved before.
 class Picture {
  public:
-  Picture(const fs::path& path, PictureSize expected) : Picture(path.string(), "header", nullptr) {
+  Picture(const fs::path& path, PictureSize expected) : Picture(path.string(), "header") {
     if (!fs::is_regular_file(path))
       throw InputError(path.string(), "", fs::exists(path) ? "is no regular file" : "no such image",
                        "check the data set's image folder");
-    auto file = std::make_unique<CompleteReads>(path.string());
-    if (!file->opened()) throw InputError(path.string(), "", "cannot be opened", "check its permissions");
-    proxy_ = std::move(file);
-    open(expected);
+    const Bytes bytes(path);
+    if (!bytes.is_open()) throw InputError(path.string(), "", "cannot be opened", "check its permissions");
+    open(bytes, path, {}, expected);
   }
   Picture(std::string_view bytes, const std::string& where, const std::string& field, PictureSize expected)
-      : Picture(
-            where, field,
-            std::make_unique<OIIO::Filesystem::IOMemReader>(const_cast<char*>(bytes.data()), bytes.size())) {
-    open(expected);
+      : Picture(where, field) {
+    open(Bytes(bytes), {}, bytes, expected);
   }
 
-  const OIIO::ImageSpec& spec() const { return input_->spec(); }
-  std::size_t pixels() const { return as_size(spec().width) * as_size(spec().height); }
-  bool is_grey16() const { return spec().nchannels == 1 && spec().format == OIIO::TypeDesc::UINT16; }
-  /// All of them, converted; `values` has room for pixels() × channels. OpenImageIO's own conversion sets 16
-  /// MB or more aside, however small the picture, so it is left to what needs it: tiles, and channels of
-  /// several types.
-  void read(OIIO::TypeDesc type, void* values) {
-    const OIIO::ImageSpec& is = spec();
-    if (is.tile_width > 0 || !is.channelformats.empty())
-      return check(input_->read_image(0, 0, 0, is.nchannels, type, values));
-    const std::size_t count = pixels() * as_size(is.nchannels);
-    std::vector<std::byte> raw(is.format == type ? 0 : count * is.format.size());
-    check(
-        input_->read_native_scanlines(0, 0, is.y, is.y + is.height, is.z, raw.empty() ? values : raw.data()));
-    if (!raw.empty())
-      OIIO::convert_pixel_values(is.format, raw.data(), type, values, static_cast<int>(count));
+  const PictureHeader& header() const { return decoder_->header(); }
+  std::size_t pixels() const { return as_size(header().width) * as_size(header().height); }
+  bool is_grey16() const { return header().channels == 1 && header().is_16_bit; }
+  /// All of them, converted; `values` has room for pixels() × channels.
+  void read(PixelType type, void* values) {
+    const std::string error = decoder_->read(type, values);
+    if (!error.empty())
+      throw InputError(where_, field_ == "header" ? "pixels" : field_, "truncated or damaged" + reason(error),
+                       kRestore);
   }
 
  private:
-  Picture(std::string where, std::string field, std::unique_ptr<OIIO::Filesystem::IOProxy> proxy)
-      : where_(std::move(where)), field_(std::move(field)), proxy_(std::move(proxy)) {}
-
-  void check(bool decoded) {
-    if (!decoded)
-      throw InputError(where_, field_ == "header" ? "pixels" : field_,
-                       "truncated or damaged" + reason(input_->geterror()), kRestore);
-  }
+  Picture(std::string where, std::string field) : where_(std::move(where)), field_(std::move(field)) {}
 
   [[noreturn]] void bad(const std::string& problem, const std::string& fix = kRestore) const {
     throw InputError(where_, field_, problem, fix);
   }
 
-  void open(PictureSize expected) {
+  /// Of a file, or of bytes.
+  void open(const Bytes& file, const fs::path& path, std::string_view bytes, PictureSize expected) {
     char head[4] = {};
-    const std::size_t size = proxy_->size();
-    const std::size_t read = proxy_->pread(head, sizeof head, 0);
-    const char* format = format_of(std::string_view(head, read));
+    const char* format = format_of(read_at(file, 0, head));
     if (!format) bad("is no PNG, JPEG or EXR picture", "give one of these");
-    const std::string claim = format == std::string_view("openexr") ? exr_claim(*proxy_)
-                              : format == std::string_view("png")   ? png_claim(*proxy_)
+    const std::string claim = format == std::string_view("openexr") ? exr_claim(file)
+                              : format == std::string_view("png")   ? png_claim(file)
                                                                     : "";
     if (!claim.empty()) bad(claim);
-    input_ = OIIO::ImageInput::create(format);
-    OIIO::ImageSpec ignored, config;
-    config.attribute("oiio:UnassociatedAlpha", 1);  // else a PNG's colours come multiplied by its alpha
-    if (!input_ || !input_->set_ioproxy(proxy_.get()) ||
-        !input_->open(std::string("picture.") + format, ignored, config))
-      bad("not a readable image" + reason(input_ ? input_->geterror() : OIIO::geterror()));
-    if (const int turned = spec().get_int_attribute("Orientation", 1); turned > 1 && turned <= 8)
-      bad(fmt::format("its EXIF orientation {} asks viewers to turn or mirror it", turned),
+    std::string error;
+    decoder_ = codec().open(path, bytes, format, error);
+    if (!decoder_) bad("not a readable image" + reason(error));
+    const auto& [width, height, channels, x, y, orientation, is_16_bit, names] = header();
+    if (orientation > 1 && orientation <= 8)
+      bad(fmt::format("its EXIF orientation {} asks viewers to turn or mirror it", orientation),
           "store its pixels upright (exiftran -ai, or mogrify -auto-orient)");
-    const int width = spec().width, height = spec().height, channels = spec().nchannels;
     const std::string claims = fmt::format("claims {}×{} pixels", width, height);
     if (width < 1 || height < 1 || channels < 1 || pixels() > kMaxPixels ||
         pixels() * as_size(channels) > 4 * kMaxPixels)
@@ -235,35 +258,24 @@ class Picture {
       bad(fmt::format("is {}×{}, the camera {}×{}", width, height, expected.width, expected.height),
           "give the picture that belongs to the calibration");
     // Where the picture lies on a page does not matter, but that its last line has a number.
-    if (std::max(std::abs(std::int64_t{spec().x}), std::abs(std::int64_t{spec().y})) > kMaxImageOrigin)
-      bad(fmt::format("claims to begin at pixel ({}, {})", spec().x, spec().y));
+    if (std::max(std::abs(std::int64_t{x}), std::abs(std::int64_t{y})) > kMaxImageOrigin)
+      bad(fmt::format("claims to begin at pixel ({}, {})", x, y));
     // Deflate packs at most 1032 bytes into one.
-    if (std::string_view(format) == "png" && pixels() * png_bits_a_pixel() / 8 / 1032 > size)
+    if (const std::size_t size = file.size();
+        format == std::string_view("png") && pixels() * png_bits_a_pixel(file) / 8 / 1032 > size)
       bad(fmt::format("{}, which {} bytes cannot hold", claims, size));
   }
 
-  /// By the file's header (PNG, 3rd edition, section 11.2.1), which libpng has checked; 1 at least.
-  std::size_t png_bits_a_pixel() const {
-    constexpr std::size_t kDepth = 24, kColourType = 25;
-    std::array<unsigned char, kColourType + 1> head{};
-    if (proxy_->pread(head.data(), head.size(), 0) != head.size()) return 1;
-    constexpr std::array<std::size_t, 7> kSamples = {1, 0, 3, 1, 2, 0, 4};
-    const std::size_t samples = head[kColourType] < kSamples.size() ? kSamples[head[kColourType]] : 1;
-    return std::max<std::size_t>(1, samples * head[kDepth]);
-  }
-
   std::string where_, field_;
-  std::unique_ptr<OIIO::Filesystem::IOProxy> proxy_;  // outlives input_
-  std::unique_ptr<OIIO::ImageInput> input_;
+  std::unique_ptr<PictureDecoder> decoder_;
 };
 
 /// 8-bit sRGB pixels as scene-linear RGB.
 ImageF read_linear(Picture picture) {
-  const OIIO::ImageSpec& spec = picture.spec();
-  const int channels = spec.nchannels;
+  const int channels = picture.header().channels;
   std::vector<std::uint8_t> bytes(picture.pixels() * as_size(channels));
-  picture.read(OIIO::TypeDesc::UINT8, bytes.data());
-  ImageF image(spec.width, spec.height, 3);
+  picture.read(PixelType::kByte, bytes.data());
+  ImageF image(picture.header().width, picture.header().height, 3);
   for (std::size_t i = 0; i < picture.pixels(); ++i)
     for (std::size_t c = 0; c < 3; ++c)
       image.data[3 * i + c] = linear_level(bytes[i * as_size(channels) + (channels >= 3 ? c : 0)]);
@@ -273,17 +285,15 @@ ImageF read_linear(Picture picture) {
 /// The whole file in memory: a disk that is full can then spoil nothing but the writing of it, which is
 /// checked.
 template <class T>
-std::string encoded(const std::string& format, const Image<T>& shape, OIIO::TypeDesc type,
-                    const void* pixels) {
-  std::vector<unsigned char> file;
-  OIIO::Filesystem::IOVecOutput proxy(file);
-  auto output = OIIO::ImageOutput::create(format);
-  const OIIO::ImageSpec spec(shape.width, shape.height, shape.channels, type);
-  if (!output || !output->set_ioproxy(&proxy) || !output->open("picture." + format, spec) ||
-      !output->write_image(type, pixels) || !output->close())
-    throw Failure(format + " encoder", output ? output->geterror() : OIIO::geterror(),
-                  "install OpenImageIO with PNG and EXR support");
-  return {file.begin(), file.end()};
+std::string encoded(const std::string& format, const Image<T>& shape, PixelType type, const void* pixels) {
+  PictureHeader header;
+  header.width = shape.width;
+  header.height = shape.height;
+  header.channels = shape.channels;
+  std::string error;
+  std::string file = codec().encode(format, header, type, pixels, error);
+  if (file.empty()) throw Failure(format + " encoder", error, "install OpenImageIO with PNG and EXR support");
+  return file;
 }
 
 }  // namespace
@@ -346,13 +356,13 @@ void write_srgb(const fs::path& path, const ImageF& linear) {
 }
 
 std::string encode_srgb_png(const ImageF& linear) {
-  return encoded("png", linear, OIIO::TypeDesc::UINT8, srgb_bytes(linear).data());
+  return encoded("png", linear, PixelType::kByte, srgb_bytes(linear).data());
 }
 
 void read_image_size(const fs::path& path, int& width, int& height) {
   const Picture picture(path, {});
-  width = picture.spec().width;
-  height = picture.spec().height;
+  width = picture.header().width;
+  height = picture.header().height;
 }
 
 void write_depth_png(const fs::path& path, const ImageF& depth) {
@@ -360,7 +370,7 @@ void write_depth_png(const fs::path& path, const ImageF& depth) {
   for (std::size_t i = 0; i < words.size(); ++i)
     if (const float z = depth.data[i]; z > 0)
       words[i] = static_cast<std::uint16_t>(std::clamp(std::round(256 * std::min(z, 1e3f)), 1.f, 65535.f));
-  write_file(path, encoded("png", depth, OIIO::TypeDesc::UINT16, words.data()));
+  write_file(path, encoded("png", depth, PixelType::kWord, words.data()));
 }
 
 ImageF read_depth_png(const fs::path& path) {
@@ -369,14 +379,14 @@ ImageF read_depth_png(const fs::path& path) {
     throw InputError(path.string(), "header", "not a 16-bit grey picture",
                      "store depth as KITTI does: 16-bit PNG of 256 times the metres");
   std::vector<std::uint16_t> words(picture.pixels());
-  picture.read(OIIO::TypeDesc::UINT16, words.data());
-  ImageF depth(picture.spec().width, picture.spec().height, 1);
+  picture.read(PixelType::kWord, words.data());
+  ImageF depth(picture.header().width, picture.header().height, 1);
   for (std::size_t i = 0; i < words.size(); ++i) depth.data[i] = static_cast<float>(words[i]) / 256;
   return depth;
 }
 
 void write_index_png(const fs::path& path, const Image<std::uint16_t>& indices) {
-  write_file(path, encoded("png", indices, OIIO::TypeDesc::UINT16, indices.data.data()));
+  write_file(path, encoded("png", indices, PixelType::kWord, indices.data.data()));
 }
 
 Image<std::uint16_t> read_index_png(const fs::path& path) {
@@ -384,21 +394,21 @@ Image<std::uint16_t> read_index_png(const fs::path& path) {
   if (!picture.is_grey16())
     throw InputError(path.string(), "header", "not a 16-bit grey picture",
                      "store one 16-bit number a pixel, as mirage generate --truth does");
-  Image<std::uint16_t> indices(picture.spec().width, picture.spec().height, 1);
-  picture.read(OIIO::TypeDesc::UINT16, indices.data.data());
+  Image<std::uint16_t> indices(picture.header().width, picture.header().height, 1);
+  picture.read(PixelType::kWord, indices.data.data());
   return indices;
 }
 
-ImageF read_exr(const fs::path& path) {
-  Picture picture(path, {});
-  const OIIO::ImageSpec& spec = picture.spec();
-  ImageF image(spec.width, spec.height, spec.nchannels);
-  picture.read(OIIO::TypeDesc::FLOAT, image.data.data());
+ImageF read_exr(const fs::path& path, PictureSize expected, std::vector<std::string>* names) {
+  Picture picture(path, expected);
+  ImageF image(picture.header().width, picture.header().height, picture.header().channels);
+  picture.read(PixelType::kFloat, image.data.data());
+  if (names) *names = picture.header().names;
   return image;
 }
 
 void write_exr(const fs::path& path, const ImageF& image) {
-  write_file(path, encoded("exr", image, OIIO::TypeDesc::FLOAT, image.data.data()));
+  write_file(path, encoded("exr", image, PixelType::kFloat, image.data.data()));
 }
 
 }  // namespace mirage

@@ -95,7 +95,8 @@ float linear_level(std::uint8_t level);
 /// width × height × 3, scene-linear. `bytes` has as many values.
 ImageF linear_image(std::span<const std::uint8_t> bytes, int width, int height);
 
-// Image files through OpenImageIO. PNG and JPEG hold 8-bit sRGB (16-bit PNG: depth), EXR scene-linear float.
+// Image files through OpenImageIO (base/picture_codec.h). PNG and JPEG hold 8-bit sRGB (16-bit PNG: depth),
+// EXR scene-linear float.
 
 /// Pixels of the largest picture that is read, given or recorded: 8192×8192. A header of a few bytes can
 /// claim 60000×60000, so every reader looks at it before it reserves anything.
@@ -133,8 +134,10 @@ void write_index_png(const std::filesystem::path& path, const Image<std::uint16_
 /// InputError if it is not a 16-bit grey PNG.
 Image<std::uint16_t> read_index_png(const std::filesystem::path& path);
 
-/// Reads an EXR as it is: float, all channels of the first part.
-ImageF read_exr(const std::filesystem::path& path);
+/// Reads an EXR as it is: float, all channels of the first part; `names` of these, where it is given.
+/// InputError as read_srgb's.
+ImageF read_exr(const std::filesystem::path& path, PictureSize expected = {},
+                std::vector<std::string>* names = nullptr);
 /// Writes float channels unchanged (32-bit), atomically.
 void write_exr(const std::filesystem::path& path, const ImageF& image);
 

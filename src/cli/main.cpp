@@ -2,7 +2,6 @@
 #include <cstdlib>
 
 #include "base/error.h"
-#include "base/quiet_png.h"
 #include "base/ranks.h"
 #include "cli/command.h"
 
@@ -13,6 +12,5 @@ int main(int argc, char** argv) {
   std::signal(SIGXFSZ, SIG_IGN);
   mirage::join_ranks(argc, argv);
   mirage::watch_for_interrupt();
-  mirage::silence_libpng();
   return mirage::leave_ranks(mirage::cli::dispatch({argv + 1, argv + argc}));
 }

@@ -74,6 +74,8 @@ class Program : public testing::Test {
   }
   TemporaryFolder folder_;
   std::string environment_;  ///< "NAME=VALUE …"
+  const std::string frames_ =
+      MIRAGE_BUILD "/test_data";  ///< three of the default rig, to be read (CMakeLists.txt)
 };
 
 }  // namespace mirage::test

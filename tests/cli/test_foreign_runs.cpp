@@ -15,6 +15,7 @@ using testing::HasSubstr;
 using testing::Not;
 
 const std::string kPlugins = MIRAGE_BUILD "/test_plugins/";
+const std::string kSmall = "generate --rig " MIRAGE_SOURCE "/tests/faults/small-rig.toml --seed 5 --frames ";
 
 class ForeignRuns : public test::Program {
  protected:
@@ -24,10 +25,10 @@ class ForeignRuns : public test::Program {
 
   /// A run against a plugin that always finds one box.
   void make_run() {
-    ASSERT_EQ(mirage("generate --frames 2 --seed 5 --quiet --out " + at("data")), 0) << said();
+    ASSERT_EQ(mirage(kSmall + "2 --quiet --out " + at("data")), 0) << said();
     for (const char* id : {"000000", "000001"})  // a car where the plugin finds one
       write_file(folder_ / "data/training/label_2" / (std::string(id) + ".txt"),
-                 "Car 0 0 0 500 170 720 360 1.5 2 4 -1 1.65 9.73 -1.5708\n");
+                 "Car 0 0 0 110 44 165 76 1.5 2 4 -1 1.65 9.73 -1.5708\n");
     fs::remove_all(folder_ / "data/training/track_2");
     write_file(folder_ / "some.weights", "weights");
     ASSERT_EQ(mirage("attack --quiet --iterations 2 --min-view 0 --rooftop box --detector " + kPlugins +
@@ -166,7 +167,7 @@ TEST_F(ForeignRuns, WriteNowhereElse) {
 TEST_F(ForeignRuns, AnOutputFolderInUseNamesItsHolder) {
   fs::create_directories(folder_ / "o");
   write_file(folder_ / "o/.mirage-lock", "process 4242 on elsewhere since yesterday\n");
-  const std::string command = "generate --frames 1 --quiet --out " + at("o");
+  const std::string command = kSmall + "1 --quiet --out " + at("o");
   const int held = open(at("o/.mirage-lock").c_str(), O_RDWR | O_CLOEXEC);
   ASSERT_EQ(flock(held, LOCK_EX), 0);
   EXPECT_EQ(mirage(command), 1);
@@ -200,7 +201,7 @@ TEST_F(ForeignRuns, AnOutputFolderInUseNamesItsHolder) {
 }
 
 TEST_F(ForeignRuns, AnEditedRigDoesNotJoinAnOldSet) {
-  const std::string rig = read_file(fs::path(MIRAGE_SOURCE) / "scenes/rigs/kitti64.toml");
+  const std::string rig = read_file(fs::path(MIRAGE_SOURCE) / "tests/faults/small-rig.toml");
   const auto generate = [&](const std::string& frames) {
     return mirage("generate --quiet --rig " + at("mine.toml") + " --frames " + frames + " --out " + at("d"));
   };
@@ -234,14 +235,14 @@ TEST_F(ForeignRuns, AnEditedRigDoesNotJoinAnOldSet) {
 
 // By its signal the limit would end the process without a word.
 TEST_F(ForeignRuns, ALimitOnTheSizeOfFilesIsOneLine) {
-  EXPECT_EQ(shell("ulimit -f 8; " + command("generate --frames 1 --quiet --out " + at("o"))), 1);
+  EXPECT_EQ(shell("ulimit -f 8; " + command(kSmall + "1 --quiet --out " + at("o"))), 1);
   expect_line("generate");
   EXPECT_THAT(said(), HasSubstr("ulimit -f"));
 }
 
 TEST_F(ForeignRuns, NamesOfAnyBytesAreShownEscaped) {
   const std::string odd = (folder_ / "\xff\x1b[31m").string();
-  ASSERT_EQ(mirage("generate --frames 1 --seed 5 --out '" + odd + "'"), 0) << said();
+  ASSERT_EQ(mirage(kSmall + "1 --out '" + odd + "'"), 0) << said();
   EXPECT_THAT(said(), AllOf(HasSubstr("\\xff\\x1b[31m"), Not(HasSubstr("\xff"))));
   for (const char* part : {"image_2", "velodyne", "calib", "label_2", "lighting"})
     for (const auto& entry : fs::directory_iterator(fs::path(odd) / "training" / part))
@@ -268,7 +269,7 @@ TEST_F(ForeignRuns, NamesOfAnyBytesAreShownEscaped) {
 
 // libpng would print a line of its own.
 TEST_F(ForeignRuns, ADamagedPictureIsOneLine) {
-  ASSERT_EQ(mirage("generate --frames 1 --seed 5 --quiet --out " + at("data")), 0) << said();
+  ASSERT_EQ(mirage(kSmall + "1 --quiet --out " + at("data")), 0) << said();
   const fs::path picture = folder_ / "data/training/image_2/000000.png";
   std::string bytes = read_file(picture);
   for (const std::string& damaged : {bytes.substr(0, 2000), bytes.substr(0, bytes.size() / 2) + "x" +

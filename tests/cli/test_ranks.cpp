@@ -18,7 +18,7 @@ class Ranks : public test::Program {
   void SetUp() override {
     MIRAGE_NEED_FUSION();
     if (shell("mpirun --version") != 0) GTEST_SKIP() << "mpirun is not installed (openmpi-bin)";
-    ASSERT_EQ(mirage("generate --frames 3 --seed 5 --quiet --out " + at("data")), 0) << said();
+    ASSERT_TRUE(fs::exists(frames_)) << "ctest makes them (frames.generated)";
   }
   /// Open MPI refuses root and more processes than cores unless told otherwise, and leaves memory of its own
   /// behind, which is no leak of ours.
@@ -30,7 +30,7 @@ class Ranks : public test::Program {
   }
   int mirage_on(int ranks, const std::string& arguments) const { return shell(on_ranks(ranks, arguments)); }
   std::string attack(const std::string& out, int iterations) const {
-    return "attack --batch 4 --expect all --threads 1 --data " + at("data") + " --iterations " +
+    return "attack --batch 4 --expect all --threads 1 --data " + frames_ + " --iterations " +
            std::to_string(iterations) + " --out " + at(out);
   }
   /// Attacks with the same options on one process and on two; their meshes and what result.json says under
@@ -85,7 +85,7 @@ class Ranks : public test::Program {
   }
   /// Two attacks and their evaluations.
   std::string reproduce(const std::string& out) const {
-    return "reproduce table1 --quick --iterations 1 --threads 1 --kitti64 " + at("data") +
+    return "reproduce table1 --quick --iterations 1 --threads 1 --kitti64 " + frames_ +
            " --only kitti64-lidar-lidar,kitti64-fusion-lidar --out " + at(out);
   }
 };
@@ -105,7 +105,7 @@ TEST_F(Ranks, OneTwoAndFourProcessesLearnTheSameBits) {
 }
 
 TEST_F(Ranks, ThePlateauIsTheSameOnAnyNumberOfProcesses) {
-  learn_on_one_and_two(3, " --until-plateau 2 --validate-every 1 --fp-top-k 20", "plateau");
+  learn_on_one_and_two(3, " --detector lidar --until-plateau 2 --validate-every 1 --fp-top-k 20", "plateau");
 }
 
 TEST_F(Ranks, ThePortfolioIsTheSameOnAnyNumberOfProcesses) {
@@ -174,14 +174,14 @@ TEST_F(Ranks, AnEvaluationIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
 
 TEST_F(Ranks, AComparisonIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
   const nlohmann::json alone =
-      same_on_one_and_three("compare --detectors lidar --defense none ceiling:2 --data " + at("data") +
+      same_on_one_and_three("compare --detectors lidar --defense none ceiling:2 --data " + frames_ +
                                 " --mesh " MIRAGE_SOURCE "/scenes/objects/ellipsoid.glb",
                             "attacked");
   EXPECT_EQ(kept("attacked"), 2 * alone.at("compare").at("hosts").get<std::size_t>());
 }
 
 TEST_F(Ranks, ADetectionIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
-  same_on_one_and_three("detect --detector lidar --kitti " + at("kitti") + " --data " + at("data"), "found");
+  same_on_one_and_three("detect --detector lidar --kitti " + at("kitti") + " --data " + frames_, "found");
   EXPECT_EQ(kept("found"), 3u);
   EXPECT_EQ(text("three/detections.json"), text("alone/detections.json"));
   EXPECT_EQ(text("again/detections.json"), text("alone/detections.json"));
@@ -190,8 +190,7 @@ TEST_F(Ranks, ADetectionIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
 }
 
 TEST_F(Ranks, AnAuditIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
-  const nlohmann::json alone =
-      same_on_one_and_three("audit --detector lidar --data " + at("data"), "audited");
+  const nlohmann::json alone = same_on_one_and_three("audit --detector lidar --data " + frames_, "audited");
   EXPECT_EQ(kept("audited"), 3 * (1 + alone.at("audit").size()));  // as recorded, and with each change
 }
 
@@ -199,7 +198,7 @@ TEST_F(Ranks, ACertificateIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
   same_on_one_and_three(
       "certify --detector lidar --sizes 0.4 --objects 1 --lattice --whole-lattice --step 10 "
       "--farthest 20 --mesh " MIRAGE_SOURCE "/scenes/objects/ellipsoid.glb --data " +
-          at("data"),
+          frames_,
       "certified");
 }
 
@@ -210,7 +209,7 @@ TEST_F(Ranks, AScoreIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
 
 TEST_F(Ranks, FitsAreTheSameOnAnyNumberOfProcessesAndGoOn) {
   const auto fit = [&](const std::string& out) {
-    return "fit --threads 1 --data " + at("data") + " --out " + at(out);
+    return "fit --threads 1 --data " + frames_ + " --out " + at(out);
   };
   ASSERT_EQ(mirage(fit("one")), 0) << said();
   ASSERT_EQ(mirage_on(2, fit("two")), 0) << said();
@@ -238,12 +237,12 @@ TEST_F(Ranks, FitsAreTheSameOnAnyNumberOfProcessesAndGoOn) {
 
 TEST_F(Ranks, FramesAreGeneratedSideBySideAndOtherCommandsRunInOneProcess) {
   ASSERT_EQ(mirage_on(2, "generate --threads 1 --frames 3 --seed 5 --out " + at("two")), 0) << said();
-  for (const auto& entry : fs::recursive_directory_iterator(folder_ / "data/training"))
+  for (const auto& entry : fs::recursive_directory_iterator(fs::path(frames_) / "training"))
     if (entry.is_regular_file()) {
-      const fs::path twin = folder_ / "two" / fs::relative(entry.path(), folder_ / "data");
+      const fs::path twin = folder_ / "two" / fs::relative(entry.path(), frames_);
       EXPECT_EQ(read_file(twin), read_file(entry.path())) << twin;
     }
-  const nlohmann::json alone = json("data/result.json"), both = json("two/result.json");
+  const nlohmann::json alone = read_json(fs::path(frames_) / "result.json"), both = json("two/result.json");
   for (const char* count : {"frames", "cars", "others", "points"})
     EXPECT_EQ(both.at(count), alone.at(count)) << count;
   // Commands that share nothing run in one process.

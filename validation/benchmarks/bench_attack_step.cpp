@@ -18,10 +18,10 @@
 namespace mirage {
 namespace {
 
-constexpr int kFrames = 2, kHosts = 3, kRounds = 3;  // hosts of each frame
-constexpr std::size_t kInDouble = 4;                 // hosts whose gradients are compared in double
-constexpr double kLocalities[] = {1, 2, 4, 8};       // m
-constexpr const char* kDetectors[] = {"lidar", "camera", "painted", "fusion", "late", "refined"};
+constexpr int kStepFrames = 2, kHosts = 3, kStepRounds = 3;  // hosts of each frame
+constexpr std::size_t kInDouble = 4;                         // hosts whose gradients are compared in double
+constexpr double kLocalities[] = {1, 2, 4, 8};               // m
+constexpr const char* kAttacked[] = {"lidar", "camera", "painted", "fusion", "late", "refined"};
 
 struct Street {
   std::vector<std::unique_ptr<PreparedFrame>> frames;
@@ -29,7 +29,7 @@ struct Street {
 
   Street() {
     const Rig rig = read_rig(shipped_file("scenes/rigs/kitti64.toml"));
-    for (std::uint64_t seed = 0; frames.size() < kFrames; ++seed) {
+    for (std::uint64_t seed = 0; frames.size() < kStepFrames; ++seed) {
       Frame frame = generate_frame(rig, 23, seed);
       frame.id = std::to_string(seed);
       frame.sweep = points_in_view(frame.sweep, frame.calibration);
@@ -122,7 +122,7 @@ void attack_steps(benchmark::State& state, const std::string& name) {
     for (const Variant& variant : variants)
       for (const StepHost& stand : street.stands)
         step(*variant.detector, stand);  // and keeps the clean frames
-    for (int round = 0; round < kRounds; ++round)
+    for (int round = 0; round < kStepRounds; ++round)
       for (std::size_t k = 0; k < street.stands.size(); ++k) {
         const StepHost& stand = street.stands[k];
         HostStep full, changed;
@@ -182,7 +182,7 @@ void attack_steps(benchmark::State& state, const std::string& name) {
 
 const auto* const kAttackSteps = [] {
   benchmark::internal::Benchmark* last = nullptr;
-  for (const char* name : kDetectors)
+  for (const char* name : kAttacked)
     last = ONCE(benchmark::RegisterBenchmark((std::string("attack_step_") + name).c_str(), attack_steps,
                                              std::string(name)));
   return last;

@@ -22,8 +22,8 @@
 namespace mirage {
 namespace {
 
-constexpr int kFrames = 2, kRounds = 7;
-constexpr const char* kDetectors[] = {"lidar", "fusion"};
+constexpr int kPassFrames = 2, kPassRounds = 7;
+constexpr const char* kPassing[] = {"lidar", "fusion"};
 
 struct Input {
   Frame frame;
@@ -32,8 +32,8 @@ struct Input {
 };
 
 std::vector<Input> inputs_of(const Rig& rig) {
-  std::vector<Input> inputs(kFrames);
-  for (std::size_t i = 0; i < kFrames; ++i) {
+  std::vector<Input> inputs(kPassFrames);
+  for (std::size_t i = 0; i < kPassFrames; ++i) {
     inputs[i].frame = generate_frame(rig, 21, static_cast<std::uint64_t>(i));
     inputs[i].points = points_in_view(inputs[i].frame.sweep, inputs[i].frame.calibration);
   }
@@ -53,7 +53,7 @@ void detector_passes(benchmark::State& state, const std::string& rig_name) {
   std::map<std::string, std::unique_ptr<Detector>> detectors;
   std::vector<Input> inputs;
   try {
-    for (const char* name : kDetectors) detectors[name] = fresh(name);
+    for (const char* name : kPassing) detectors[name] = fresh(name);
     inputs = inputs_of(read_rig(shipped_file("scenes/rigs/" + rig_name + ".toml")));
   } catch (const InputError& error) {
     state.SkipWithError(error.what());
@@ -66,13 +66,13 @@ void detector_passes(benchmark::State& state, const std::string& rig_name) {
     if (back) benchmark::DoNotOptimize(detector.backward(std::vector<double>(proposals.size(), 1)));
   };
   for (auto _ : state)
-    for (int round = -1; round < kRounds; ++round) {  // the first warms up
+    for (int round = -1; round < kPassRounds; ++round) {  // the first warms up
       Rounds warm;
       Rounds& into = round < 0 ? warm : rounds;
       const Input& input = inputs[as_size(round + 1) % inputs.size()];
       SensorView blind = input.view();
       blind.points = {};
-      for (const char* name : kDetectors) {
+      for (const char* name : kPassing) {
         Detector& detector = *detectors[name];
         into.time(std::string("forward ") + name, [&] { pass(detector, input.view(), false); });
         into.time(std::string("both ") + name, [&] { pass(detector, input.view(), true); });
@@ -80,7 +80,7 @@ void detector_passes(benchmark::State& state, const std::string& rig_name) {
       }
     }
   auto& all = figures();
-  for (const std::string name : kDetectors) {
+  for (const std::string name : kPassing) {
     all["detector_forward_ms_" + name + suffix] = rounds["forward " + name];
     all["detector_forward_backward_ms_" + name + suffix] = rounds["both " + name];
     all["detector_backward_ms_" + name + suffix] = rounds.difference("both " + name, "forward " + name);
@@ -101,26 +101,26 @@ void detector_training(benchmark::State& state) {
   const auto folder = std::filesystem::temp_directory_path() / "mirage-bench-detector";
   std::map<std::string, std::unique_ptr<Detector>> detectors;
   try {
-    for (const char* name : kDetectors) detectors[name] = fresh(name);
+    for (const char* name : kPassing) detectors[name] = fresh(name);
   } catch (const InputError& error) {
     state.SkipWithError(error.what());
     return;
   }
   generate_dataset(
-      read_rig(shipped_file("scenes/rigs/kitti64.toml")), 22, 0, kFrames, folder, [](std::size_t) {},
+      read_rig(shipped_file("scenes/rigs/kitti64.toml")), 22, 0, kPassFrames, folder, [](std::size_t) {},
       Truth::all);
   const auto region = detectors["fusion"]->region();
   TrainingData plain(folder, 0, region, 1), pasting(folder, 0, region, 1, 2);
   Rounds rounds;
   for (auto _ : state)
-    for (int round = -1; round < kRounds; ++round) {
+    for (int round = -1; round < kPassRounds; ++round) {
       Rounds warm;  // the first round reads the files
       Rounds& into = round < 0 ? warm : rounds;
       std::vector<PreparedSample> samples;
       into.time("data", [&] { samples = plain.prepare(round + 1, 2); });
       into.time("data pasting", [&] { benchmark::DoNotOptimize(pasting.prepare(round + 1, 2)); });
       const std::array<TrainingSample, 2> views = {samples[0].view(), samples[1].view()};
-      for (const char* name : kDetectors) {
+      for (const char* name : kPassing) {
         Detector& detector = *detectors[name];
         into.time(std::string("two ") + name, [&] { detector.train_step(views, 1e-3); });
         into.time(std::string("one ") + name, [&] { detector.train_step({views.data(), 1}, 1e-3); });
@@ -129,7 +129,7 @@ void detector_training(benchmark::State& state) {
     }
   std::filesystem::remove_all(folder);
   auto& all = figures();
-  for (const std::string name : kDetectors) {
+  for (const std::string name : kPassing) {
     all["training_step_ms_" + name] = rounds["two " + name];
     // Two steps of one sample hold one optimiser step more than one step of both.
     const double optimiser = rounds["one " + name] + rounds["other " + name] - rounds["two " + name];

@@ -235,7 +235,7 @@ ONCE(BENCHMARK(lidar_insertion));
 // Rays of one pencil against Embree's packets: the rays of a light on an object, those of one direction
 // together, in alternation within one run.
 
-constexpr int kRounds = 21, kDirections = 32;
+constexpr int kPencilRounds = 21, kDirections = 32;
 constexpr std::size_t kRays = 250;  // along each direction
 
 /// With an icosphere's faces, crumpled.
@@ -254,7 +254,7 @@ void compare(int subdivisions) {
     starts.push_back(((corner(0) + corner(1) + corner(2)) * (1.0001 / 3)).cast<float>());
   }
   Rounds rounds;
-  for (int round = 0; round < kRounds; ++round) {
+  for (int round = 0; round < kPencilRounds; ++round) {
     rounds.time("embree", [&] {
       const RayCaster caster(std::span(&mesh, 1));
       RayTable rays(1, kRays * kDirections);

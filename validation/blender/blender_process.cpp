@@ -1,6 +1,5 @@
 #include "validation/blender/blender_process.h"
 
-#include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -28,24 +27,23 @@ constexpr double kRenderTimeout = 900;  // s; a crop takes seconds
 /// none.
 ImageF read_channels(const std::filesystem::path& file, PictureSize size,
                      const std::vector<std::string>& names) {
-  auto input = OIIO::ImageInput::open(file.string());
-  if (!input) throw Failure(file.string(), "not readable (" + OIIO::geterror() + ")", "look at blender.log");
-  const OIIO::ImageSpec& spec = input->spec();
-  if (spec.width != size.width || spec.height != size.height)
+  std::vector<std::string> there;
+  ImageF all;
+  try {
+    all = read_exr(file, size, &there);
+  } catch (const InputError&) {  // which would put it down to the user
     throw Failure(file.string(),
-                  fmt::format("is {}×{}, not {}×{}", spec.width, spec.height, size.width, size.height),
-                  "use Blender 3.4 to 4.3");
-  std::vector<float> all(as_size(spec.width) * as_size(spec.height) * as_size(spec.nchannels));
-  if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, all.data()))
-    throw Failure(file.string(), "cut short, as by a full disk", "free some space and run again");
-  ImageF image(spec.width, spec.height, static_cast<int>(names.size()));
+                  "Blender's picture is cut short, damaged or not of the size that was asked for",
+                  "free some space and run again, or look at blender.log");
+  }
+  ImageF image(size.width, size.height, static_cast<int>(names.size()));
   for (std::size_t c = 0; c < names.size(); ++c) {
     int channel = -1;
-    for (int k = 0; k < spec.nchannels; ++k)
-      if (spec.channelnames[as_size(k)].ends_with("." + names[c])) channel = k;
+    for (int k = 0; k < all.channels; ++k)
+      if (there[as_size(k)].ends_with("." + names[c])) channel = k;
     if (channel < 0) return {};
     for (std::size_t i = 0; i < image.data.size() / names.size(); ++i)
-      image.data[i * names.size() + c] = all[i * as_size(spec.nchannels) + as_size(channel)];
+      image.data[i * names.size() + c] = all.data[i * as_size(all.channels) + as_size(channel)];
   }
   return image;
 }

@@ -1,7 +1,7 @@
 #include "validation/view/frame_pack.h"
 
-#include <OpenImageIO/strutil.h>
 #include <fmt/format.h>
+#include <openssl/evp.h>
 #include <zlib.h>
 
 #include <algorithm>
@@ -61,6 +61,15 @@ std::string gzip(std::string_view bytes) {
   deflateEnd(&stream);
   if (status != Z_STREAM_END) throw Failure("zlib", "did not finish", "report this as a bug");
   return out;
+}
+
+/// RFC 4648, section 4.
+std::string base64(const std::string& bytes) {
+  std::string text(4 * ((bytes.size() + 2) / 3) + 1, '\0');
+  text.resize(as_size(EVP_EncodeBlock(reinterpret_cast<unsigned char*>(text.data()),
+                                      reinterpret_cast<const unsigned char*>(bytes.data()),
+                                      static_cast<int>(bytes.size()))));
+  return text;
 }
 
 /// Points as columns that gzip makes small, n points each:
@@ -308,7 +317,7 @@ PackedFrame pack(const ViewFrame& view, std::size_t limit, PackSettings start) {
     packed.settings.quality -= 15;
   while (true) {
     const std::vector<bool> kept = kept_points(view, packed.settings.step);
-    packed.text = OIIO::Strutil::base64_encode(gzip(container(view, photos, kept)));
+    packed.text = base64(gzip(container(view, photos, kept)));
     packed.kept = as_size(std::count(kept.begin(), kept.end(), true));
     if (packed.text.size() <= limit) break;
     if (packed.settings.step >= kCoarsest)

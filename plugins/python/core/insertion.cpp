@@ -157,7 +157,7 @@ py::tuple vjp_in(const Result& result, const py::object& d_image, const py::obje
       view(gradient->texels.front().data(), {faces, c, c, 3}, gradient, true));
 }
 
-py::tuple vjp(const Result& result, const py::object& d_image, const py::object& d_points) {
+py::tuple insertion_vjp(const Result& result, const py::object& d_image, const py::object& d_points) {
   return result->in_double ? vjp_in<double>(result, d_image, d_points)
                            : vjp_in<float>(result, d_image, d_points);
 }
@@ -203,7 +203,7 @@ void bind_insertion(py::module_& module) {
           "depth", &depth,
           "H×W float32, planar, m: the object's surface where the mask is over one half, else\n"
           "the photograph's completed depth.")
-      .def("vjp", &vjp, py::arg("d_image") = py::none(), py::arg("d_points") = py::none(),
+      .def("vjp", &insertion_vjp, py::arg("d_image") = py::none(), py::arg("d_points") = py::none(),
            "Vector-Jacobian product: d loss / d image (H×W×3) and d loss / d points (M×4), either of them "
            "None,\n"
            "to (d loss / d vertices (V×3, per m), d loss / d texels (F×C×C×3)), float64.")

@@ -10,7 +10,7 @@
 namespace mirage::python {
 namespace {
 
-using Shared = std::shared_ptr<TexturedMesh>;
+using SharedMesh = std::shared_ptr<TexturedMesh>;
 
 constexpr double kGrey = 0.5;
 
@@ -42,7 +42,7 @@ void give_grey(TexturedMesh& mesh, int resolution) {
   mesh.atlas.texels.assign(mesh.mesh.faces.size() * mesh.atlas.per_face(), Vec3d::Constant(kGrey));
 }
 
-Shared make(const py::handle& vertices, const py::handle& faces, const py::object& texels) {
+SharedMesh make(const py::handle& vertices, const py::handle& faces, const py::object& texels) {
   auto mesh = std::make_shared<TexturedMesh>();
   mesh->mesh.vertices = rows_of_three(vertices, "vertices");
   mesh->mesh.faces = faces_of(faces);
@@ -54,15 +54,15 @@ Shared make(const py::handle& vertices, const py::handle& faces, const py::objec
   return mesh;
 }
 
-py::array_t<double> rows(const Shared& owner, std::vector<Vec3d>& values, const Shape& shape) {
+py::array_t<double> rows(const SharedMesh& owner, std::vector<Vec3d>& values, const Shape& shape) {
   return view(values.empty() ? nullptr : values.front().data(), shape, owner, true);
 }
 
-py::array_t<double> vertices(const Shared& mesh) {
+py::array_t<double> vertices(const SharedMesh& mesh) {
   return rows(mesh, mesh->mesh.vertices, {ssize(mesh->mesh.vertices.size()), 3});
 }
 
-py::array_t<double> texels(const Shared& mesh) {
+py::array_t<double> texels(const SharedMesh& mesh) {
   const int c = mesh->atlas.resolution;
   return rows(mesh, mesh->atlas.texels, {ssize(mesh->mesh.faces.size()), c, c, 3});
 }
@@ -78,7 +78,7 @@ void assign(std::vector<Vec3d>& values, const py::handle& source, const char* na
   std::copy(rows.begin(), rows.end(), values.begin());
 }
 
-Shared start(int subdivisions, const py::object& half, int resolution) {
+SharedMesh start(int subdivisions, const py::object& half, int resolution) {
   if (subdivisions < 0 || subdivisions > 6)
     throw InputError("subdivisions", std::to_string(subdivisions), "out of range", "use 0 to 6");
   if (resolution < 1 || resolution > 64)
@@ -98,7 +98,7 @@ Shared start(int subdivisions, const py::object& half, int resolution) {
   return mesh;
 }
 
-Shared read(const std::filesystem::path& file) {
+SharedMesh read(const std::filesystem::path& file) {
   const py::gil_scoped_release free;
   return std::make_shared<TexturedMesh>(read_textured_mesh(file));
 }
@@ -112,7 +112,7 @@ void write(const TexturedMesh& mesh, const std::filesystem::path& file) {
 }  // namespace
 
 void bind_meshes(py::module_& module) {
-  py::class_<TexturedMesh, Shared>(
+  py::class_<TexturedMesh, SharedMesh>(
       module, "Mesh",
       "Triangles with C×C texels each. Frame of the roof it stands on: x along the heading, y left, z up, "
       "m.\n"
@@ -125,7 +125,7 @@ void bind_meshes(py::module_& module) {
           "V×3 float64, m. A view: writing to it changes the mesh.")
       .def_property_readonly(
           "faces",
-          [](const Shared& m) {
+          [](const SharedMesh& m) {
             const auto& faces = m->mesh.faces;
             return view(faces.empty() ? nullptr : faces.front().data(), {ssize(faces.size()), 3}, m, false);
           },

@@ -5,7 +5,6 @@
 #include "base/files.h"
 #include "base/logging.h"
 #include "base/parallel.h"
-#include "base/quiet_png.h"
 #include "bind.h"
 
 namespace mirage::python {
@@ -34,7 +33,6 @@ PYBIND11_MODULE(_core, module) {
   module.doc() = "Mirage's simulator; use it through the package mirage.";
   set_program_file(own_file());
   start_logging(true);
-  silence_libpng();
   register_error<InputError>(module, "InputError", PyExc_ValueError,
                              "Something that was given is wrong; the text names it and says how to mend it.");
   register_error<Failure>(module, "Failure", PyExc_RuntimeError,

@@ -47,7 +47,7 @@ struct Raster {
   }
   const float* photograph() const { return background.size() ? background.data() : nullptr; }
 };
-using Shared = std::shared_ptr<Raster>;
+using SharedRaster = std::shared_ptr<Raster>;
 
 /// Tapes of pictures that are gone: their memory is worth keeping.
 class TapePool {
@@ -253,7 +253,7 @@ py::array pictures(const Raster& raster, int channels) {
   return array;
 }
 
-py::array image(Raster& raster, int channels) {
+py::array drawn_image(Raster& raster, int channels) {
   if (channels == 3 && raster.image.size()) return raster.image;
   return raster.in_double ? pictures<double>(raster, channels) : pictures<float>(raster, channels);
 }
@@ -298,7 +298,7 @@ std::vector<Picture> upstream_of(const Raster& raster, const py::object& d_image
   return d_rgba;
 }
 
-py::list vjp(Raster& raster, const py::object& d_image, const py::object& d_mask) {
+py::list raster_vjp(Raster& raster, const py::object& d_image, const py::object& d_mask) {
   std::vector<ImageF> upstream;
   std::vector<Image<double>> in_double;
   if (raster.in_double)
@@ -321,16 +321,16 @@ py::list vjp(Raster& raster, const py::object& d_image, const py::object& d_mask
 }
 
 /// Without its subjects.
-Shared raster_of(int height, int width, const py::object& background,
-                 const std::map<std::string, double>& numbers,
-                 const std::map<std::string, std::string>& words, int supersampling, bool in_double,
-                 std::size_t count) {
+SharedRaster raster_of(int height, int width, const py::object& background,
+                       const std::map<std::string, double>& numbers,
+                       const std::map<std::string, std::string>& words, int supersampling, bool in_double,
+                       std::size_t count) {
   if (height < 1 || width < 1 || height > 32768 || width > 32768)
     throw InputError("rasterize", "size", std::to_string(height) + " × " + std::to_string(width),
                      "give 1 to 32768 pixels a side");
   if (supersampling < 1 || supersampling > 32)
     throw InputError("rasterize", "supersampling", std::to_string(supersampling), "use 1 to 32");
-  Shared raster(new Raster, [](Raster* r) {
+  SharedRaster raster(new Raster, [](Raster* r) {
     tape_pool().give_back(std::move(r->tapes));
     delete r;
   });
@@ -350,7 +350,7 @@ void finish(Raster& raster, int supersampling) {
     draw(raster, supersampling);
   }
   if (!raster.photograph()) return;
-  raster.image = image(raster, 3);
+  raster.image = drawn_image(raster, 3);
 }
 
 void project(Subject& subject, const TexturedMesh& mesh, const std::array<double, 4>& intrinsics, int height,
@@ -364,16 +364,17 @@ void project(Subject& subject, const TexturedMesh& mesh, const std::array<double
 }
 
 /// meshes[n] by intrinsics[n].
-Shared rasterize_meshes(const std::vector<std::shared_ptr<TexturedMesh>>& meshes,
-                        const std::vector<std::array<double, 4>>& intrinsics, int height, int width,
-                        const py::object& background, const std::map<std::string, double>& numbers,
-                        const std::map<std::string, std::string>& words, int supersampling, bool in_double) {
+SharedRaster rasterize_meshes(const std::vector<std::shared_ptr<TexturedMesh>>& meshes,
+                              const std::vector<std::array<double, 4>>& intrinsics, int height, int width,
+                              const py::object& background, const std::map<std::string, double>& numbers,
+                              const std::map<std::string, std::string>& words, int supersampling,
+                              bool in_double) {
   for (const auto& mesh : meshes) {
     check_mesh(*mesh, "mesh");
     if (mesh->mesh.faces.empty())
       throw InputError("mesh", "faces", "there are none", "give a mesh with faces");
   }
-  Shared raster =
+  SharedRaster raster =
       raster_of(height, width, background, numbers, words, supersampling, in_double, meshes.size());
   for (std::size_t n = 0; n < meshes.size(); ++n)
     project(raster->subjects[n], *meshes[n], intrinsics[n], height, width);
@@ -424,12 +425,13 @@ void read_screen(Subject& subject, const py::handle& vertices, const py::handle&
     for (const int corner : face) screen.texels.push_back(triples[as_size(corner)]);
 }
 
-Shared rasterize_screens(const std::vector<py::object>& vertices, const std::vector<py::object>& faces,
-                         const std::vector<py::object>& colors, bool by_vertex,
-                         const std::array<double, 3>& scale, int height, int width,
-                         const py::object& background, const std::map<std::string, double>& numbers,
-                         const std::map<std::string, std::string>& words, int supersampling, bool in_double) {
-  Shared raster =
+SharedRaster rasterize_screens(const std::vector<py::object>& vertices, const std::vector<py::object>& faces,
+                               const std::vector<py::object>& colors, bool by_vertex,
+                               const std::array<double, 3>& scale, int height, int width,
+                               const py::object& background, const std::map<std::string, double>& numbers,
+                               const std::map<std::string, std::string>& words, int supersampling,
+                               bool in_double) {
+  SharedRaster raster =
       raster_of(height, width, background, numbers, words, supersampling, in_double, vertices.size());
   for (std::size_t n = 0; n < vertices.size(); ++n)
     read_screen(raster->subjects[n], vertices[n], faces[n], colors[n], by_vertex,
@@ -449,7 +451,7 @@ std::array<double, 2> time_rasterization(const TexturedMesh& mesh, const std::ar
   std::vector<float> picture(size);
   const std::ptrdiff_t pixel = std::ptrdiff_t{4} * channels;
   const Strided<float> upstream{reinterpret_cast<const char*>(d_image.data()), {pixel * width, pixel, 4}};
-  const Shared raster = raster_of(height, width, background, numbers, words, 1, false, 1);
+  const SharedRaster raster = raster_of(height, width, background, numbers, words, 1, false, 1);
   const py::gil_scoped_release free;
   double kernel = cpu_ms([&] {
     project(raster->subjects[0], mesh, intrinsics, height, width);
@@ -469,16 +471,16 @@ std::array<double, 2> time_rasterization(const TexturedMesh& mesh, const std::ar
 }  // namespace
 
 void bind_rasterizer(py::module_& module) {
-  py::class_<Raster, Shared>(module, "Raster", "N pictures by the soft rasteriser.")
+  py::class_<Raster, SharedRaster>(module, "Raster", "N pictures by the soft rasteriser.")
       .def_property_readonly(
-          "image", [](Raster& r) { return image(r, 3); },
+          "image", [](Raster& r) { return drawn_image(r, 3); },
           "N×H×W×3 float32 (float64 if drawn in double): the mesh over the background, scene-linear RGB.")
       .def_property_readonly(
           "mask", [](const Raster& r) { return r.in_double ? masks<double>(r) : masks<float>(r); },
           "N×H×W float32 (float64 if drawn in double): the silhouette S, 0 … 1.")
       .def_property_readonly(
-          "rgba", [](Raster& r) { return image(r, 4); }, "N×H×W×4: both.")
-      .def("vjp", &vjp, py::arg("d_image") = py::none(), py::arg("d_mask") = py::none());
+          "rgba", [](Raster& r) { return drawn_image(r, 4); }, "N×H×W×4: both.")
+      .def("vjp", &raster_vjp, py::arg("d_image") = py::none(), py::arg("d_mask") = py::none());
   module.def("rasterize_meshes", &rasterize_meshes);
   module.def("rasterize_screens", &rasterize_screens);
   module.def("time_rasterization", &time_rasterization);

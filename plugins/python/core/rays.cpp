@@ -15,7 +15,7 @@ struct Hits {
   std::vector<double> ranges;
   std::vector<int> mesh, face;
 };
-using Shared = std::shared_ptr<Hits>;
+using SharedHits = std::shared_ptr<Hits>;
 
 std::array<Vec3d, 3> corners_of(const Hits& hits, std::size_t ray) {
   const Mesh& mesh = hits.meshes[as_size(hits.mesh[ray])]->mesh;
@@ -26,8 +26,8 @@ FaceReturn<double> place_of(const Hits& hits, std::size_t ray, const Vec3d& unit
   return intersect_face<double>(hits.origins[ray], unit, corners_of(hits, ray), 1.0);
 }
 
-Shared cast(std::vector<std::shared_ptr<TexturedMesh>> meshes, const py::object& origins,
-            const py::object& directions, double t_min, double t_max) {
+SharedHits cast(std::vector<std::shared_ptr<TexturedMesh>> meshes, const py::object& origins,
+                const py::object& directions, double t_min, double t_max) {
   auto hits = std::make_shared<Hits>();
   hits->origins = rows_of_three(origins, "origins");
   hits->directions = rows_of_three(directions, "directions");
@@ -74,7 +74,7 @@ Shared cast(std::vector<std::shared_ptr<TexturedMesh>> meshes, const py::object&
   return hits;
 }
 
-std::vector<py::array_t<double>> vjp(const Hits& hits, const py::object& d_points) {
+std::vector<py::array_t<double>> hits_vjp(const Hits& hits, const py::object& d_points) {
   const std::vector<Vec3d> upstream = rows_of_three(d_points, "d_points");
   if (upstream.size() != hits.points.size())
     throw InputError(
@@ -107,32 +107,32 @@ std::vector<py::array_t<double>> vjp(const Hits& hits, const py::object& d_point
 }
 
 template <class T>
-py::array_t<T> list(const Shared& hits, const std::vector<T>& values) {
+py::array_t<T> list(const SharedHits& hits, const std::vector<T>& values) {
   return view(values.data(), {ssize(values.size())}, hits, false);
 }
 
-py::array_t<double> rows(const Shared& hits, const std::vector<Vec3d>& values) {
+py::array_t<double> rows(const SharedHits& hits, const std::vector<Vec3d>& values) {
   return view(values.empty() ? nullptr : values.front().data(), {ssize(values.size()), 3}, hits, false);
 }
 
 }  // namespace
 
 void bind_rays(py::module_& module) {
-  py::class_<Hits, Shared>(module, "Hits", "What rays met; N entries, one a ray.")
+  py::class_<Hits, SharedHits>(module, "Hits", "What rays met; N entries, one a ray.")
       .def_property_readonly(
-          "t", [](const Shared& h) { return list(h, h->ranges); },
+          "t", [](const SharedHits& h) { return list(h, h->ranges); },
           "N float64: the ray's parameter, point = origin + t · direction; inf where nothing was met")
       .def_property_readonly(
-          "mesh", [](const Shared& h) { return list(h, h->mesh); }, "N int32: which mesh; -1: none")
+          "mesh", [](const SharedHits& h) { return list(h, h->mesh); }, "N int32: which mesh; -1: none")
       .def_property_readonly(
-          "face", [](const Shared& h) { return list(h, h->face); }, "N int32: which face of it; -1: none")
+          "face", [](const SharedHits& h) { return list(h, h->face); }, "N int32: which face of it; -1: none")
       .def_property_readonly(
-          "barycentrics", [](const Shared& h) { return rows(h, h->barycentrics); },
+          "barycentrics", [](const SharedHits& h) { return rows(h, h->barycentrics); },
           "N×3 float64: of the face's corners; nan where nothing was met")
       .def_property_readonly(
-          "points", [](const Shared& h) { return rows(h, h->points); },
+          "points", [](const SharedHits& h) { return rows(h, h->points); },
           "N×3 float64: where, m; nan where nothing was met")
-      .def("vjp", &vjp, py::arg("d_points"),
+      .def("vjp", &hits_vjp, py::arg("d_points"),
            "d loss / d points (N×3) to d loss / d vertices of each mesh (a list of V×3 float64), for the "
            "faces\n"
            "that were met held fixed. Below an incidence cosine of 0.05 the gradient is scaled down.");

@@ -1,7 +1,6 @@
-// The program's png_set_error_fn stands before the library's: it gives libpng a handler that does not return.
-// Without libpng's header: what passes through here is opaque.
-#include "base/quiet_png.h"
-
+// libpng prints a line when an error handler returns, and OpenImageIO's returns. This library's
+// png_set_error_fn stands before libpng's: it gives it a handler that does not, so that a damaged file is
+// told of once, in Mirage's line. Without libpng's header: what passes through here is opaque.
 #include <dlfcn.h>
 
 #include <array>
@@ -13,7 +12,6 @@ namespace {
 using ErrorHandler = void (*)(void* png, const char* message);
 using SetHandlers = void (*)(void* png, void* owner, ErrorHandler error, ErrorHandler warning);
 
-std::atomic<bool> silent{false};
 /// OpenImageIO's: its reader's and its writer's, which keep the message. A place for each, as libpng hands a
 /// handler nothing to tell it by.
 std::array<std::atomic<ErrorHandler>, 4> handlers{};
@@ -48,13 +46,5 @@ extern "C" __attribute__((visibility("default"))) void png_set_error_fn(void* pn
                                                                         ErrorHandler error,
                                                                         ErrorHandler warning) {
   static const auto set = library<SetHandlers>(RTLD_NEXT, "png_set_error_fn");
-  set(png, owner, silent && error ? wrapper_of(error) : error, warning);
+  set(png, owner, error ? wrapper_of(error) : error, warning);
 }
-
-namespace mirage {
-
-void silence_libpng() {
-  silent = true;
-}
-
-}  // namespace mirage
