@@ -60,7 +60,7 @@ if(TARGET mirage_fusion_objects)
   target_include_directories(test_fusion_network PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}
                                                          ${PROJECT_SOURCE_DIR}/plugins/detectors/fusion)
   target_link_libraries(test_fusion_network PRIVATE mirage_fusion_objects mirage::detection mirage::generator GTest::gtest_main
-                                                  mirage_options)
+                                                  mirage_allocator mirage_options)
   target_compile_definitions(test_fusion_network PRIVATE MIRAGE_SOURCE="${PROJECT_SOURCE_DIR}")
   if(MIRAGE_SANITIZE)  # GCC 12 then sees LibTorch's empty optionals as uninitialised
     target_compile_options(test_fusion_network PRIVATE -Wno-maybe-uninitialized)

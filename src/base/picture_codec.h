@@ -31,6 +31,7 @@ class PictureDecoder {
   PictureDecoder(const PictureDecoder&) = delete;
   PictureDecoder& operator=(const PictureDecoder&) = delete;
   virtual ~PictureDecoder() = default;
+  /// As the file says.
   virtual const PictureHeader& header() const = 0;
   /// All pixels, converted; `values` has room for width × height × channels. Empty, or why there are none.
   virtual std::string read(PixelType type, void* values) = 0;

@@ -557,6 +557,11 @@ class OfADrive(browser.PageChecks, Opened):
             self.assertGreater(frame["due"], before["shown"] - 0.3)  # what the machine can't show in time is left out
         print(f"\nplayed {len(seen)} of {seen[-1]['index'] + 1} frames")
 
+    def test_it_begins_while_a_frame_is_on_its_way(self):
+        self.browser.run("(() => { const shown = show(4); play(); return shown })()")
+        self.key(" ")
+        self.assertEqual(self.browser.run("document.getElementById('play').textContent"), "Play")
+
     def test_the_strip_seeks(self):
         x, y, width, height = self.place(".scale")
         for share in (0.5, 0.25):

@@ -112,7 +112,7 @@ class Drive {
     swatch("lost", "lost");
   }
 
-  start() { this.clock = null; }
+  start() { [this.clock, this.step] = [null, 1]; }
   // The frame to be shown now. What a slow machine can't show in time is left out; after the last, a second's rest.
   due(index) {
     const now = performance.now() / 1000, times = this.playtimes;
@@ -127,6 +127,6 @@ class Drive {
     this.clock.index = next;
     return next;
   }
-  // What is likely to be due next.
-  ahead() { return [1, 2, 3].map(k => this.clock.index + k * this.step); }
+  // What is likely to be due after it.
+  ahead(index) { return [1, 2, 3].map(k => index + k * this.step); }
 }

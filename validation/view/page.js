@@ -269,7 +269,7 @@ async function show(index, vehicle) {
   byId("tip").hidden = true;
   byId("columns").classList.add("ready");
   refresh();
-  const ahead = drive && state.playing ? drive.ahead() : [index + 1];
+  const ahead = drive && state.playing ? drive.ahead(index) : [index + 1];
   for (const next of ahead.filter(next => next < told.frames.length)) frameAt(next).catch(() => {});
 }
 
