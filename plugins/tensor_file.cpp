@@ -177,8 +177,9 @@ std::string tensor_file_bytes(const Facts& facts, const StoredTensors& tensors) 
   nlohmann::json header = {{kFacts, facts}};
   std::uint64_t at = 0;
   for (const auto& [name, tensor] : tensors) {
-    const auto* element = std::find_if(std::begin(kElements), std::end(kElements),
-                                       [&](const auto& type) { return type.second == tensor.element; });
+    const auto* element =
+        std::find_if(std::begin(kElements), std::end(kElements),
+                     [&element = tensor.element](const auto& type) { return type.second == element; });
     header[name] = {
         {"dtype", element->first}, {"shape", tensor.shape}, {"data_offsets", {at, at + tensor.data.size()}}};
     at += tensor.data.size();

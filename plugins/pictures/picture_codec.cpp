@@ -67,7 +67,7 @@ class Decoder : public PictureDecoder {
       return told(input_->read_image(0, 0, 0, is.nchannels, type, values));
     const std::size_t count = as_size(is.width) * as_size(is.height) * as_size(is.nchannels);
     std::vector<std::byte> raw(is.format == type ? 0 : count * is.format.size());
-    const std::string error = told(
+    std::string error = told(
         input_->read_native_scanlines(0, 0, is.y, is.y + is.height, is.z, raw.empty() ? values : raw.data()));
     if (error.empty() && !raw.empty())
       OIIO::convert_pixel_values(is.format, raw.data(), type, values, static_cast<int>(count));

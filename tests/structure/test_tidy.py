@@ -16,7 +16,7 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 
 SKIPPED = 77
-FILES_AT_MOST = 60  # some five seconds each: the lines of the others are told and not looked at
+FILES_AT_MOST = 16  # some twenty seconds each: the lines of the others are told and not looked at
 HUNK = re.compile(r"^@@ -\S+ \+(\d+)(?:,(\d+))? @@")
 
 

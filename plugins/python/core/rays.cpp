@@ -26,7 +26,7 @@ FaceReturn<double> place_of(const Hits& hits, std::size_t ray, const Vec3d& unit
   return intersect_face<double>(hits.origins[ray], unit, corners_of(hits, ray), 1.0);
 }
 
-SharedHits cast(std::vector<std::shared_ptr<TexturedMesh>> meshes, const py::object& origins,
+SharedHits cast(const std::vector<std::shared_ptr<TexturedMesh>>& meshes, const py::object& origins,
                 const py::object& directions, double t_min, double t_max) {
   auto hits = std::make_shared<Hits>();
   hits->origins = rows_of_three(origins, "origins");
