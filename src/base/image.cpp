@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cstring>
+#include <cerrno>
 #include <memory>
 
 #include "base/error.h"

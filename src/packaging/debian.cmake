@@ -33,7 +33,7 @@ of reports and of the Blender worker.")
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME mirage-simulator-dev)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS
-    "libeigen3-dev, libtbb-dev, libspdlog-dev, nlohmann-json3-dev, libopenmpi-dev, libtomlplusplus-dev, librandom123-dev, libboost-dev, libembree-dev, libhwy-dev, libceres-dev, libopencv-imgproc-dev, libnova-dev, libtinyxml2-dev, libpagmo-dev, liblcms2-dev, libtinygltf-dev, libturbojpeg0-dev")
+    "mirage-simulator, libeigen3-dev, libtbb-dev, libspdlog-dev, nlohmann-json3-dev, libopenmpi-dev, libtomlplusplus-dev, librandom123-dev, libboost-dev, libembree-dev, libhwy-dev, libceres-dev, libopencv-imgproc-dev, libnova-dev, libtinyxml2-dev, libpagmo-dev, liblcms2-dev, libtinygltf-dev, libturbojpeg0-dev")
 set(CPACK_DEBIAN_DEVELOPMENT_DESCRIPTION
     "adversarial objects against camera and LiDAR detectors (development)
 Mirage takes recorded or generated driving frames and learns one textured mesh
