@@ -38,14 +38,16 @@ class Decoder : public PictureDecoder {
  public:
   explicit Decoder(std::unique_ptr<OIIO::Filesystem::IOProxy> proxy) : proxy_(std::move(proxy)) {}
 
-  /// Empty, or why it is not readable.
-  std::string open(const std::string& format) {
+  /// False if it is not readable.
+  bool open(const std::string& format, std::string& error) {
     input_ = OIIO::ImageInput::create(format);
     OIIO::ImageSpec ignored, config;
     config.attribute("oiio:UnassociatedAlpha", 1);  // else a PNG's colours come multiplied by its alpha
-    if (!input_) return OIIO::geterror() + " ";
-    if (!input_->set_ioproxy(proxy_.get()) || !input_->open("picture." + format, ignored, config))
-      return input_->geterror() + " ";
+    if (!input_ || !input_->set_ioproxy(proxy_.get()) ||
+        !input_->open("picture." + format, ignored, config)) {
+      error = input_ ? input_->geterror() : OIIO::geterror();
+      return false;
+    }
     const OIIO::ImageSpec& is = input_->spec();
     header_.width = is.width;
     header_.height = is.height;
@@ -55,27 +57,31 @@ class Decoder : public PictureDecoder {
     header_.orientation = is.get_int_attribute("Orientation", 1);
     header_.is_16_bit = is.format == OIIO::TypeDesc::UINT16;
     header_.names = is.channelnames;
-    return "";
+    return true;
   }
   const PictureHeader& header() const override { return header_; }
-  /// OpenImageIO's own conversion sets 16 MB or more aside, however small the picture, so it is left to what
-  /// needs it: tiles, and channels of several types.
-  std::string read(PixelType pixels, void* values) override {
-    const OIIO::ImageSpec& is = input_->spec();
-    const OIIO::TypeDesc type = type_of(pixels);
-    if (is.tile_width > 0 || !is.channelformats.empty())
-      return told(input_->read_image(0, 0, 0, is.nchannels, type, values));
-    const std::size_t count = as_size(is.width) * as_size(is.height) * as_size(is.nchannels);
-    std::vector<std::byte> raw(is.format == type ? 0 : count * is.format.size());
-    std::string error = told(
-        input_->read_native_scanlines(0, 0, is.y, is.y + is.height, is.z, raw.empty() ? values : raw.data()));
-    if (error.empty() && !raw.empty())
-      OIIO::convert_pixel_values(is.format, raw.data(), type, values, static_cast<int>(count));
-    return error;
+  bool read(PixelType pixels, void* values, std::string& error) override {
+    const bool decoded = decode(pixels, values);
+    if (!decoded) error = input_->geterror();
+    return decoded;
   }
 
  private:
-  std::string told(bool decoded) { return decoded ? "" : input_->geterror() + " "; }
+  /// OpenImageIO's own conversion sets 16 MB or more aside, however small the picture, so it is left to what
+  /// needs it: tiles, and channels of several types.
+  bool decode(PixelType pixels, void* values) {
+    const OIIO::ImageSpec& is = input_->spec();
+    const OIIO::TypeDesc type = type_of(pixels);
+    if (is.tile_width > 0 || !is.channelformats.empty())
+      return input_->read_image(0, 0, 0, is.nchannels, type, values);
+    const std::size_t count = as_size(is.width) * as_size(is.height) * as_size(is.nchannels);
+    std::vector<std::byte> raw(is.format == type ? 0 : count * is.format.size());
+    if (!input_->read_native_scanlines(0, 0, is.y, is.y + is.height, is.z, raw.empty() ? values : raw.data()))
+      return false;
+    if (!raw.empty())
+      OIIO::convert_pixel_values(is.format, raw.data(), type, values, static_cast<int>(count));
+    return true;
+  }
 
   std::unique_ptr<OIIO::Filesystem::IOProxy> proxy_;  // outlives input_
   std::unique_ptr<OIIO::ImageInput> input_;
@@ -90,8 +96,7 @@ std::unique_ptr<PictureDecoder> open_picture(const std::filesystem::path& file, 
   else
     proxy = std::make_unique<CompleteReads>(file.string());
   auto decoder = std::make_unique<Decoder>(std::move(proxy));
-  error = decoder->open(format);
-  if (!error.empty()) return nullptr;
+  if (!decoder->open(format, error)) return nullptr;
   return decoder;
 }
 

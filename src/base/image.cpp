@@ -220,8 +220,8 @@ class Picture {
   bool is_grey16() const { return header().channels == 1 && header().is_16_bit; }
   /// All of them, converted; `values` has room for pixels() × channels.
   void read(PixelType type, void* values) {
-    const std::string error = decoder_->read(type, values);
-    if (!error.empty())
+    std::string error;
+    if (!decoder_->read(type, values, error))
       throw InputError(where_, field_ == "header" ? "pixels" : field_, "truncated or damaged" + reason(error),
                        kRestore);
   }

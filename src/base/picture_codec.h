@@ -24,7 +24,8 @@ struct PictureHeader {
 /// What pixels are in memory.
 enum class PixelType { kByte, kWord, kFloat };
 
-/// A picture that is open.
+/// A picture that is open. Where a function fails, here and below, `error` says why, which may be several
+/// lines or nothing.
 class PictureDecoder {
  public:
   PictureDecoder() = default;
@@ -33,12 +34,11 @@ class PictureDecoder {
   virtual ~PictureDecoder() = default;
   /// As the file says.
   virtual const PictureHeader& header() const = 0;
-  /// All pixels, converted; `values` has room for width × height × channels. Empty, or why there are none.
-  virtual std::string read(PixelType type, void* values) = 0;
+  /// All pixels, converted; `values` has room for width × height × channels. False if it fails.
+  virtual bool read(PixelType type, void* values, std::string& error) = 0;
 };
 
-/// The plugin's table. Made by the same compiler as the program, so that C++ passes through it. Where a
-/// function fails, `error` says why, which may be several lines or nothing.
+/// The plugin's table. Made by the same compiler as the program, so that C++ passes through it.
 struct PictureCodec {
   std::uint32_t abi_version;
   /// `format`: png, jpeg or openexr. Of the file or, where that is empty, of the bytes, which outlive what is

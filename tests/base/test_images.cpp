@@ -141,7 +141,7 @@ TEST(ImageFiles, ErrorsNameTheFile) {
   const std::string whole = read_file(folder / "cut.png");
   write_file(folder / "cut.png", whole.substr(0, whole.size() / 2));
   EXPECT_THAT(error_text<InputError>([&] { read_srgb(folder / "cut.png"); }),
-              AllOf(HasSubstr("cut.png"), HasSubstr("truncated")));
+              AllOf(HasSubstr("cut.png"), HasSubstr("truncated"), testing::Not(HasSubstr(" )"))));
   write_file(folder / "file", "");
   EXPECT_THAT(error_text<Failure>([&] { write_srgb(folder / "file/a.png", noise(2, 2, 3)); }),
               HasSubstr("file: Not a directory"));
