@@ -61,7 +61,8 @@ class Decoder : public PictureDecoder {
   }
   const PictureHeader& header() const override { return header_; }
   bool read(PixelType pixels, void* values, std::string& error) override {
-    const bool decoded = decode(pixels, values);
+    // libjpeg fills up what a truncated or damaged file lacks, and only says so.
+    const bool decoded = decode(pixels, values) && !input_->has_error();
     if (!decoded) error = input_->geterror();
     return decoded;
   }

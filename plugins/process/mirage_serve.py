@@ -19,6 +19,7 @@ frame.data["detections"] has rows of x, y, z of the centre, length, width, heigh
 
 import inspect
 import json
+import math
 import mmap
 import os
 import sys
@@ -84,6 +85,8 @@ class Network:
         self.classes = [str(name).capitalize() for name in about["classes"]]
         self.version = str(about["version"])
         self.region = [float(edge) for edge in (region() if callable(region) else region)]
+        if len(self.region) != 4 or not all(map(math.isfinite, self.region)):
+            raise self._bad("region", f"{self.region} are not four finite numbers", "give x_min, x_max, y_min, y_max, in m")
         parameters = getattr(function, "parameters", None)
         parameter = next(iter(parameters()), None) if self.torch and callable(parameters) else None
         self.device = getattr(function, "device", "cpu" if parameter is None else parameter.device)

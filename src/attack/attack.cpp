@@ -110,7 +110,7 @@ void finish(const AttackSettings& settings, const AttackState& state, const std:
   result.vehicles_train = static_cast<int>(train.size());
   result.vehicles_test = static_cast<int>(test.size());
   Clusters clusters;
-  for (const Host& host : test) clusters.add(host.id.frame, track_of(settings.data, host.id));
+  for (const Host& host : test) clusters.add(host.id.frame, track_of(settings, host.id));
   result.clusters = clusters.count();
   for (const auto* hosts : {&train, &test})
     for (const Host& host : *hosts) result.rooftops.add(host.from_box);

@@ -74,8 +74,16 @@ std::filesystem::path label_by_detections(const AttackSettings& settings, const 
     if (!read_annotations(settings.data, id).labelled) unlabelled.push_back(id);
   if (unlabelled.empty())
     throw FieldError("hosts_from", "detections", "every frame has labels", "leave it out");
-  const std::filesystem::path folder = settings.out / "labelled";
+  std::filesystem::path folder = settings.out / "labelled";
   const double score = EvaluationSettings{}.score_threshold;
+  const nlohmann::json about = {
+      {"detector", settings.detector.detector}, {"weights_hash", settings.weights_hash}, {"score", score}};
+  // A finished run's labels stay as they are: its hosts are among them.
+  if (are_labels_of(folder, settings.data, about))
+    std::erase_if(unlabelled, [&](const std::string& id) {
+      return std::filesystem::exists(folder / "label_2" / (id + ".txt"));
+    });
+  if (unlabelled.empty()) return folder;
   std::atomic<std::size_t> cars = 0;
   parallel_for(detectors.size(), [&](std::size_t worker) {
     for (std::size_t i = worker; i < unlabelled.size(); i += detectors.size()) {
@@ -86,10 +94,7 @@ std::filesystem::path label_by_detections(const AttackSettings& settings, const 
       write_labels(folder / "label_2" / (frame.id + ".txt"), found, frame.calibration);
     }
   });
-  write_separate_labels(folder, settings.data,
-                        {{"detector", settings.detector.detector},
-                         {"weights", escape_name(settings.detector.weights.string())},
-                         {"score", score}});
+  write_separate_labels(folder, settings.data, about);
   spdlog::warn("{} cars in {} frames without labels are {}'s own boxes: of its AP on them nothing follows",
                cars.load(), unlabelled.size(), detector.name());
   return folder;

@@ -45,6 +45,7 @@ ComparedPart part_of(const std::string& by, const std::string& name, const std::
   part.by = by;
   part.name = name;
   ClusteredShare first, second;
+  Clusters clusters;
   std::map<HostId, int> objects;  // of a vehicle, so that it weighs 1 in all
   for (const Pair& pair : pairs)
     if (counts_first(pair) || counts_second(pair)) ++objects[pair.first->id];
@@ -53,10 +54,12 @@ ComparedPart part_of(const std::string& by, const std::string& name, const std::
     if (seen == objects.end()) continue;
     const double weight = 1.0 / seen->second;
     const std::string cluster = pair.first->cluster();
+    clusters.add(pair.first->id.frame, pair.first->track);
     if (counts_first(pair)) first.add(cluster, !vanished().finds(*pair.first, false), 0, weight);
     if (counts_second(pair)) second.add(cluster, !vanished().finds(*pair.second, false), 0, weight);
   }
   part.vehicles = static_cast<int>(objects.size());
+  part.clusters = clusters.count().count;
   part.first = first.interval();
   part.second = second.interval();
   part.difference = share_difference(second, first);
@@ -101,14 +104,14 @@ Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const 
   for (const HostPart& part : host_parts(first))
     add(part.by, part.name, [&](const Pair& pair) { return part.holds(*pair.first); });
   std::vector<double> p;
-  for (const ComparedPart& part : result.parts) p.push_back(p_value(part.difference, result.clusters.count));
+  for (const ComparedPart& part : result.parts) p.push_back(p_value(part.difference, part.clusters));
   result.parts.front().p = p.front();
   const std::vector<double> adjusted = holm(std::span(p).subspan(1));
   for (std::size_t i = 0; i < adjusted.size(); ++i) result.parts[i + 1].p = adjusted[i];
   if (adaptive) {
     const auto own = [](int mesh) { return [mesh](const Pair& pair) { return pair.first->mesh == mesh; }; };
     result.own = part_of("own", "", pairs, own(0), own(1));
-    result.own->p = p_value(result.own->difference, result.clusters.count);
+    result.own->p = p_value(result.own->difference, result.own->clusters);
   }
   const ComparedPart& all = result.parts.front();
   result.detectable = detectable_difference(all.difference, result.clusters.count);
@@ -133,8 +136,7 @@ Comparison compare(const ComparisonRequest& request, Provenance* provenance) {
     Run run = read_run(folder, request.trust);
     if (objects.empty()) simulation = run.settings.simulation;
     objects.push_back({folder.string(), folder / "adversary.glb", std::move(run.adversary)});
-    if (!is_other_data(run, request.data))
-      std::ranges::copy(host_frames(run.train), std::inserter(learned_on, learned_on.end()));
+    learned_on.merge(frames_learned_on(run, request.data));
   }
   std::ranges::move(read_objects(request.meshes), std::back_inserter(objects));
   if (objects.empty()) throw FieldError("runs", "", "names no object", "give --runs or --mesh");

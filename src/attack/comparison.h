@@ -36,7 +36,6 @@ struct ComparisonRequest : FrameSource {
   TrustRun trust = TrustRun::no;
   std::size_t frames = 0;  ///< the first so many of the data set; 0: all
   double min_view = 0.7;   ///< as AttackSettings::min_view
-  std::uint64_t seed = 0;
   EvaluationSettings settings;
 };
 
@@ -44,14 +43,15 @@ struct ComparisonRequest : FrameSource {
 struct ComparedPart {
   std::string by, name;    ///< "all" and "", "range" and "15-30 m", "object" and the mesh's name, …
   int vehicles = 0;        ///< found as recorded by both
+  int clusters = 0;        ///< of these
   Interval first, second;  ///< shares that vanish
   Interval difference;     ///< second − first, paired, by cluster
   double p = 1;            ///< two-sided, Holm's over all parts but the first, which is the main question
 };
 template <class Visitor, FieldsOf<ComparedPart> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit_named(visit, "by", s.by, "name", s.name, "vehicles", s.vehicles, "first", s.first, "second", s.second,
-              "difference", s.difference, "p", s.p);
+  visit_named(visit, "by", s.by, "name", s.name, "vehicles", s.vehicles, "clusters", s.clusters, "first",
+              s.first, "second", s.second, "difference", s.difference, "p", s.p);
 }
 
 /// A vehicle that only the second detector loses.

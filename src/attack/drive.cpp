@@ -113,21 +113,28 @@ struct TrackedVehicle {
   }
 };
 
-/// Whether it is a car or van that the data set follows, inside the detector's region (x_min, x_max, y_min,
-/// y_max; m).
-bool is_judged(const Label& label, const std::array<double, 4>& region) {
+/// Labels of these types inside the detector's region (x_min, x_max, y_min, y_max; m).
+struct Sought {
+  const std::vector<std::string>& types;
+  std::array<double, 4> region;
+};
+
+/// Whether it is one of these that the data set follows.
+bool is_judged(const Label& label, const Sought& sought) {
   const BevBox& box = label.box.bev;
-  return label.track >= 0 && has_box(label) && (label.type == "Car" || label.type == "Van") &&
-         box.x >= region[0] && box.x <= region[1] && box.y >= region[2] && box.y <= region[3];
+  const auto& region = sought.region;
+  return label.track >= 0 && has_box(label) &&
+         std::ranges::find(sought.types, label.type) != sought.types.end() && box.x >= region[0] &&
+         box.x <= region[1] && box.y >= region[2] && box.y <= region[3];
 }
 
-std::vector<TrackedVehicle> vehicles_of(const std::vector<SceneFrame>& scene,
-                                        const std::array<double, 4>& region, int least_frames) {
+std::vector<TrackedVehicle> vehicles_of(const std::vector<SceneFrame>& scene, const Sought& sought,
+                                        int least_frames) {
   std::map<int, TrackedVehicle> followed;
   for (std::size_t i = 0; i < scene.size(); ++i)
     for (std::size_t k = 0; k < scene[i].labels.size(); ++k) {
       const Label& label = scene[i].labels[k];
-      if (!is_judged(label, region)) continue;
+      if (!is_judged(label, sought)) continue;
       TrackedVehicle& vehicle = followed[label.track];
       if (!vehicle.frames.empty() && vehicle.frames.back() == i)
         throw InputError("frame " + scene[i].id, "labels",
@@ -355,14 +362,14 @@ void judge_vehicles(FrameStore& store, const DriveRequest& request, const DriveS
 }
 
 /// Truths and tracks of a sequence as recorded. Identities of several sequences are kept apart by `sequence`.
-void add_track_frames(const DriveScene& scene, const std::array<double, 4>& region, int sequence,
+void add_track_frames(const DriveScene& scene, const Sought& sought, int sequence,
                       std::vector<TrackFrame>& frames) {
   constexpr int kTracksOfSequence = 1 << 20;
   for (std::size_t i = 0; i < scene.frames().size(); ++i) {
     std::vector<BevBox> boxes, tracks;
     TrackFrame frame;
     for (const Label& label : scene.frames()[i].labels)
-      if (is_judged(label, region)) {
+      if (is_judged(label, sought)) {
         frame.truths.push_back(label.track);
         boxes.push_back(label.box.bev);
       }
@@ -562,7 +569,7 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
                      "finds boxes in the picture alone, which have no place in the world",
                      "use a detector of boxes in space: lidar, fusion, …");
   if (request.tracker) check_tracker(*request.tracker);
-  const auto region = detectors.front()->region();
+  const Sought sought{request.types, detectors.front()->region()};
   DriveResult result;
   std::vector<TrackFrame> track_frames;
   std::vector<DriveScene> scenes;
@@ -571,11 +578,11 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
   std::size_t frames = 0;
   for (const Sequence& sequence : request.sequences) {
     const DriveScene& scene = scenes.emplace_back(detectors, store, request, sequence);
-    add_track_frames(scene, region, static_cast<int>(scenes.size()) - 1, track_frames);
+    add_track_frames(scene, sought, static_cast<int>(scenes.size()) - 1, track_frames);
     result.frames += static_cast<int>(scene.frames().size());
     const std::size_t together = scene.needs_all() ? 1 : kTogether;  // each holds its sweeps
     std::size_t in_group = 0;
-    for (TrackedVehicle& vehicle : vehicles_of(scene.frames(), region, request.settings.least_frames)) {
+    for (TrackedVehicle& vehicle : vehicles_of(scene.frames(), sought, request.settings.least_frames)) {
       if (request.only && !request.only->contains({scene.name(), vehicle.track})) continue;
       const LeftOut why = left_out_of(request.place, scene, vehicle);
       result.left_out.add(why);
@@ -608,8 +615,8 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
   if (result.vehicles.empty()) refuse_left_out(request.place, result.left_out);
   if (result.vehicles.empty())
     throw InputError(request.data.string(), "labels",
-                     fmt::format("no car or van is followed through {} frames in the detector's region",
-                                 request.settings.least_frames),
+                     fmt::format("no {} is followed through {} frames in the detector's region",
+                                 fmt::join(request.types, " or "), request.settings.least_frames),
                      "give more frames or lower --least-frames");
   result.clean = score_tracks(track_frames);
   return result;

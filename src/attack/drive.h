@@ -59,8 +59,9 @@ inline constexpr const char* kVehiclesKept =
 struct DriveRequest {
   std::filesystem::path data;
   std::vector<Sequence> sequences;
-  TexturedMesh object, random;  ///< in the adversary frame
-  PlaceChoice place = {};       ///< where on the vehicle, or beside it
+  TexturedMesh object, random;                      ///< in the adversary frame
+  PlaceChoice place = {};                           ///< where on the vehicle, or beside it
+  std::vector<std::string> types = {"Car", "Van"};  ///< of labels that are judged
   SimulationSettings simulation;
   EvaluationSettings evaluation;  ///< the score of a detection, and the identity of the detector
   DriveSettings settings;

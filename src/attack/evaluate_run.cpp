@@ -94,10 +94,9 @@ void check_hosts_of(const EvaluationRequest& request, const Run& target_run) {
 }
 
 int count_trained_on(const Run& run, const std::filesystem::path& data, const std::vector<HostId>& hosts) {
-  if (is_other_data(run, data)) return 0;
-  const std::vector<std::string> frames = host_frames(run.train);
-  return static_cast<int>(std::ranges::count_if(
-      hosts, [&](const HostId& id) { return std::ranges::binary_search(frames, id.frame); }));
+  const std::set<std::string> frames = frames_learned_on(run, data);
+  return static_cast<int>(
+      std::ranges::count_if(hosts, [&](const HostId& id) { return frames.contains(id.frame); }));
 }
 
 /// What contradicts itself before anything is read.
@@ -122,6 +121,26 @@ void check_request(const EvaluationRequest& request) {
   if (request.baseline.find("start") != std::string::npos || request.baseline == "all")
     throw FieldError("baseline", request.baseline, "wants a run: start is where an attack starts",
                      "use sized, ellipsoid or cuboid");
+}
+
+/// The frames of a data set that is not the run's own, but for those that the run was learned on: with
+/// --hosts all these count, too.
+std::vector<std::string> unseen_frames(const EvaluationRequest& request, const Run& run,
+                                       const std::filesystem::path& data) {
+  if (!request.hosts.empty() && request.hosts != "all" && request.hosts != "test")
+    throw FieldError("hosts", request.hosts, "are of the run's own data set, and --data is another one",
+                     "leave --hosts out, or give all");
+  std::vector<std::string> frames = list_frames(data);
+  if (request.hosts == "all") return frames;
+  const std::set<std::string> learned = frames_learned_on(run, data);
+  const std::size_t seen = std::erase_if(frames, [&](const std::string& id) { return learned.contains(id); });
+  if (frames.empty())
+    throw InputError(data.string(), "", "holds only frames that the run was learned on",
+                     "give other frames, or --hosts all");
+  if (seen > 0 && rank() == 0)
+    spdlog::warn("{} frames are left out: the run was learned on them (--hosts all judges on them, too)",
+                 seen);
+  return frames;
 }
 
 /// The outcomes of one of several meshes (evaluate() puts a mesh after the other).
@@ -195,13 +214,16 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.store = std::make_unique<FrameStore>(target_run.settings);
 
   if (whole_data) {  // all its usable vehicles are unseen ones
-    const std::vector<std::string> frames = list_frames(target_run.settings.data);
+    const std::vector<std::string> frames = unseen_frames(request, result.run, target_run.settings.data);
     check_labels(target_run.settings, frames);
     result.detectors = load_detector_pool(result.detector, static_cast<int>(frames.size()));
     result.hosts = host_ids(find_all_hosts(*result.store, frames, result.detectors.front()->region(),
                                            target_run.settings.simulation, target_run.settings.min_view, true,
                                            &result.left_out));
   } else {
+    if (request.overrides.contains("min_view"))
+      throw FieldError("min_view", request.overrides.at("min_view"), "is for another --data than the run's",
+                       "leave it out: the run has chosen its vehicles");
     result.hosts = hosts_of_split(target_run, request.hosts);
     check_labels(target_run.settings, host_frames(result.hosts));
     if (request.overrides.contains("placement")) result.left_out = leave_out(*result.store, result.hosts);

@@ -8,6 +8,7 @@
 #include <map>
 #include <numbers>
 #include <numeric>
+#include <set>
 
 #include "base/sizes.h"
 #include "detection/average_precision.h"
@@ -67,10 +68,11 @@ nlohmann::json to_json(const Distribution& d, bool any) {
 ClusteredShare share_of(std::span<const HostOutcome> hosts, const OutcomeTest& counts,
                         const OutcomeTest& works) {
   ClusteredShare share;
-  int meshes = 1;
-  for (const HostOutcome& host : hosts) meshes = std::max(meshes, host.mesh + 1);
+  std::set<int> meshes;  // a vehicle weighs 1 in all
   for (const HostOutcome& host : hosts)
-    if (counts(host)) share.add(host.cluster(), works(host), 0, 1.0 / meshes);
+    if (counts(host)) meshes.insert(host.mesh);
+  for (const HostOutcome& host : hosts)
+    if (counts(host)) share.add(host.cluster(), works(host), 0, 1.0 / static_cast<double>(meshes.size()));
   return share;
 }
 
@@ -187,24 +189,20 @@ bool HostTruth::in_dont_care(const ObjectBoxes& found) const {
 
 SuccessRates success_rates(std::span<const HostOutcome> hosts, std::optional<double> iou,
                            const OutcomeTest& of) {
+  const auto counts = [&](const HostOutcome& host) {
+    return of(host) && (iou ? host.clean_iou > *iou : host.detected);
+  };
+  const auto hidden = [&](const HostOutcome& host) { return iou ? host.attacked_iou <= *iou : host.hidden; };
+  const auto new_box = [](const HostOutcome& host) { return host.false_positive; };
   SuccessRates rates;
-  ClusteredShare fn, fp, either;
-  int meshes = 1;
-  std::optional<int> first;
+  rates.fn_asr = share_of(hosts, counts, hidden).interval();
+  rates.fp_asr = share_of(hosts, counts, new_box).interval();
+  rates.asr = share_of(hosts, counts, [&](const HostOutcome& host) {
+                return hidden(host) || new_box(host);
+              }).interval();
+  std::optional<int> mesh;  // as recorded each mesh's vehicles are the same
   for (const HostOutcome& host : hosts)
-    if (of(host)) {
-      meshes = std::max(meshes, host.mesh + 1);
-      first = first.value_or(host.mesh);
-    }
-  for (const HostOutcome& host : hosts) {
-    if (!of(host) || !(iou ? host.clean_iou > *iou : host.detected)) continue;
-    const bool hidden = iou ? host.attacked_iou <= *iou : host.hidden;
-    fn.add(host.cluster(), hidden, 0, 1.0 / meshes);
-    fp.add(host.cluster(), host.false_positive, 0, 1.0 / meshes);
-    either.add(host.cluster(), hidden || host.false_positive, 0, 1.0 / meshes);
-    rates.vehicles += host.mesh == first;
-  }
-  rates.fn_asr = fn.interval(), rates.fp_asr = fp.interval(), rates.asr = either.interval();
+    if (counts(host)) rates.vehicles += host.mesh == mesh.emplace(mesh.value_or(host.mesh));
   return rates;
 }
 

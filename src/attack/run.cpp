@@ -1,19 +1,22 @@
 #include "attack/run.h"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
-#include <set>
+#include <optional>
 
 #include "base/disk_cache.h"
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/names.h"
+#include "base/ranks.h"
 #include "detection/detector_settings.h"
 #include "detection/process_detector.h"
 #include "exchange/gltf.h"
 #include "frames/frame_store.h"
 #include "scene/data/data_rig.h"
+#include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
 #include "simulation/insertion.h"
 #include "simulation/sensor_plugin.h"
@@ -121,6 +124,31 @@ RunIdentity identity(const AttackSettings& settings) {
 
 bool is_other_data(const Run& run, const std::filesystem::path& data) {
   return std::filesystem::weakly_canonical(data) != std::filesystem::weakly_canonical(run.settings.data);
+}
+
+std::set<std::string> frames_learned_on(const Run& run, const fs::path& data) {
+  const std::vector<std::string> train = host_frames(run.train);
+  std::set<std::string> learned(train.begin(), train.end());
+  if (learned.empty() || !is_other_data(run, data)) return learned;
+  const auto sweep_of = [](const fs::path& set, const std::string& id) -> std::optional<std::string> {
+    try {
+      return file_hash(open_data_set(set)->source_files(id).at(0).file, kMaxFileBytes);
+    } catch (const InputError&) {  // it has no such frame, or is not there
+      return std::nullopt;
+    }
+  };
+  std::size_t unknown = 0;
+  std::erase_if(learned, [&](const std::string& id) {
+    const auto sweep = sweep_of(data, id), known = sweep ? sweep_of(run.settings.data, id) : std::nullopt;
+    unknown += sweep && !known;
+    return !sweep || sweep != known;
+  });
+  if (unknown > 0 && rank() == 0)
+    spdlog::warn(
+        "{} frames of {} have names of frames that {} was learned on; whether they are the same cannot be "
+        "told, because {} is not there",
+        unknown, data.string(), run.folder.string(), run.settings.data.string());
+  return learned;
 }
 
 void require_own_data(const Run& run, const std::filesystem::path& data) {

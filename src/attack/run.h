@@ -14,6 +14,7 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -43,6 +44,10 @@ struct Run {
 
 /// Whether `data` is another folder than the run's: its labels are not the run's hosts.
 bool is_other_data(const Run& run, const std::filesystem::path& data);
+/// Frames of `data` that the run was learned on. Of another folder, such as a copy, a part or what
+/// --hosts-from detections has labelled: those of the same name and sweep. Warns of names whose own sweeps
+/// are gone.
+std::set<std::string> frames_learned_on(const Run& run, const std::filesystem::path& data);
 /// InputError if it is.
 void require_own_data(const Run& run, const std::filesystem::path& data);
 

@@ -6,6 +6,7 @@
 #include <cctype>
 #include <iterator>
 #include <map>
+#include <set>
 
 #include "attack/attack.h"
 #include "base/fields.h"
@@ -259,6 +260,12 @@ ScoreResult score(const ScoreRequest& request) {
   if (request.adaptive && request.sizes.empty())
     throw FieldError("sizes", "", "names none, and a grade wants an object learned against the detector",
                      "name a size, or use --no-adaptive");
+  constexpr double kLeast = 8.0 / 5 * kMinAdversarySize, kMost = kMaxAdversarySize;  // height: 5/8 L
+  std::set<double> sizes;
+  for (const double size : request.sizes)
+    if (!(size >= kLeast && size <= kMost) || !sizes.insert(size).second)
+      throw FieldError("sizes", fmt::format("{:g}", size), "is out of range or named twice",
+                       fmt::format("use each once, {:g} to {:g} m", kLeast, kMost));
   EvaluationRequest evaluation;
   evaluation.detector = request.detector;
   evaluation.overrides = request.overrides;

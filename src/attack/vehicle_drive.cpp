@@ -186,11 +186,13 @@ nlohmann::json near_of(const Vehicles& vehicles) {
   return json;
 }
 
+constexpr double kStampError = 1e-4;  // s, of a gap of whole frames, which is a difference of stamps
+
 nlohmann::json survival_of(const Vehicles& vehicles, double seconds) {
   nlohmann::json row = by_version([&](DriveVersion version) {
     ClusteredShare share;
     for (const VehicleDrive& vehicle : vehicles)
-      share.add(cluster_name(vehicle), outcome_of(vehicle, version).gap_s >= seconds);
+      share.add(cluster_name(vehicle), outcome_of(vehicle, version).gap_s >= seconds - kStampError);
     return to_json(share.interval());
   });
   row["seconds"] = seconds;

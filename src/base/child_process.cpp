@@ -224,7 +224,9 @@ ChildProcess::Read ChildProcess::read_line(std::string& line, double seconds, do
     }
     if (buffer_.size() > kMaxLineBytes) return Read::endless;
     pollfd wait{socket_, POLLIN, 0};
+    const bool gone = has_ended();  // before the look: what it wrote then is there
     const int ready = ::poll(&wait, 1, static_cast<int>(std::min(left, 0.2) * 1000) + 1);
+    if (ready == 0 && gone) return Read::lost;  // children of its own may keep the socket open
     if (ready <= 0) continue;
     char chunk[4096];
     const ssize_t n = ::recv(socket_, chunk, sizeof chunk, 0);
@@ -234,21 +236,22 @@ ChildProcess::Read ChildProcess::read_line(std::string& line, double seconds, do
   }
 }
 
+bool ChildProcess::has_ended() const {
+  siginfo_t info{};
+  return ::waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+         info.si_pid == pid_;
+}
+
 std::string ChildProcess::stop(double seconds) {
   if (pid_ <= 0) return "";
   ::shutdown(socket_, SHUT_WR);
   const auto deadline = Clock::now() + std::chrono::duration<double>(seconds);
+  while (!has_ended() && Clock::now() < deadline) ::usleep(5000);
+  const bool killed = !has_ended();
+  ::kill(-pid_, SIGKILL);             // with what it has started, before another process can have its number
+  if (killed) ::kill(pid_, SIGKILL);  // it may not have come to make its group
   int status = 0;
-  bool killed = false;
-  while (::waitpid(pid_, &status, WNOHANG) == 0) {
-    if (Clock::now() >= deadline) {
-      ::kill(-pid_, SIGKILL);
-      ::kill(pid_, SIGKILL);  // it may not have come to make its group
-      ::waitpid(pid_, &status, 0);
-      killed = true;
-      break;
-    }
-    ::usleep(5000);
+  while (::waitpid(pid_, &status, 0) < 0 && errno == EINTR) {
   }
   ::close(socket_);
   pid_ = -1;

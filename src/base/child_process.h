@@ -47,6 +47,9 @@ class ChildProcess {
   std::string stop(double seconds);
 
  private:
+  /// Whether it has; it is not reaped yet.
+  bool has_ended() const;
+
   pid_t pid_ = -1;
   int socket_ = -1;
   std::string buffer_;

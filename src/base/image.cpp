@@ -217,7 +217,6 @@ class Picture {
 
   const PictureHeader& header() const { return decoder_->header(); }
   std::size_t pixels() const { return as_size(header().width) * as_size(header().height); }
-  bool is_grey16() const { return header().channels == 1 && header().is_16_bit; }
   /// All of them, converted; `values` has room for pixels() × channels.
   void read(PixelType type, void* values) {
     std::string error;
@@ -280,6 +279,17 @@ ImageF read_linear(Picture picture) {
     for (std::size_t c = 0; c < 3; ++c)
       image.data[3 * i + c] = linear_level(bytes[i * as_size(channels) + (channels >= 3 ? c : 0)]);
   return image;
+}
+
+/// A picture of one channel of 16-bit numbers.
+Image<std::uint16_t> read_words(const fs::path& path, const char* fix) {
+  Picture picture(path, {});
+  const PictureHeader& is = picture.header();
+  if (is.channels != 1 || !is.is_16_bit)
+    throw InputError(path.string(), "header", "not a 16-bit grey picture", fix);
+  Image<std::uint16_t> words(is.width, is.height, 1);
+  picture.read(PixelType::kWord, words.data.data());
+  return words;
 }
 
 /// The whole file in memory: a disk that is full can then spoil nothing but the writing of it, which is
@@ -374,14 +384,10 @@ void write_depth_png(const fs::path& path, const ImageF& depth) {
 }
 
 ImageF read_depth_png(const fs::path& path) {
-  Picture picture(path, {});
-  if (!picture.is_grey16())
-    throw InputError(path.string(), "header", "not a 16-bit grey picture",
-                     "store depth as KITTI does: 16-bit PNG of 256 times the metres");
-  std::vector<std::uint16_t> words(picture.pixels());
-  picture.read(PixelType::kWord, words.data());
-  ImageF depth(picture.header().width, picture.header().height, 1);
-  for (std::size_t i = 0; i < words.size(); ++i) depth.data[i] = static_cast<float>(words[i]) / 256;
+  const Image<std::uint16_t> words =
+      read_words(path, "store depth as KITTI does: 16-bit PNG of 256 times the metres");
+  ImageF depth(words.width, words.height, 1);
+  for (std::size_t i = 0; i < words.data.size(); ++i) depth.data[i] = static_cast<float>(words.data[i]) / 256;
   return depth;
 }
 
@@ -390,13 +396,7 @@ void write_index_png(const fs::path& path, const Image<std::uint16_t>& indices) 
 }
 
 Image<std::uint16_t> read_index_png(const fs::path& path) {
-  Picture picture(path, {});
-  if (!picture.is_grey16())
-    throw InputError(path.string(), "header", "not a 16-bit grey picture",
-                     "store one 16-bit number a pixel, as mirage generate --truth does");
-  Image<std::uint16_t> indices(picture.header().width, picture.header().height, 1);
-  picture.read(PixelType::kWord, indices.data.data());
-  return indices;
+  return read_words(path, "store one 16-bit number a pixel, as mirage generate --truth does");
 }
 
 ImageF read_exr(const fs::path& path, PictureSize expected, std::vector<std::string>* names) {

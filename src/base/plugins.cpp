@@ -55,13 +55,6 @@ const ShippedPlugin* shipped_plugin(const std::string& kind, const std::string& 
   return nullptr;
 }
 
-std::string shipped_words(const std::string& kind) {
-  std::string words;
-  for (const ShippedPlugin& plugin : shipped_plugins(kind))
-    for (const std::string& word : plugin.words) words += std::string(words.empty() ? "" : ", ").append(word);
-  return words;
-}
-
 void* plugin_symbol(const std::filesystem::path& file, const std::string& entry,
                     const std::string& contract) {
   void* library = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);

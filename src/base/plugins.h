@@ -30,8 +30,6 @@ struct ShippedPlugin {
 const std::vector<ShippedPlugin>& shipped_plugins(const std::string& kind);
 /// The one that the word asks for; null if none does.
 const ShippedPlugin* shipped_plugin(const std::string& kind, const std::string& word);
-/// "lidar, camera, …": the words of a kind, for messages.
-std::string shipped_words(const std::string& kind);
 /// The descriptions in a folder, of any kind; `kind` chooses.
 std::vector<ShippedPlugin> read_shipped_plugins(const std::filesystem::path& folder, const std::string& kind);
 

@@ -1,5 +1,7 @@
 // mirage compare: whether one detector is easier to fool than another.
 
+#include <set>
+
 #include "attack/comparison.h"
 #include "base/error.h"
 #include "base/ranks.h"
@@ -50,7 +52,9 @@ void print_comparison(const Comparison& result) {
   const char* any = result.objects.size() > 1 ? ", any object" : "";
   rows.push_back({std::string("first") + any, describe(result.bounds[0])});
   rows.push_back({std::string("second") + any, describe(result.bounds[1])});
-  rows.push_back({"vehicles that got worse", std::to_string(result.worse.size())});
+  std::set<HostId> worse;
+  for (const WorseVehicle& vehicle : result.worse) worse.insert(vehicle.id);
+  rows.push_back({"vehicles that got worse", std::to_string(worse.size()) + any});
   std::fputs("\n", stdout);
   print_table(rows);
 }
@@ -86,7 +90,6 @@ void add_options(CLI::App& app, CompareOptions& options) {
 
 nlohmann::json run(CompareOptions& options, const Common& common) {
   ComparisonRequest request = options.request;
-  request.seed = common.seed;
   request.settings.quiet = common.quiet;
   if (options.detectors.size() == 1 && options.weights.size() < 2 && options.defenses.size() < 2)
     throw FieldError("detectors", options.detectors.front(), "is compared with itself",

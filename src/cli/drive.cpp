@@ -12,6 +12,7 @@
 #include "cli/command.h"
 #include "cli/options.h"
 #include "detection/detector_settings.h"
+#include "detection/process_detector.h"
 #include "frames/frame_provenance.h"
 #include "validation/blender/blender_process.h"
 
@@ -43,20 +44,6 @@ Run run_of(const DriveOptions& options) {
   if (objects.size() > 1)
     throw FieldError("mesh", options.mesh.string(), "is several objects, and a drive has one", "name a file");
   return run_of_objects(objects);
-}
-
-/// A hash over when and where each frame was taken.
-std::string moments_hash(const std::vector<Sequence>& sequences) {
-  std::string text;
-  for (const Sequence& sequence : sequences)
-    for (const auto& [id, moment] : sequence.frames) {
-      text += fmt::format("{} {} {} {:.9f}", escape_name(id), escape_name(moment.sequence), moment.index,
-                          moment.time);
-      for (int i = 0; i < 12; ++i)
-        text += fmt::format(" {:.9g}", moment.world_from_ego.matrix()(i / 4, i % 4));
-      text += '\n';
-    }
-  return content_hash(text);
 }
 
 void print_drive(const DriveResult& result, const nlohmann::json& json) {
@@ -108,14 +95,17 @@ void add_options(CLI::App& app, DriveOptions& options) {
   add_cache_note(app);
 }
 
-/// The user's tracker; null: none.
+/// The user's tracker, by whose content and version a drive is known; null: none.
 std::unique_ptr<Detector> tracker_of(const DriveOptions& options, const Common& common) {
   if (options.tracker.empty()) return nullptr;
   DetectorOptions program;
   program.detector = options.tracker;
   program.seed = common.seed;
   program.threads = 1;
-  return load_detector(program);
+  std::unique_ptr<Detector> tracker = load_detector(program);
+  common.provenance->input("tracker", outside_content(program));
+  common.provenance->input("tracker_version", tracker->capabilities().version);
+  return tracker;
 }
 
 /// The vehicles that are hidden longest, in Cycles; null where there are none.
@@ -163,6 +153,7 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   request.object = run.adversary;
   request.random = baseline_meshes(run, Baseline::sized, 1).front();
   request.place = run.settings.placement;
+  if (run.settings.classes != kCars) request.types = classes_of(run.settings.classes);
   request.simulation = run.settings.simulation;
   request.evaluation.score_threshold = options.score;
   request.evaluation.quiet = common.quiet;
@@ -179,14 +170,12 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   common.provenance->add(options.settings);
   add_frames(*common.provenance, run.settings, frames);
   add_detector(*common.provenance, detector);
-  common.provenance->input("moments", moments_hash(request.sequences));
-  request.provenance = *common.provenance;
   if (options.cycles > 0 && !detectors.front()->capabilities().reads_image)
     throw FieldError("cycles", std::to_string(options.cycles),
                      detector.detector + " does not read the picture", "leave it out");
   const std::unique_ptr<Detector> tracker = tracker_of(options, common);
   request.tracker = tracker.get();
-  if (tracker) request.provenance.set("tracker", options.tracker);
+  request.provenance = *common.provenance;
   const DriveResult result = judge_drive(detectors, store, request);
   nlohmann::json drive = to_json(result);
   if (options.cycles > 0 && rank() == 0)

@@ -133,7 +133,8 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
   add_trust_option(app, request.trust);
   add_cache_note(app);
   app.add_option("--hosts", request.hosts,
-                 "hosts of the run to judge on: test, train or all (default: test)");
+                 "hosts of the run to judge on: test, train or all (default: test; of other data those that "
+                 "it did not learn on)");
   add_defaulted(app, "--random-meshes", request.random_meshes,
                 "random meshes of each baseline, pooled (seeds from the run's on). 0: none");
   app.add_option("--baseline", request.baseline,

@@ -115,6 +115,7 @@ struct FitWork {
   nlohmann::json fit(const std::string& id) const {
     Provenance of_frame = provenance;
     of_frame.input("frame", frame_hash(options.data, id));
+    of_frame.set("mesh_format", options.format);
     const std::string key = of_frame.identity();
     if (auto stored = stored_fits(id, key)) return std::move(*stored);
     const Frame frame = read_frame(options.data, id);
@@ -124,8 +125,10 @@ struct FitWork {
     const std::vector<FittedVehicle> fits =
         fit_frame(finder, frame, lidar, settings, index ? &truth : nullptr);
     if (options.format != "none")
-      for (const FittedVehicle& v : fits)
+      for (const FittedVehicle& v : fits) {
+        std::filesystem::remove(mesh_of(v.frame, v.label));  // of other settings
         if (v.fit.fitted) write_mesh(mesh_of(v.frame, v.label), v.fit.mesh);
+      }
     nlohmann::json rows = list_json(fits);
     write_json(file_of(id), {{"key", key}, {"vehicles", rows}});
     return rows;

@@ -102,10 +102,9 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   const Vec3d at = placement.velo_from_adversary.translation();
   const Vec3d& to_sun = prepared.frame.lighting.to_sun_velo;
   const double over_box = roof.translation().z() - box.bottom - box.height;
+  settings.simulation = settings.for_unit(lidar, recorded_lidar_effects(settings.data), common.seed);
   const auto start = Clock::now();
-  const Simulated simulated =
-      simulate(prepared, placement, adversary,
-               settings.for_unit(lidar, recorded_lidar_effects(settings.data), common.seed));
+  const Simulated simulated = simulate(prepared, placement, adversary, settings.simulation);
   const double seconds = seconds_since(start);
   common.provenance->add(settings.simulation);
   add_frames(*common.provenance, settings, {&options.frame, 1});

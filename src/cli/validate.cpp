@@ -123,9 +123,7 @@ void add_options(CLI::App& app, ValidateOptions& options) {
   ValidationSettings& settings = options.settings;
   app.add_option("--run", settings.run, "folder of a finished mirage attack")->required();
   add_overrides<FrameSource>(app, settings.overrides);
-  app.add_option("--detector", settings.detector.detector, "detector (default: the run's)");
-  app.add_option("--weights", settings.detector.weights, "the detector's weights (default: the run's)");
-  app.add_option("--defense", settings.detector.defense, "the detector's defence (default: the run's)");
+  add_detector_of_run(app, settings.detector, {"precision", "locality", "matching", "clean_memory"});
   add_trust_option(app, settings.trust);
   add_defaulted(app, "--expect", settings.expect,
                 "the object as a workshop makes it, drawn as by mirage evaluate --expect: some of "

@@ -94,18 +94,8 @@ class SceneReader {
     if (node.extras.IsObject() && node.extras.Has("mirage_role") && node.extras.Get("mirage_role").IsString())
       result.role = node.extras.Get("mirage_role").Get<std::string>();
     if (as_size(node.mesh) >= model_.meshes.size()) gltf_.fail(field + ".mesh", "missing");
-    const tinygltf::Mesh& mesh = model_.meshes[as_size(node.mesh)];
-    if (mesh.extras.IsObject() && mesh.extras.Has("mirage")) {
-      result.textured =
-          gltf_.exact(mesh.extras.Get("mirage"), fmt::format("meshes[{}].extras.mirage", node.mesh));
-      const Eigen::Affine3d turn(gltf_from_velo());
-      const Eigen::Affine3d velo_from_mesh = turn.inverse() * gltf_from_node * turn;
-      if (!velo_from_mesh.isApprox(Eigen::Affine3d::Identity(), 0)) {
-        for (Vec3d& v : result.textured.mesh.vertices) v = velo_from_mesh * v;
-        if (velo_from_mesh.linear().determinant() < 0)
-          gltf_.fail(field, "mirrors a mesh with exact texels", "apply the node's scale before exporting");
-        gltf_.check_reach(result.textured.mesh, 0, field);
-      }
+    if (auto exact = gltf_.exact(node, field, gltf_from_node)) {
+      result.textured = std::move(*exact);
       return result;
     }
     result.textured.atlas.resolution = 1;

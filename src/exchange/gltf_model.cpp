@@ -1,5 +1,6 @@
 #include "exchange/gltf_model.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -205,6 +206,42 @@ std::vector<T> GltfModel::values(const tinygltf::Value& parent, const std::strin
   return result;
 }
 
+std::optional<TexturedMesh> GltfModel::exact(const tinygltf::Node& node, const std::string& field,
+                                             const Eigen::Affine3d& gltf_from_node) const {
+  if (node.mesh < 0 || as_size(node.mesh) >= model_.meshes.size()) return std::nullopt;
+  const tinygltf::Value& extras = model_.meshes[as_size(node.mesh)].extras;
+  if (!extras.IsObject() || !extras.Has("mirage")) return std::nullopt;
+  TexturedMesh textured = exact(extras.Get("mirage"), fmt::format("meshes[{}].extras.mirage", node.mesh));
+  const Eigen::Affine3d turn(gltf_from_velo());
+  const Eigen::Affine3d velo_from_mesh = turn.inverse() * gltf_from_node * turn;
+  if (!velo_from_mesh.isApprox(Eigen::Affine3d::Identity(), 0)) {
+    for (Vec3d& v : textured.mesh.vertices) v = velo_from_mesh * v;
+    if (velo_from_mesh.linear().determinant() < 0)
+      fail(field, "mirrors a mesh with exact texels", "apply the node's scale before exporting");
+    check_reach(textured.mesh, 0, field);
+  }
+  check_unchanged(textured.mesh, node, field, gltf_from_node);
+  return textured;
+}
+
+void GltfModel::check_unchanged(const Mesh& exact, const tinygltf::Node& node, const std::string& field,
+                                const Eigen::Affine3d& gltf_from_node) const {
+  TexturedMesh drawn;
+  append_mesh(node, field, gltf_from_node, drawn);
+  const auto bounds = [](const Mesh& mesh) {
+    Eigen::AlignedBox3d box;
+    for (const Face& face : mesh.faces)
+      for (const int v : face) box.extend(mesh.vertices[as_size(v)]);
+    return box;
+  };
+  const Eigen::AlignedBox3d is = bounds(exact), was = bounds(drawn.mesh);
+  const double reach = std::max(is.min().cwiseAbs().maxCoeff(), is.max().cwiseAbs().maxCoeff());
+  if (!((is.min() - was.min()).cwiseAbs().maxCoeff() <= 1e-5 * reach &&
+        (is.max() - was.max()).cwiseAbs().maxCoeff() <= 1e-5 * reach))
+    fail(fmt::format("meshes[{}]", node.mesh), "has other triangles than extras.mirage, its exact copy",
+         "delete extras.mirage if the mesh was edited");
+}
+
 TexturedMesh GltfModel::exact(const tinygltf::Value& source, const std::string& field) const {
   if (!source.IsObject()) fail(field, "is not an object");
   const auto vectors = [&](const char* key) {
@@ -366,10 +403,19 @@ TexturedMesh GltfModel::triangles() const {
 }
 
 TexturedMesh GltfModel::object() const {
-  for (std::size_t m = 0; m < model_.meshes.size(); ++m)
-    if (const tinygltf::Value& extras = model_.meshes[m].extras; extras.IsObject() && extras.Has("mirage"))
-      return exact(extras.Get("mirage"), fmt::format("meshes[{}].extras.mirage", m));
-  return triangles();
+  std::optional<TexturedMesh> own;
+  int others = 0;
+  walk([&](const auto& node, const auto& field, const auto& placed) {
+    if (auto mesh = own ? std::nullopt : exact(node, field, placed))
+      own = std::move(mesh);
+    else
+      others += node.mesh >= 0;
+  });
+  if (!own) return triangles();
+  if (others > 0 && !scene_extras())  // a scene of Mirage's has the car and the ground beside it
+    fail("nodes", fmt::format("{} meshes beside the one that Mirage wrote", others),
+         "delete them, or extras.mirage of that one if all are the object");
+  return std::move(*own);
 }
 
 void GltfModel::warn_of_what_is_left_out() const {

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -84,14 +85,17 @@ class GltfModel {
   /// Bytes of a buffer view.
   std::pair<const unsigned char*, std::size_t> view(int index, const std::string& field) const;
 
-  /// Mirage's own mesh, from `extras`: float64 vertices and texels, int32 faces.
-  TexturedMesh exact(const tinygltf::Value& source, const std::string& field) const;
+  /// Mirage's own mesh where the node's has one in its extras, placed as the node is. InputError if the
+  /// triangles beside it, which editors change, reach to other places.
+  std::optional<TexturedMesh> exact(const tinygltf::Node& node, const std::string& field,
+                                    const Eigen::Affine3d& gltf_from_node) const;
   /// The triangles of a node's mesh, each face with its material's base colour, placed and added to `out`.
   void append_mesh(const tinygltf::Node& node, const std::string& field,
                    const Eigen::Affine3d& gltf_from_node, TexturedMesh& out) const;
   /// All triangles of the default scene in `velo`, one texel a face.
   TexturedMesh triangles() const;
-  /// Mirage's own mesh, the file's first with its extras; else all triangles.
+  /// Mirage's own mesh, the scene's first; else all triangles. InputError if other meshes stand beside it,
+  /// but in a scene that Mirage wrote.
   TexturedMesh object() const;
   /// One warning that names what changes the colours of foreign meshes and is not read, if there is such.
   void warn_of_what_is_left_out() const;
@@ -119,6 +123,11 @@ class GltfModel {
 
  private:
   struct Column;
+
+  /// From extras: float64 vertices and texels, int32 faces.
+  TexturedMesh exact(const tinygltf::Value& source, const std::string& field) const;
+  void check_unchanged(const Mesh& exact, const tinygltf::Node& node, const std::string& field,
+                       const Eigen::Affine3d& gltf_from_node) const;
 
   std::size_t scene_index() const { return as_size(std::max(0, model_.defaultScene)); }
   static Eigen::Affine3d transform(const tinygltf::Node& node);

@@ -42,8 +42,6 @@ class ObjReader {
   ObjReader(FileCharacters& from, Polygons& into) : from_(from), into_(into) {}
 
   void read() {
-    for (const char c : {'\xEF', '\xBB', '\xBF'})  // a byte order mark would spoil the first row
-      if (!from_.at_end() && from_.current() == c) from_.next();
     while (!from_.at_end()) {
       const std::size_t first = line_;
       read_line();

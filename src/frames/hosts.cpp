@@ -23,8 +23,8 @@ std::vector<HostId> host_ids(std::span<const Host> hosts) {
   return ids;
 }
 
-int track_of(const std::filesystem::path& data, const HostId& host) {
-  const auto tracks = read_tracks(data, host.frame);
+int track_of(const FrameSource& source, const HostId& host) {
+  const auto tracks = read_tracks(source.data, host.frame, source.cameras);
   const auto label = as_size(host.label);
   return tracks && label < tracks->size() ? (*tracks)[label] : -1;
 }

@@ -55,7 +55,7 @@ SkippedHosts leave_out(FrameStore& store, std::vector<HostId>& hosts);
 void require_hosted(const PlaceChoice& place, const Placement& placement, const HostId& host);
 
 /// The vehicle's identity in its data set; −1 where that has none.
-int track_of(const std::filesystem::path& data, const HostId& host);
+int track_of(const FrameSource& source, const HostId& host);
 
 /// On what the hosts of a run stand.
 struct RoofCount {

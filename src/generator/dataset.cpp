@@ -264,7 +264,7 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
     const bool keep = is_as_recorded(out, id, truth);
     std::vector<Label> labels;
     if (keep) {
-      labels = read_annotations(out, id).labels;
+      labels = read_annotations(out, id, Cameras::all).labels;
     } else {
       FrameTruth drawn;
       Frame frame = generate_frame(rig, seed, index, truth == Truth::none ? nullptr : &drawn);

@@ -3,7 +3,7 @@
     evidence.py SOURCE                                      writes every block and plot
     evidence.py SOURCE --check                              compares them; exit code 1 where one is another one
     evidence.py SOURCE --keep NAME FILE KEY... [-- COMMAND] stores a result as validation/results/NAME.json; of a list of objects
-                                                            KEY[FIELD,…] stores these fields
+                                                            KEY[FIELD,…] stores these fields, which may be such lists
     evidence.py SOURCE --keep-lines NAME PATTERN -- COMMAND runs a command in SOURCE and stores the printed lines with PATTERN
 
 A block of a page stands between <!-- evidence: NAME --> and <!-- /evidence -->, and its table is TABLES[NAME] of the stored files.
@@ -45,6 +45,10 @@ def at(tree, place):
 
 def percent(x):
     return f"{100 * x:.1f}".replace("-0.0", "0.0").replace("-", "−")
+
+
+def grouped(count):
+    return f"{count:,}".replace(",", " ")
 
 
 def between(interval):
@@ -131,6 +135,131 @@ def certificates(source):
     return table(["half length L", "certified, %", "95 %"], rows) + commands(made)
 
 
+def experiment(source, of, name=""):
+    """A table of the stored `mirage reproduce`: {rows, findings: {name: [check]}, command}."""
+    made = stored(source, "reproduce-" + of)
+    rows = next(each["rows"] for each in made["tables"] if each["name"] == (name or of))
+    return {"rows": [row for row in rows if "error" not in row], "command": made["command"],
+            "findings": {each["name"]: each["checks"] for each in made["findings"]}}
+
+
+def row_of(made, **wanted):
+    return next(row for row in made["rows"] if all(row.get(key) == value for key, value in wanted.items()))
+
+
+def difference(made, finding, rig="KITTI rig", number=0):
+    """An interval: the comparison of a finding."""
+    return next(each for each in made["findings"][finding] if each["rig"] == rig)["comparisons"][number]["difference"]
+
+
+def rate(row, key="vanished"):
+    return [percent(row["values"][key]["value"]), between(row["values"][key])]
+
+
+def signed(x):
+    return f"{100 * x:+.1f}".replace("-0.0", "+0.0").replace("-", "−")
+
+
+def points(interval):
+    return [signed(interval["value"]), f"{signed(interval['low'])} to {signed(interval['high'])}"]
+
+
+def net(row):
+    """None of a control."""
+    return points(row["values"]["net_vanished"]) if row["values"].get("net_vanished") else ["–", "–"]
+
+
+def printed(row, key):
+    return percent(row["paper"][key]) if key in row.get("paper", {}) else "–"
+
+
+def told(interval):
+    """In a sentence: value and interval, without a unit."""
+    return f"{percent(interval['value'])} ({between(interval)})"
+
+
+def matched(source):
+    """Rasteriser and LiDAR against Cycles and Blender's rays under equal light."""
+    made = stored(source, "validate-kitti")
+    of = made["matched"]
+    rows = [["vehicles", str(made["vehicles"])], ["mask IoU", f"{of['mask_iou']:.6f}"], ["mean absolute colour error", f"{of['mae']:.1e}"],
+            ["LiDAR rays", grouped(of["rays"])], ["rays that differ", str(of["hit_disagreements"])],
+            ["range error at most", f"{of['range_error_m']:.1e} m"]]
+    return table(["what", "figure"], rows) + commands(made)
+
+
+def success(source):
+    """Attacks on the KITTI rig's detectors, beside the paper's."""
+    made = experiment(source, "table1")
+    rows = [[row["label"], str(row["vehicles"]), *rate(row), *rate(row, "asr"), printed(row, "asr")] for row in made["rows"]]
+    learned, sized = (row_of(made, label=label)["values"]["vanished"]["value"] for label in ("fusion, both", "fusion, random mesh of its size"))
+    return table(["attack", "cars", "vanished, %", "95 %", "ASR, %", "95 %", "paper's ASR, %"], rows) + commands(made) + f"""
+- **A learned mesh is more than its size**: through both sensors it hides {learned / sized:.1f} times as many cars as its random mesh.
+- **Fusion helps against attacks through LiDAR**: by {told(difference(made, "fusion"))} points of ASR.
+"""
+
+
+def by_label(made, head):
+    """Vanished, and net of a random mesh of the size."""
+    rows = [[row["label"].removesuffix(", both"), *rate(row), *net(row)] for row in made["rows"]]
+    return table([head, "vanished, %", "95 %", "net", "95 %"], rows) + commands(made)
+
+
+def sizes(source):
+    """Half the length of the object's box."""
+    return by_label(experiment(source, "fig4"), "half length")
+
+
+def parts(source):
+    """What of the object is learned."""
+    return by_label(experiment(source, "parts"), "learned")
+
+
+def transfer(source):
+    """A mesh on a detector or a rig that it was not learned on, beside the one that was."""
+    made = experiment(source, "table3")
+    rows = [[row["source"], row["target"], *rate(row)] for row in made["rows"]]
+    return table(["learned on", "attacked", "vanished, %", "95 %"], rows) + commands(made)
+
+
+FUSIONS = (("painted", "early"), ("fusion", "mid"), ("refined", "mid, second stage"), ("late", "late"))
+
+
+def sides(source):
+    """Net of the random mesh through each sensor, and the difference."""
+    made, rows = experiment(source, "fusions"), []
+    for detector, kind in FUSIONS:
+        through = [net(row_of(made, source=f"{detector}, {sensor}", target=detector))[0] for sensor in ("image", "LiDAR")]
+        rows.append([f"`{detector}`", kind, *through, *points(difference(made, "fusions-side", f"KITTI rig, {detector}"))])
+    return table(["detector", "fuses", "through the image", "through LiDAR", "image less LiDAR", "95 %"], rows) + commands(made)
+
+
+FULLY = {"lidar": "LiDAR", "camera": "image"}  # through all that the detector has; the others have both
+
+
+def real_frames(source):
+    """Meshes that were learned on generated frames, on recorded ones."""
+    made = experiment(source, "fusions", "fusions-real")
+    rows = [row for row in made["rows"] if row["source"] == f"{row['target']}, {FULLY.get(row['target'], 'both')}"]
+    rows.sort(key=lambda row: -row["values"]["vanished"]["value"])
+    return table(["detector", "cars", "vanished, %", "95 %", "net", "95 %"],
+                 [[f"`{row['target']}`", str(row["vehicles"]), *rate(row), *net(row)] for row in rows]) + commands(made)
+
+
+def option(row):
+    """--defense of a row, by the folder of its evaluation."""
+    word = row["case"].removeprefix("evaluations/kitti64-fusion-both").removeprefix("-") or "none"
+    return re.sub(r"(jpeg|ceiling)([\d.]+)$", r"\1:\2", word).replace("-shadows", "+shadows")
+
+
+def defences(source):
+    """Each defence, attacked by somebody who knows it."""
+    made = experiment(source, "table4")
+    rows = [[f"`{option(row)}`", str(row["vehicles"]), *rate(row), *rate(row, "asr"), printed(row, "asr"), percent(row["values"]["ap70"]["value"])]
+            for row in made["rows"]]
+    return table(["`--defense`", "cars", "vanished, %", "95 %", "ASR, %", "95 %", "paper's ASR", "clean AP 0.7"], rows) + commands(made)
+
+
 # What, the printed line with its figure, and the test.
 GRADIENTS = (
     ("soft rasteriser, random faces", r"error \(random faces\): (\S+)", "SoftRasterizerGradient*"),
@@ -214,7 +343,8 @@ def zoo(source):
 
 
 TABLES = {"detectors": detectors, "recorded": recorded, "gradients": gradients, "real_to_sim": real_to_sim, "depth": depth, "roofs": roofs,
-          "certificates": certificates, "certified": certified, "insertion": insertion, "speed": speed}
+          "certificates": certificates, "certified": certified, "insertion": insertion, "speed": speed, "matched": matched, "success": success,
+          "sizes": sizes, "parts": parts, "transfer": transfer, "sides": sides, "real_frames": real_frames, "defences": defences}
 
 
 def cells(title, said, left, columns, rows):
@@ -389,6 +519,15 @@ def written(source):
     return files
 
 
+def fields(result, words):
+    """Of an object what "a,b[c,d]" names: a as it is, and of the objects in the list b c and d."""
+    out = {}
+    for key, _, inner in re.findall(r"(\w+)(\[((?:[^\[\]]|\[[^\[\]]*\])*)\])?", words):
+        if key in result:
+            out[key] = [fields(each, inner) for each in result[key]] if inner else result[key]
+    return out
+
+
 def keep(source, name, file, keys, command):
     with open(file, encoding="utf-8") as opened:
         result = json.load(opened)
@@ -399,8 +538,9 @@ def keep(source, name, file, keys, command):
     if command and "figures" not in result:
         result = {"figures": result}
     for key in keys:
-        if rows := re.fullmatch(r"(\w+)\[([\w,]+)\]", key):
-            out[rows[1]] = [{field: each[field] for field in rows[2].split(",") if field in each} for each in result[rows[1]]]
+        if "[" in key:
+            result[key.split("[")[0]]  # or there is none
+            out.update(fields(result, key))
             continue
         head, _, rest = key.partition(".")
         if rest:
@@ -419,6 +559,7 @@ def origin_of_command(source, command):
 
 # Where a command's own folders lie is nobody's business: what a reader puts in their place.
 PLACES = ((r"--data \S*shared/kitti\b", "--data path/to/kitti"), (r"--data /\S*/([\w-]+)", r"--data out/\1"),
+          (r"--run ev/", "--run out/"),
           (r" --weights /\S+", ""), (r" --out \S+", ""), (r" --(?:quiet|threads \d+)\b", ""))
 
 

@@ -373,6 +373,14 @@ TEST(Attack, HostsMayBeWhatTheDetectorFinds) {
   EXPECT_GT(frame.labels[0].right, frame.labels[0].left);
   settings.iterations = 3;
   EXPECT_EQ(run_attack(settings, detectors).iterations, 3);  // goes on: the same labels, the same run
+  // Another detector is refused, and the finished run keeps its labels.
+  const auto file = folder / "run/labelled/label_2/000000.txt";
+  const std::string labels = read_file(file);
+  write_file(file, labels + labels);  // as another detector's would be others
+  settings.weights_hash = "another";
+  EXPECT_THAT(error_text<InputError>([&] { run_attack(settings, detectors); }),
+              testing::AllOf(testing::HasSubstr("labels.json"), testing::HasSubstr("another --out")));
+  EXPECT_EQ(read_file(file), labels + labels);
 }
 
 TEST(AttackInput, OptionsThatNoRunCanUse) {

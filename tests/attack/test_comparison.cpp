@@ -130,6 +130,33 @@ TEST(Comparison, CountsVehiclesThatBothFindOnce) {
   EXPECT_EQ(compare_outcomes(first, second, kObjects, false).parts.front().vehicles, 1);
 }
 
+// Of few clusters the interval is Student's of few degrees of freedom, and so is p.
+TEST(Comparison, APartsPIsOfItsOwnClusters) {
+  std::vector<HostOutcome> first(40), second;
+  for (int i = 0; i < 40; ++i) {
+    HostOutcome& host = first[as_size(i)];
+    host.id = {"f" + std::to_string(i), 0};
+    host.range = i < 4 ? 5 : 40;
+    host.clean_iou = host.attacked_iou = 0.9;
+  }
+  second = first;
+  for (const int lost : {0, 1, 2, 10, 11, 20}) second[as_size(lost)].attacked_iou = 0;
+  const Comparison result = compare_outcomes(first, second, {"a.glb"}, false);
+  std::vector<double> own;
+  int clusters = 0;
+  for (const ComparedPart& part : result.parts) {
+    if (part.by != "range") continue;
+    clusters += part.clusters;
+    EXPECT_EQ(part.clusters, part.vehicles) << part.name;
+  }
+  EXPECT_EQ(clusters, 40);
+  for (std::size_t i = 1; i < result.parts.size(); ++i)
+    own.push_back(p_value(result.parts[i].difference, result.parts[i].clusters));
+  const std::vector<double> adjusted = holm(own);
+  for (std::size_t i = 1; i < result.parts.size(); ++i)
+    EXPECT_DOUBLE_EQ(result.parts[i].p, adjusted[i - 1]) << result.parts[i].name;
+}
+
 TEST(Comparison, HolmsProcedureIsTheTextbooks) {
   EXPECT_EQ(holm(std::vector<double>{0.01, 0.04, 0.03, 0.005}),
             (std::vector<double>{0.03, 0.06, 0.06, 0.02}));

@@ -80,6 +80,17 @@ TEST(VehicleDrive, AFrameStandsUntilTheNextOne) {
   EXPECT_NEAR(outcome_of(drive, DriveVersion::clean).gap_s, 0.15, 1e-9);
 }
 
+// Stamps of frames every 0.1 s are no whole tenths, nor are their differences.
+TEST(VehicleDrive, AGapOfWholeFramesIsNoShorterForItsStamps) {
+  VehicleDrive drive = vehicle("ff--ff", "ffffff");
+  for (DriveFrame& frame : drive.frames) frame.time = static_cast<float>(frame.time) - 1e-6;
+  drive.frames[2].time += 1e-6;
+  DriveResult result;
+  result.vehicles = {drive};
+  for (const nlohmann::json& row : to_json(result).at("survival"))
+    EXPECT_EQ(row.at("clean").at("value"), row.at("seconds").get<double>() <= 0.2 ? 1 : 0) << row;
+}
+
 TEST(VehicleDrive, AStretchWithoutALabelEndsAGap) {
   VehicleDrive drive = vehicle("ff----ff", "ffllllff");
   for (std::size_t i = 4; i < drive.frames.size(); ++i) drive.frames[i].time += 3;
@@ -277,6 +288,12 @@ TEST_F(Drives, OneVehicleThroughItsDrive) {
   // It stands; a vehicle that does not come nearer is not confirmed later.
   EXPECT_EQ(drive.at("later_m").at("vehicles"), 0);
   EXPECT_FALSE(drive.at("later_m").contains("than_clean"));
+}
+
+TEST_F(Drives, LabelsOfOtherTypesAreJudgedWhereTheyAreAskedFor) {
+  DriveRequest asked = request();
+  asked.types = {"Pedestrian"};
+  EXPECT_THAT(error_text<InputError>([&] { judged(asked); }), HasSubstr("no Pedestrian is followed"));
 }
 
 TEST_F(Drives, AVehicleWithoutRoomForTheObjectInOneFrameIsLeftOut) {

@@ -51,7 +51,7 @@ std::vector<std::string> names(const std::vector<HostId>& hosts) {
 TEST(EvaluateRun, AnotherRunsHostsAreThatRunsTestHostsExactly) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "one", 2);
-  test::write_tiny_data(folder / "two", 4);
+  test::write_tiny_data(folder / "two", 4, true);  // other sweeps
   EvaluationRequest request = request_for(tiny_run(folder, "a", "one", {{"000000", 0}}, {{"000001", 0}}));
   request.hosts_of = tiny_run(folder, "b", "two", {{"000000", 0}}, {{"000001", 0}, {"000003", 0}}, 4);
   request.random_meshes = 0;
@@ -78,6 +78,35 @@ TEST(EvaluateRun, AnotherRunsHostsAreThatRunsTestHostsExactly) {
   // The same data set, and a host of a frame that the adversary learned on.
   request.run = tiny_run(folder, "c", "two", {{"000003", 0}}, {{"000001", 0}});
   EXPECT_EQ(evaluate_run(request).trained_on, 1);
+}
+
+// A data set at another place may be a copy of the run's, or have more frames.
+TEST(EvaluateRun, FramesThatTheRunLearnedOnAreKnownAtAnotherPlace) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "one", 2);
+  test::write_tiny_data(folder / "more", 4);
+  EvaluationRequest request = request_for(tiny_run(folder, "a", "one", {{"000000", 0}}, {{"000001", 0}}));
+  request.random_meshes = 0;
+  request.overrides["data"] = folder / "more";
+  const RunEvaluation unseen = evaluate_run(request);
+  EXPECT_THAT(names(unseen.hosts), testing::ElementsAre("000001_0", "000002_0", "000003_0"));
+  EXPECT_EQ(unseen.trained_on, 0);
+  request.hosts = "all";
+  EXPECT_EQ(evaluate_run(request).hosts.size(), 4u);
+  EXPECT_EQ(evaluate_run(request).trained_on, 1);
+  request.hosts = "train";
+  EXPECT_THAT(error_text<InputError>([&] { evaluate_run(request); }), testing::StartsWith("hosts: train: "));
+  // It cannot be told of a run whose own data are gone.
+  std::filesystem::remove_all(folder / "one");
+  EXPECT_TRUE(frames_learned_on(read_run(folder / "a", TrustRun::yes), folder / "more").empty());
+  test::write_tiny_data(folder / "copy", 1);
+  std::filesystem::copy(folder / "copy", folder / "one", std::filesystem::copy_options::recursive);
+  request.hosts.clear();
+  request.overrides["data"] = folder / "copy";
+  EXPECT_THAT(error_text<InputError>([&] { evaluate_run(request); }),
+              testing::HasSubstr("only frames that the run was learned on"));
+  request.overrides = {{"min_view", "0.9"}};
+  EXPECT_THAT(error_text<InputError>([&] { evaluate_run(request); }), testing::StartsWith("min_view: 0.9: "));
 }
 
 TEST(EvaluateRun, OptionsThatContradictAnotherRunsHosts) {

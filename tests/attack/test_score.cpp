@@ -82,6 +82,30 @@ TEST(Score, ACellIsOfItsDistanceAndItsObjects) {
   EXPECT_EQ(score.answer[1], "Shapes, 20–40 m: does not hold: of 200 cars 10.0 % vanish, at least 6.7 %.");
 }
 
+// A row's objects weigh as if they were judged alone, whatever their numbers.
+TEST(Score, PhantomsAreThoseOfTheRowsObjectsAlone) {
+  auto hosts = sound(9);
+  for (HostOutcome& host : hosts) host.false_positive = host.mesh == 3 && host.id.frame == "f1";
+  const Score score = score_outcomes(hosts, kObjects, 9);
+  for (const int mesh : {2, 3}) {
+    std::vector<HostOutcome> alone;
+    for (HostOutcome host : hosts)
+      if (host.mesh == mesh) host.mesh = 0, alone.push_back(host);
+    const Interval is = *score.rows.at(as_size(mesh)).phantoms, was = success_rates(alone).fp_asr;
+    EXPECT_DOUBLE_EQ(is.value, was.value) << mesh;
+    EXPECT_DOUBLE_EQ(is.low, was.low) << mesh;
+    EXPECT_DOUBLE_EQ(is.high, was.high) << mesh;
+  }
+}
+
+TEST(Score, SizesAreLookedAtBeforeAnythingIsLearned) {
+  ScoreRequest request;
+  for (const std::vector<double>& sizes : {std::vector<double>{50}, {0.8, 0.8}}) {
+    request.sizes = sizes;
+    EXPECT_THAT(test::error_text<InputError>([&] { score(request); }), testing::StartsWith("sizes: "));
+  }
+}
+
 TEST(Score, ACarCountsIfAnyObjectOfTheLevelHidesIt) {
   auto hosts = sound();
   lose(hosts, 0, 10, 10);

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "base/child_process.h"
+#include "base/files.h"
 #include "base/memory.h"
 #include "base/parallel.h"
 #include "support/files.h"
@@ -94,6 +95,23 @@ TEST(Process, HowItEndedIsTold) {
   EXPECT_FALSE(silent.exchange({{"job", "any"}}, 0.2, answer));
   EXPECT_EQ(silent.lost(), "gave no answer in 0.2 s");
   EXPECT_FALSE(silent.end());
+}
+
+// A worker of a child that has died keeps its socket open: the loss is known at once, and the worker ends
+// too.
+TEST(Process, WorkersOfAChildEndWithIt) {
+  const test::TemporaryFolder folder;
+  const auto log = folder / "log";
+  JsonWorker worker({"/bin/sh", "-c", "sleep 60 & echo $! >&2; exit 3"}, log, "it was at work");
+  nlohmann::json answer;
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_FALSE(worker.exchange({{"job", "any"}}, 50, answer));
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(20));
+  EXPECT_EQ(worker.lost(), "ended unexpectedly");
+  EXPECT_EQ(worker.end().value_or("it has not"), "exit code 3");
+  const pid_t left = std::stoi(read_file(log));
+  for (int i = 0; i < 100 && runs(left); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  EXPECT_FALSE(runs(left));
 }
 
 }  // namespace

@@ -291,6 +291,7 @@ TEST_F(CommandLine, SimulateStandsOnTheFittedRoofOrTheBoxsAndSaysWhich) {
   const auto as_recorded = simulated(" --lidar-effects as-recorded").second;
   EXPECT_EQ(as_recorded, simulated(" --lidar-effects noise,drop-out").second);
   EXPECT_NE(as_recorded, three);
+  EXPECT_GT(json("s/result.json").at("simulation").at("lidar_effects").at("drop_out"), 0);
   const auto by_box = simulated(" --rooftop box").first;
   EXPECT_EQ(by_box.at("from_box"), true);
   EXPECT_NEAR(by_box.at("over_box_m").get<double>(), 0, 1e-9);

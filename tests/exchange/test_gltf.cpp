@@ -4,6 +4,8 @@
 
 #include <cstdlib>
 #include <cstring>
+#include <functional>
+#include <utility>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -60,15 +62,19 @@ ExportScene scene(bool fitted = false) {
   return host_scene(frame, on_roof(carrier), noisy_adversary(), "test scene");
 }
 
+/// A .glb's JSON, and where its data begin.
+std::pair<nlohmann::json, std::size_t> parts_of(const std::string& bytes) {
+  std::uint32_t length = 0;
+  std::memcpy(&length, bytes.data() + 12, sizeof(length));
+  return {nlohmann::json::parse(bytes.substr(20, length)), 28 + length};
+}
+
 /// The node of a role in a scene's JSON, and its mesh's first primitive.
 struct Part {
   nlohmann::json node, primitive, accessors;
 };
 Part part_of(const fs::path& file, const std::string& role) {
-  const std::string bytes = read_file(file);
-  std::uint32_t length = 0;
-  std::memcpy(&length, bytes.data() + 12, sizeof(length));
-  const auto json = nlohmann::json::parse(bytes.substr(20, length));
+  const nlohmann::json json = parts_of(read_file(file)).first;
   for (const auto& node : json.at("nodes"))
     if (node.at("extras").at("mirage_role") == role)
       return {node, json.at("meshes").at(node.at("mesh").get<std::size_t>()).at("primitives").at(0),
@@ -108,6 +114,60 @@ TEST(Gltf, AdversaryOfASceneComesBack) {
   expect_identical(source.adversary, read_adversary(scratch("scene.glb")));
   EXPECT_THAT(test::error_text<InputError>([&] { read_object(scratch("scene.glb")); }),
               testing::HasSubstr("is a whole scene"));
+}
+
+/// The file with its JSON changed.
+void edit(const fs::path& file, const std::function<void(nlohmann::json&)>& change) {
+  const std::string bytes = read_file(file);
+  auto [json, data] = parts_of(bytes);
+  change(json);
+  std::string text = json.dump();
+  text.resize((text.size() + 3) / 4 * 4, ' ');
+  const std::string rest = bytes.substr(data - 8);
+  const std::uint32_t sizes[] = {static_cast<std::uint32_t>(20 + text.size() + rest.size()),
+                                 static_cast<std::uint32_t>(text.size())};
+  std::string head = bytes.substr(0, 20);
+  std::memcpy(head.data() + 8, sizes, sizeof sizes);
+  write_file(file, head + text + rest);
+}
+
+// Editors move, scale and extend a file, and some keep the extras.
+TEST(Gltf, AnEditedAdversaryIsReadAsItIsEdited) {
+  const TexturedMesh adversary = noisy_adversary();
+  const fs::path file = scratch("edited.glb");
+  const auto edited = [&](const std::function<void(nlohmann::json&)>& change) {
+    write_adversary(file, adversary);
+    edit(file, change);
+  };
+  edited([](nlohmann::json& json) {
+    json["nodes"][0]["scale"] = {0.5, 0.5, 0.5};
+    json["nodes"][0]["translation"] = {1, 2, 3};
+  });
+  const TexturedMesh placed = read_adversary(file);
+  EXPECT_EQ(placed.atlas.texels, adversary.atlas.texels);
+  for (std::size_t v = 0; v < adversary.mesh.vertices.size(); ++v)  // glTF (x, y, z) is `velo` (x, −z, y)
+    EXPECT_LT((placed.mesh.vertices[v] - 0.5 * adversary.mesh.vertices[v] - Vec3d(1, -3, 2)).norm(), 1e-12);
+  edited([](nlohmann::json& json) {
+    json["nodes"].push_back({{"mesh", 0}, {"translation", {2, 0, 0}}});
+    json["scenes"][0]["nodes"].push_back(json["nodes"].size() - 1);
+  });
+  EXPECT_THAT(test::error_text<InputError>([&] { read_adversary(file); }),
+              testing::AllOf(HasSubstr("1 meshes beside"), HasSubstr("delete")));
+  write_adversary(file, adversary);
+  std::string bytes = read_file(file);
+  const auto [json, data] = parts_of(bytes);
+  const auto& view =
+      json["bufferViews"][json["meshes"][0]["extras"]["mirage"]["vertices"].get<std::size_t>()];
+  for (std::size_t i = 0; i < view["byteLength"]; i += sizeof(double)) {
+    char* at = bytes.data() + data + view.value("byteOffset", std::size_t{0}) + i;
+    double value = 0;
+    std::memcpy(&value, at, sizeof value);
+    value *= 1.01;
+    std::memcpy(at, &value, sizeof value);
+  }
+  write_file(file, bytes);
+  EXPECT_THAT(test::error_text<InputError>([&] { read_adversary(file); }),
+              testing::AllOf(HasSubstr("other triangles"), HasSubstr("extras.mirage")));
 }
 
 TEST(Gltf, SameSceneGivesTheSameBytes) {
@@ -270,7 +330,9 @@ TEST(Gltf, BadReferencesNameTheField) {
     gltf.add_view(std::vector<double>(9, 0.5));
     const int position = gltf.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, 3, true);
     nlohmann::json primitive = {{"attributes", {{"POSITION", position}}}};
-    gltf.add("meshes", {{"primitives", nlohmann::json::array({primitive})}, {"extras", {{"mirage", exact}}}});
+    const int mesh = gltf.add(
+        "meshes", {{"primitives", nlohmann::json::array({primitive})}, {"extras", {{"mirage", exact}}}});
+    gltf.add_node({{"mesh", mesh}});
     return gltf.glb();
   };
   expect_input_error(with({{"vertices", 0}, {"resolution", 5}}), "extras.mirage.faces");

@@ -6,6 +6,7 @@
 #include <array>
 
 #include "base/error.h"
+#include "base/files.h"
 #include "base/image.h"
 #include "base/sizes.h"
 #include "support/files.h"
@@ -42,6 +43,26 @@ TEST(ImageFiles, ColoursAreTakenAsStoredWhateverTheAlpha) {
           << int{alpha};
     write_with(folder / "grey.png", 2, {90, alpha}, 0);
     EXPECT_EQ(read_srgb(folder / "grey.png").at(2, 1, 2), linear_level(90)) << int{alpha};
+  }
+}
+
+// libjpeg fills the rest with grey, and only warns.
+TEST(ImageFiles, AJpegThatIsCutOffOrDamagedIsRefused) {
+  const TemporaryFolder folder;
+  const auto file = folder / "a.jpg";
+  std::vector<std::uint8_t> pixels(3 * 64 * 64);
+  for (std::size_t i = 0; i < pixels.size(); ++i) pixels[i] = static_cast<std::uint8_t>(i * i % 251);
+  auto output = OIIO::ImageOutput::create(file.string());
+  ASSERT_TRUE(output && output->open(file.string(), OIIO::ImageSpec(64, 64, 3, OIIO::TypeDesc::UINT8)));
+  ASSERT_TRUE(output->write_image(OIIO::TypeDesc::UINT8, pixels.data()) && output->close());
+  EXPECT_NO_THROW(read_srgb(file));
+  const std::string whole = read_file(file);
+  std::string damaged = whole;
+  for (std::size_t i = whole.size() / 2; i < whole.size() / 2 + 40; ++i) damaged[i] = '\xff';
+  for (const std::string& bytes : {whole.substr(0, whole.size() / 2), damaged}) {
+    write_file(file, bytes);
+    EXPECT_THAT(error_text<InputError>([&] { read_srgb(file); }),
+                AllOf(HasSubstr("a.jpg"), HasSubstr("truncated or damaged")));
   }
 }
 

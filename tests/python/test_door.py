@@ -4,6 +4,7 @@ import contextlib
 import io
 import math
 import os
+import pathlib
 import shutil
 import subprocess
 import sys
@@ -318,7 +319,10 @@ class Reads(unittest.TestCase):
         odd.reads = ("nose",)
         with self.assertRaisesRegex(mirage.InputError, "nose: the frame has no such sensor"):
             mirage.detect(detector=odd, data=FOLDER.data, out=place("detect"))
-        odd.reads, odd.region = ("points", "image"), (3, 1, 0, 1)
+        odd.reads, odd.region = ("points", "image"), (-np.inf, np.inf, -40, 40)
+        with self.assertRaisesRegex(mirage.InputError, "region: .*four finite numbers"):
+            mirage.detect(detector=odd, data=FOLDER.data, out=place("odd"))
+        odd.region = (3, 1, 0, 1)
         with self.assertRaisesRegex(mirage.InputError, "region is "):
             mirage.detect(detector=odd, data=FOLDER.data, out=place("detect"))
 
@@ -502,7 +506,12 @@ class Frames(unittest.TestCase):
     def test_arrays_that_are_none(self):
         good = {"image": np.zeros((4, 5, 3)), "points": np.zeros((2, 4)), "intrinsics": (5.0, 5.0, 2.0, 2.0), "camera_from_velo": np.eye(4)[:3]}
         mirage.Frame(**good)
-        for name, value, said in (("image", np.full((4, 5, 3), 200), "scene-linear"), ("points", np.zeros((2, 3)), "points"),
+        label = ("Car", [0, 0, np.float32(8), 4, 2, 1.5, 0])
+        self.assertEqual(len(mirage.Frame(**{**good, "intrinsics": (5, np.float32(5), 2, 2), "labels": [label],
+                                             "rig": pathlib.Path("kitti64")}).labels), 1)
+        for name, value, said in (("intrinsics", (0, 5, 2, 2), "no camera"), ("intrinsics", (5, 5, np.nan, 2), "no camera"),
+                                  ("camera_from_velo", np.diag([1.0, 1, -1, 1])[:3], "rotation"),
+                                  ("image", np.full((4, 5, 3), 200), "scene-linear"), ("points", np.zeros((2, 3)), "points"),
                                   ("points", np.full((2, 4), np.nan), "finite"), ("camera_from_velo", 7 * np.eye(4)[:3], "rotation"),
                                   ("rig", "no-such-unit", "no-such-unit"), ("labels", [("Car", (1.0, 2.0, 3.0, -4.0, 5.0, 6.0, 0.0))], "labels")):
             with self.assertRaisesRegex(mirage.InputError, said):

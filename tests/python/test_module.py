@@ -121,6 +121,9 @@ class Meshes(unittest.TestCase):
                                       (good.vertices, good.faces[:, :2], "faces: shape")):
             with self.assertRaisesRegex(mirage.InputError, word):
                 mirage.Mesh(vertices, faces)
+        for faces in (np.zeros((0, 3), int), mirage.icosphere().faces[:0]):
+            with self.assertRaisesRegex(mirage.InputError, "0 faces"):
+                mirage.Mesh(np.zeros((3, 3)), faces, np.zeros((1, 1, 1, 3)))
         with self.assertRaisesRegex(mirage.InputError, "texels: shape"):
             mirage.Mesh(good.vertices, good.faces, np.zeros((7, 3)))
         with self.assertRaisesRegex(mirage.InputError, "nowhere.glb"):
@@ -279,6 +282,8 @@ class Pieces(unittest.TestCase):
         self.assertLess(np.abs(fast.image - at.image).max(), 2e-4)
         with self.assertRaisesRegex(mirage.InputError, "blend"):
             mirage.rasterize(mesh, camera, 48, 64, blend="wet")
+        with self.assertRaisesRegex(mirage.InputError, "background"):
+            mirage.rasterize(mesh, camera, 48, 64, background=np.zeros((3, 48, 64)))
 
     def test_many_pictures_in_one_call(self):
         random = np.random.default_rng(6)
@@ -367,6 +372,27 @@ class Interpreter(unittest.TestCase):
         stop.set()
         other.join()
         self.assertGreater(during, 20 * spent)
+
+    def test_commands_wait_for_each_other(self):
+        import threading
+
+        results, places = {}, {}
+        rig = os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "faults", "small-rig.toml")
+
+        def generate(name):
+            called = places[name] = []
+            results[name] = mirage.generate(rig=rig, frames=1, seed=3, out=os.path.join(FOLDER.path, name), quiet=False,
+                                            progress=lambda *told: called.append(told))
+
+        threads = [threading.Thread(target=generate, args=(name,)) for name in ("one", "other")]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        for name in ("one", "other"):
+            self.assertEqual(str(results[name]).count("frames written"), 1, name)
+            self.assertIn(os.path.join(FOLDER.path, name), str(results[name]))
+            self.assertGreaterEqual(len(places[name]), 1, name)
 
     def test_every_public_thing_says_what_it_is(self):
         for name in mirage.__all__:

@@ -1,6 +1,7 @@
 """mirage.attack and mirage.evaluate against a network of the caller's, and the run folder that they leave."""
 
 import csv
+import functools
 import json
 import os
 import signal
@@ -20,7 +21,9 @@ except ImportError:
 
 import mirage
 import numpy as np
-from mirage._detector import content_of
+from mirage._copy import write_copy
+from mirage._detector import TorchDetector, content_of
+from mirage._runs import _samples
 from support import PROGRAM, Folder, detector
 
 SETTINGS = {"iterations": 6, "rooftop": "box", "threads": 1}
@@ -128,6 +131,46 @@ class Attack(unittest.TestCase):
         self.assertEqual(len(set(contents)), 4)
         self.assertEqual(content_of(doubled), contents[0])
 
+    def test_all_that_it_works_with_is_of_the_network(self):
+        class Listed:
+            def __init__(self, seed=0, top=10, **more):
+                generator = torch.Generator().manual_seed(seed)
+                self.layers, self.top, self.config = [(torch.randn(2, 2, generator=generator), 0.5)], top, {"best": (1, {"of": np.zeros(2)})}
+                self.__dict__.update(more)
+
+            def boxes(self, points):
+                return points
+
+            def __call__(self, points):
+                return self.boxes(points)
+
+        class Other(Listed):
+            def boxes(self, points):
+                return points + 1
+
+        class Module(torch.nn.Module):
+            def __init__(self, gain):
+                super().__init__()
+                self.inner, self.gain = torch.nn.ReLU(), gain
+
+            def forward(self, points):
+                return self.gain * points
+
+        def of(gain):
+            return lambda points: gain * points
+
+        Other.__qualname__ = Listed.__qualname__
+        different = [Listed(), Listed(seed=1), Listed(top=11), Listed(config={"best": (1, {"of": np.ones(2)})}), Other(), Listed().boxes,
+                     Module(1.0), Module(2.0), torch.nn.Sequential(Module(1.0)), torch.nn.Sequential(Module(2.0)), of(1), of(2),
+                     functools.partial(of(1), 3), functools.partial(of(1), 4), torch.jit.script(torch.nn.ReLU()),
+                     torch.jit.script(torch.nn.Tanh()), Listed(version="1"), Listed(version="2")]
+        contents = [content_of(one) for one in different]
+        self.assertEqual(len(set(contents)), len(contents), contents)
+        self.assertEqual([content_of(one) for one in different], contents)
+        # What changes from call to call is of no network: one with an underscore, or of one that says its version.
+        for same, changed in ((Listed(), Listed(_calls=3)), (Listed(version="1"), Listed(version="1", calls=3))):
+            self.assertEqual(content_of(same), content_of(changed))
+
     def test_errors(self):
         def attack(function, **settings):
             mirage.attack(detector=function, data=FOLDER.data, out=place("wrong"), **dict(SETTINGS, **settings))
@@ -207,6 +250,31 @@ class Evaluate(unittest.TestCase):
 
         with self.assertWarnsRegex(UserWarning, "no TorchScript copy"):
             mirage.attack(detector=stubborn, data=FOLDER.data, out=place("stubborn"), **dict(SETTINGS, iterations=1))
+
+    def test_a_copy_is_what_the_network_says_of_itself(self):
+        class Points(torch.nn.Module):
+            region = (0.0, 50.0, -20.0, 20.0)
+
+            def __init__(self, columns=5, **attributes):
+                super().__init__()
+                self.head, self.columns = torch.nn.Linear(4, 6), columns
+                for name, value in attributes.items():
+                    setattr(self, name, value)
+
+            def forward(self, points):
+                found = self.head(points[:50])
+                return torch.cat([points[:50, :2], 1 + found[:, 2:5].sigmoid(), found[:, :2]], 1)[:, : self.columns], found[:, 5]
+
+        def why(function, name):
+            return write_copy(TorchDetector(function), _samples(FOLDER.data), place(name))
+
+        network = Points().eval()
+        for name, function in (("module", network), ("function", lambda points: network(points))):
+            self.assertEqual(why(function, name + ".pt"), "", name)
+        self.assertEqual(list(torch.jit.load(place("module.pt")).region), list(Points.region))
+        self.assertRegex(why(Points(pictures="srgb8").eval(), "srgb8.pt"), "pictures are srgb8")
+        self.assertRegex(why(Points(columns=7).eval(), "wide.pt"), "7 columns")
+        self.assertFalse(os.path.exists(place("wide.pt")) or os.path.exists(place("srgb8.pt")))
 
     def test_why_there_is_no_copy_is_said_in_pytorchs_own_words(self):
         def counts(image, points, pixel_from_velo):  # a trace freezes the number of points

@@ -303,7 +303,7 @@ TEST(NuScenes, AllCamerasWithTheLabelsThatOnlyTheySee) {
     EXPECT_EQ(label.left, box->left);
     EXPECT_FALSE(projected_label(label.type, label.box, first.calibration));
   }
-  EXPECT_EQ(read_tracks(folder.path(), "sample0")->size(), all.labels.size());
+  EXPECT_EQ(read_tracks(folder.path(), "sample0", Cameras::all)->size(), all.labels.size());
 }
 
 TEST(NuScenes, OtherCamerasCountWhereTheyAreAskedFor) {
@@ -319,6 +319,8 @@ TEST(NuScenes, OtherCamerasCountWhereTheyAreAskedFor) {
   EXPECT_NE(hash(Cameras::all), all);
   std::filesystem::remove(picture);
   EXPECT_NO_THROW(read_frame(folder.path(), "sample0"));
+  EXPECT_EQ(read_tracks(folder.path(), "sample0")->size(),
+            read_frame(folder.path(), "sample0").labels.size());
   EXPECT_THAT(error_text<InputError>([&] { read_frame(folder.path(), "sample0", Cameras::all); }),
               AllOf(HasSubstr("CAM_FRONT_LEFT/0.png"), HasSubstr("--cameras first"), Not(HasSubstr("\n"))));
 }
@@ -367,6 +369,26 @@ TEST(KittiTracking, AndRawNeedNoLabels) {
     EXPECT_FALSE(frame.labelled);
     EXPECT_EQ(frame.sweep.size(), frames()[1].sweep.size());
   }
+}
+
+TEST(KittiRaw, DrivesWithoutLabelsStandBesideOthers) {
+  const TemporaryFolder folder;
+  test::write_raw(folder.path(), frames());
+  const auto other = folder / "2011_09_26_drive_0002_sync";
+  std::filesystem::copy(folder / "2011_09_26_drive_0001_sync", other,
+                        std::filesystem::copy_options::recursive);
+  std::filesystem::remove(other / "tracklet_labels.xml");
+  const std::vector<std::string> ids = list_frames(folder.path());
+  ASSERT_EQ(ids.size(), 4u);
+  EXPECT_TRUE(read_frame(folder.path(), ids.front()).labelled);
+  EXPECT_FALSE(read_frame(folder.path(), ids.back()).labelled);
+}
+
+TEST(DataRig, AMisspeltNameIsLookedForAmongTheShippedOnes) {
+  const TemporaryFolder folder;
+  write_file(folder / "dataset.json", R"({"rig": "kitti46"})");
+  EXPECT_THAT(error_text<InputError>([&] { lidar_of(folder.path()); }),
+              AllOf(HasSubstr("dataset.json"), HasSubstr("kitti46"), HasSubstr("did you mean kitti64")));
 }
 
 TEST(NuScenes, SweepsBetweenKeyframesAreNotTaken) {

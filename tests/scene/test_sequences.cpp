@@ -282,6 +282,42 @@ TEST(Between, SweepsOfNuScenesAreFramesWithBoxesOnTheWay) {
             1e-4);
   EXPECT_THAT(error_text<InputError>([&] { read_frame(folder.path(), "lidar-9"); }),
               HasSubstr("no such frame; use sample0 or sample3"));
+  const auto sweep = set->source_files("lidar-1").at(0).file;
+  write_file(sweep, read_file(sweep).substr(0, 20 * 3 + 1));
+  EXPECT_THAT(error_text<InputError>([&] { read_frame(folder.path(), "lidar-1"); }),
+              AllOf(HasSubstr(sweep.filename().string()), HasSubstr("truncated")));
+}
+
+// Detectors are given it (SensorView::moment), and what they answer is kept.
+TEST(Moments, AreOfAFramesContent) {
+  TemporaryFolder folder;
+  write_raw_drive(folder.path());
+  const std::string id = list_frames(folder.path()).at(1), before = frame_hash(folder.path(), id);
+  const auto drive = folder / "2011_09_26_drive_0001_sync";
+  const auto stamps = drive / "velodyne_points/timestamps.txt", pose = drive / "oxts/data/0000000001.txt";
+  const std::string times = read_file(stamps), row = read_file(pose);
+  std::string late = times;
+  late.replace(late.find("59.100000000"), 12, "59.150000000");
+  write_file(stamps, late);
+  EXPECT_NE(frame_hash(folder.path(), id), before);
+  write_file(stamps, times);
+  write_file(pose, read_file(drive / "oxts/data/0000000002.txt"));
+  EXPECT_NE(frame_hash(folder.path(), id), before);
+  write_file(pose, row);
+  EXPECT_EQ(frame_hash(folder.path(), id), before);
+}
+
+// "A few frames of a data set are a data set, too."
+TEST(Velocities, AreOfTheNeighboursThatAreThere) {
+  TemporaryFolder folder;
+  write_raw_drive(folder.path());
+  const std::vector<std::string> ids = list_frames(folder.path());
+  const auto poses = folder / "2011_09_26_drive_0001_sync/oxts/data";
+  ASSERT_TRUE(read_frame(folder.path(), ids[1]).labels.at(0).velocity);
+  std::filesystem::remove(poses / "0000000002.txt");
+  EXPECT_TRUE(read_frame(folder.path(), ids[1]).labels.at(0).velocity) << "of the frame before";
+  EXPECT_THAT(error_text<InputError>([&] { read_frame(folder.path(), ids[2]); }),
+              HasSubstr("0000000002.txt"));
 }
 
 TEST(Oxts, PosesAndVelocitiesAreTheWorlds) {

@@ -11,7 +11,6 @@ Jobs (one object a line, each answered by one line {"id", "ok": true, ...} or {"
     {"job": "fbx", "mesh": GLB, "output": FBX}
     {"job": "inspect", "file": FBX}
     {"job": "kit", "vertices", "faces", "bed": [x, y, z], "out": FOLDER}
-    {"job": "quit"}
 
 The .glb comes in through Blender's own importer: geometry, nodes and UVs are what any viewer gets. What glTF
 cannot say (principal point, the whole light model, texels beyond 8 bits) is read from the file's extras.
@@ -162,8 +161,6 @@ def main():
         try:
             job = json.loads(line)
             answer["id"] = job.get("id")
-            if job["job"] == "quit":
-                break
             answer.update(JOBS[job["job"]](job), ok=True)
         except Exception as error:  # every failure is an answer: the worker lives on
             answer.update(ok=False, error=f"{type(error).__name__}: {error}".replace("\n", " "))

@@ -99,7 +99,7 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
       write_json(file, stored);
     }
     // As the data set has it now: stored results need not be made again for it.
-    result->track = track_of(context.run.settings.data, hosts[i]);
+    result->track = track_of(context.run.settings, hosts[i]);
     progress.update(++done, name);
   }
   std::vector<VehicleResult> validated;

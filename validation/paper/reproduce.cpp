@@ -432,8 +432,9 @@ json arms_json(const Experiments& experiments, const ReproduceSettings& settings
           {"fp_asr", to_json(share(*outcomes, question("fp_asr")))},
           {"interval",
            {{"confidence", kConfidence}, {"drawn", outcomes->runs > 1 ? "runs and clusters" : "clusters"}}}};
-      for (int run = 0; run < outcomes->runs; ++run)
-        arm["seeds"].push_back(settings.seed + static_cast<std::uint64_t>(run));
+      std::set<int> runs;
+      for (const Outcome& host : outcomes->hosts) runs.insert(host.run);
+      for (const int run : runs) arm["seeds"].push_back(settings.seed + static_cast<std::uint64_t>(run));
       for (const char* varied : {"defense", "parts"})
         if (const std::string word = attack.setting(varied); !word.empty()) arm[varied] = word;
       if (mesh == "learned" && sized) arm["net"] = hidden_json(*outcomes, sized);

@@ -108,21 +108,20 @@ Judged read_evaluation(const std::filesystem::path& file, const std::string& dat
   return judged;
 }
 
-Judged pooled(const std::vector<Judged>& runs) {
-  if (runs.size() == 1) return runs.front();
+Judged pooled(const std::map<int, Judged>& runs) {
   Judged all;
-  for (const auto& [mesh, first] : runs.front()) {
-    if (!std::all_of(runs.begin(), runs.end(), [&](const Judged& run) { return run.contains(mesh); }))
+  for (const auto& [mesh, first] : runs.begin()->second) {
+    if (!std::all_of(runs.begin(), runs.end(), [&](const auto& run) { return run.second.contains(mesh); }))
       continue;
     Outcomes& pool = all[mesh] = first;
     pool.hosts.clear();
     pool.runs = static_cast<int>(runs.size());
-    for (int r = 0; r < pool.runs; ++r) {
-      const Outcomes& own = runs[as_size(r)].at(mesh);
+    for (const auto& [number, run] : runs) {
+      const Outcomes& own = run.at(mesh);
       pool.meshes = std::max(pool.meshes, own.meshes);
       for (const Outcome& host : own.hosts) {
         pool.hosts.push_back(host);
-        pool.hosts.back().run = r;
+        pool.hosts.back().run = number;
       }
     }
     pool.vehicles = vehicles(pool, question("asr"));
@@ -279,10 +278,10 @@ Evidence gather(const Experiments& experiments, const std::filesystem::path& out
   // A repetition that failed is missing; what stands in for its experiment is the first, which has the name.
   for (const auto& [name, first] : judged_runs) {
     if (is_repetition(name)) continue;
-    std::vector<Judged> runs{first};
+    std::map<int, Judged> runs{{0, first}};
     for (int number = 1; number < experiments.seeds; ++number)
       if (const auto more = judged_runs.find(repetition(name, number)); more != judged_runs.end())
-        runs.push_back(more->second);
+        runs[number] = more->second;
     evidence.evaluations[name] = pooled(runs);
   }
   evidence.steps = std::move(steps);

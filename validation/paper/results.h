@@ -48,8 +48,9 @@ struct Outcomes {
 using Judged = std::map<std::string, Outcomes>;
 /// Of its result.json. `data` names the frames. InputError naming file and field.
 Judged read_evaluation(const std::filesystem::path& file, const std::string& data);
-/// The same experiment's runs as one; what one of them lacks is missing. `runs` is not empty.
-Judged pooled(const std::vector<Judged>& runs);
+/// The same experiment's runs, by their numbers, as one; what one of them lacks is missing. `runs` is not
+/// empty.
+Judged pooled(const std::map<int, Judged>& runs);
 
 /// Of the hosts that count, the share for which it holds.
 struct Question {

@@ -106,7 +106,7 @@ def recall(evaluation):
     if random:
         series.insert(1, ("rung", "random mesh", random["iou"], random["attacked"]))
     return charts.curves("Recall over IoU", series, "IoU asked for", "share of vehicles found", (0, 1), (0, 1.02),
-                         rule=0.7)
+                         rule=evaluation["detected_iou"])
 
 
 def loss(curve):

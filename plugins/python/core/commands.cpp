@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <map>
+#include <mutex>
 #include <optional>
 #include <tuple>
 
@@ -161,6 +162,9 @@ std::pair<std::string, std::string> run(const std::string& command, const NamedS
   std::shared_ptr<py::object> listener;
   if (!progress.is_none()) listener = held(progress);
   const py::gil_scoped_release free;
+  // One at a time: C's standard output and the listener are the process's. A listener may run another one.
+  static std::recursive_mutex running;
+  const std::scoped_lock turn(running);
   const InterruptWatch watch;
   Tables tables;
   keep_logging_quiet(quiet);

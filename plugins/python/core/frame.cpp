@@ -1,4 +1,8 @@
+#include <pybind11/stl/filesystem.h>
+
 #include <algorithm>
+#include <cmath>
+#include <filesystem>
 
 #include "arrays.h"
 #include "base/error.h"
@@ -87,9 +91,12 @@ Frame frame_of_arrays(const py::object& image, const py::object& points,
   frame.calibration.camera_from_velo.matrix().topRows<3>() =
       Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(matrix.data());
   const Eigen::Matrix3d turn = frame.calibration.camera_from_velo.matrix().topLeftCorner<3, 3>();
-  if (!((turn * turn.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3))
+  if (!((turn * turn.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3 && turn.determinant() > 0))
     throw InputError("camera_from_velo", "", "is no rotation beside a translation",
                      "give the extrinsics alone; the intrinsics are fx, fy, cx, cy");
+  if (!(intrinsics[0] > 0 && intrinsics[1] > 0 && std::isfinite(intrinsics[0] * intrinsics[1]) &&
+        std::isfinite(intrinsics[2] + intrinsics[3])))
+    throw InputError("intrinsics", "", "are of no camera", "give fx and fy above 0, and cx, cy, in px");
   PinholeCamera& camera = frame.calibration.camera;
   camera.fx = intrinsics[0], camera.fy = intrinsics[1], camera.cx = intrinsics[2], camera.cy = intrinsics[3];
   camera.width = frame.image.width, camera.height = frame.image.height;
@@ -190,20 +197,23 @@ void bind_frames(py::module_& module) {
            py::arg("named"), py::arg("where"));
   py::class_<FrameHandle, std::shared_ptr<FrameHandle>>(
       module, "Frame", "A recorded or generated moment: picture, sweep, calibration and labels.")
-      .def(py::init([](const std::string& folder, const std::string& id, const std::string& rig) {
-             const py::gil_scoped_release free;
-             return std::make_shared<FrameHandle>(folder, id, rig);
-           }),
-           py::arg("folder"), py::arg("id"), py::arg("rig") = "")
+      .def_static(  // no constructor: of several, pybind11 tries none with a whole number for a float
+          "_read",
+          [](const std::string& folder, const std::string& id, const std::string& rig) {
+            const py::gil_scoped_release free;
+            return std::make_shared<FrameHandle>(folder, id, rig);
+          },
+          py::arg("folder"), py::arg("id"), py::arg("rig") = "")
       .def(py::init([](const py::object& image, const py::object& points,
                        const std::array<double, 4>& intrinsics, const py::object& camera_from_velo,
-                       const std::vector<NamedBox>& labels, const std::string& id, const std::string& rig) {
+                       const std::vector<NamedBox>& labels, const std::string& id,
+                       const std::filesystem::path& rig) {
              return std::make_shared<FrameHandle>(
-                 frame_of_arrays(image, points, intrinsics, camera_from_velo, labels, id), rig);
+                 frame_of_arrays(image, points, intrinsics, camera_from_velo, labels, id), rig.string());
            }),
            py::kw_only(), py::arg("image"), py::arg("points"), py::arg("intrinsics"),
            py::arg("camera_from_velo"), py::arg("labels") = std::vector<NamedBox>(), py::arg("id") = "",
-           py::arg("rig") = "kitti64",
+           py::arg("rig") = std::filesystem::path("kitti64"),
            "A frame of arrays: image H×W×3, scene-linear in [0, 1]; points N×4, the whole sweep; intrinsics "
            "fx, fy, cx, cy; camera_from_velo 3×4; labels [(\"Car\", (x, y, z, length, width, height, yaw)), "
            "…], those in view; rig: the unit that recorded it, a word of --rig or a file. The light is as "

@@ -29,7 +29,7 @@ TexelAtlas atlas_of(const py::handle& values, std::size_t faces) {
   atlas.texels = rows_of_three(values, "texels");
   const std::size_t count = atlas.texels.size();
   atlas.resolution = 1;
-  while (faces * atlas.per_face() < count) ++atlas.resolution;
+  while (faces > 0 && faces * atlas.per_face() < count) ++atlas.resolution;
   if (faces == 0 || faces * atlas.per_face() != count)
     throw InputError("texels", "shape",
                      std::to_string(count) + " colours for " + std::to_string(faces) + " faces",

@@ -121,9 +121,8 @@ void choose_background(Raster& raster, const py::object& background) {
   if (raster.background.size() == 3) {
     std::copy_n(raster.background.data(), 3, raster.color.begin());
     raster.background = {};
-  } else if (raster.background.size() != py::ssize_t{3} * raster.height * raster.width) {
-    throw InputError("background", "shape", std::to_string(raster.background.size()) + " numbers",
-                     "give a colour (3) or a picture (height × width × 3)");
+  } else {
+    check_shape(any, "background", {raster.height, raster.width, 3});
   }
 }
 
@@ -402,7 +401,7 @@ void read_screen(Subject& subject, const py::handle& vertices, const py::handle&
     }
   ScreenMesh<double>& screen = subject.projected.screen;
   screen.texture = by_vertex ? Texture::vertex : Texture::atlas;
-  if (!by_vertex)
+  if (!by_vertex && count > 0)
     while (count * as_size(screen.resolution) * as_size(screen.resolution) < triples.size())
       ++screen.resolution;
   const std::size_t expected =

@@ -2,45 +2,91 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import inspect
 import json
+import sys
 from types import CodeType
 from typing import Any, Callable, Iterator
 
+import numpy as np
 import torch
 
 from ._core import InputError
 from .mirage_serve import Frame, Network
 
-IGNORED = ("torch", "numpy", "mirage")
+IGNORED = ("torch", "numpy", "mirage", "builtins", *sys.stdlib_module_names)
+PLAIN = (str, bytes, int, float, complex, type(None))
 
 
-def parts_of(function: Callable, seen: set[int] | None = None) -> Iterator[tuple[str, Any]]:
-    """The modules, tensors and code that a callable works with: itself, its attributes, its closure, its globals, and those
-    of the functions among them."""
+def _is_ours(kind: Any) -> bool:
+    """Whether a class or function is neither Python's, PyTorch's, NumPy's nor Mirage's; the adapters of published packages are the
+    user's settings of them."""
+    module = getattr(kind, "__module__", None) or ""
+    return module in ("mirage.openpcdet", "mirage.mmdet3d", "mirage._voxels") or module.split(".")[0] not in IGNORED
+
+
+def parts_of(value: Any, name: str = "self", seen: set[int] | None = None) -> Iterator[tuple[str, Any]]:
+    """The modules, tensors, arrays, numbers, words and code that a callable works with: its class, its attributes, its closure, its
+    globals, and those of the functions, objects and containers among them."""
     seen = set() if seen is None else seen
-    plain = getattr(function, "__func__", function)
-    places: list[tuple[str, Any]] = [("self", function), ("bound", getattr(function, "__self__", None))]
-    if not isinstance(function, torch.nn.Module):
-        places += sorted(getattr(function, "__dict__", {}).items())
-    code = getattr(plain, "__code__", None)
-    if code is not None:
-        yield "code", code
-        for name, cell in zip(code.co_freevars, plain.__closure__ or ()):
+    if isinstance(value, PLAIN):
+        yield name, value
+        return
+    if id(value) in seen:
+        return
+    seen.add(id(value))
+    places: list[tuple[str, Any]] = []
+    if isinstance(value, (torch.Tensor, np.ndarray, np.generic)):
+        yield name, value
+    elif isinstance(value, dict):
+        places = [(str(key), one) for key, one in value.items()]
+    elif isinstance(value, (list, tuple, set, frozenset)):
+        places = [(str(k), one) for k, one in enumerate(value if isinstance(value, (list, tuple)) else sorted(value, key=repr))]
+    elif inspect.ismethod(value):
+        places = [("bound", value.__self__), ("function", value.__func__)]
+    elif inspect.isfunction(value):
+        if not _is_ours(value) and name != "self":
+            return
+        code = value.__code__
+        yield name, code
+        for key, cell in zip(code.co_freevars, value.__closure__ or ()):
             try:
-                places.append((name, cell.cell_contents))
+                places.append((key, cell.cell_contents))
             except ValueError:  # not assigned yet
                 pass
-        places += [(name, plain.__globals__[name]) for name in code.co_names if name in plain.__globals__]
-    for name, value in places:
-        if id(value) in seen:
-            continue
-        seen.add(id(value))
-        if isinstance(value, (torch.nn.Module, torch.Tensor)):
-            yield name, value
-        elif inspect.isfunction(value) and value is not plain and (value.__module__ or "").split(".")[0] not in IGNORED:
-            yield from parts_of(value, seen)
+        places += [("default", value.__defaults__), ("keyword", value.__kwdefaults__)]
+        places += [(key, value.__globals__[key]) for key in code.co_names if key in value.__globals__]
+    elif isinstance(value, functools.partial):
+        places = [("function", value.func), ("arguments", value.args), ("keywords", value.keywords)]
+    elif isinstance(value, torch.nn.Module):
+        yield name, value
+        for key, module in value.named_modules():
+            seen.add(id(module))
+            places += [(f"{key}.{its}", one) for its, one in _of_object(module)]
+            if isinstance(module, torch.jit.ScriptModule) and module._c._has_method("forward"):
+                places.append((key, module.code))
+    elif not isinstance(value, (type, torch.utils.data.Dataset)) and not inspect.ismodule(value) and _is_ours(type(value)):
+        places = _of_object(value)
+    for key, one in places:
+        yield from parts_of(one, key, seen)
+
+
+def _of_object(value: Any) -> list[tuple[str, Any]]:
+    """The functions and attributes of its class and of those that it is made from, and its own attributes. Of one that says its
+    version, an attribute that is no network may change from call to call; so may one whose name begins with an underscore."""
+    places = []
+    for kind in type(value).__mro__:
+        for key, one in sorted(vars(kind).items()) if _is_ours(kind) else ():
+            one = getattr(one, "__func__", getattr(one, "fget", one))  # of a static method or a property
+            if inspect.isfunction(one) or not key.startswith("__"):
+                places.append((key, one))
+    says = getattr(value, "version", "")
+    for key, one in sorted(getattr(value, "__dict__", {}).items()):
+        if isinstance(one, (torch.nn.Module, torch.Tensor)) or not (key.startswith("_") or says) or key == "version":
+            places.append((key, one))
+    return places
 
 
 def _of_code(code: CodeType) -> bytes:
@@ -51,19 +97,23 @@ def _of_code(code: CodeType) -> bytes:
 
 
 def content_of(function: Callable) -> str:
-    """Changes with its code and its weights: an attack goes on only on the same network."""
+    """Changes with its code, its weights and its settings: an attack goes on only on the same network."""
     digest = hashlib.sha256(type(function).__qualname__.encode())
-    own = [(name, getattr(getattr(type(function), name, None), "__code__", None)) for name in ("__call__", "forward")]
-    for name, value in (*own, *parts_of(function)):
+    for name, value in parts_of(function):
         digest.update(name.encode())
-        if value is None or isinstance(value, CodeType):
-            digest.update(_of_code(value) if value else b"")
+        if isinstance(value, CodeType):
+            digest.update(_of_code(value))
+            continue
+        if isinstance(value, PLAIN):
+            digest.update(repr(value).encode())
             continue
         tensors = value.state_dict().items() if isinstance(value, torch.nn.Module) else [("", value)]
         for key, tensor in tensors:
             digest.update(key.encode())
             if isinstance(tensor, torch.Tensor):
-                digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+                tensor = tensor.detach().cpu().contiguous().numpy()
+            if isinstance(tensor, (np.ndarray, np.generic)):
+                digest.update(np.ascontiguousarray(tensor).tobytes())
     return "python-" + digest.hexdigest()[:16]
 
 

@@ -19,7 +19,7 @@ def read_frame(folder: str | os.PathLike, id: str, *, rig: str | os.PathLike = "
 
     InputError naming file, field and fix for anything that is missing or wrong.
     """
-    return _core.Frame(os.fspath(folder), str(id), os.fspath(rig))
+    return _core.Frame._read(os.fspath(folder), str(id), os.fspath(rig))
 
 
 def view(self: _core.Frame) -> tuple[Any, Any, Any]:

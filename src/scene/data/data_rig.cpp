@@ -1,5 +1,7 @@
 #include "scene/data/data_rig.h"
 
+#include <algorithm>
+
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
@@ -34,7 +36,12 @@ std::string data_rig(const fs::path& data, const std::string& rig) {
 LidarModel lidar_of(const fs::path& data, const std::string& rig) {
   if (!rig.empty()) return read_lidar_model(rig_file(rig));
   if (const auto own = data / "rig.toml"; fs::exists(own)) return read_lidar_model(own);
-  return read_lidar_model(shipped_file("scenes/rigs/" + data_rig(data) + ".toml"));
+  const std::string named = data_rig(data);
+  const std::vector<std::string> shipped = shipped_names("scenes/rigs", ".toml");
+  if (std::ranges::find(shipped, named) == shipped.end())
+    throw InputError((data / "dataset.json").string(), "rig", "\"" + named + "\" is no shipped rig",
+                     use_one_of(named, shipped, "a rig.toml beside it"));
+  return read_lidar_model(shipped_file("scenes/rigs/" + named + ".toml"));
 }
 
 bool rig_is_assumed(const fs::path& data, const std::string& rig) {

@@ -182,11 +182,18 @@ void DataSet::add_velocities(const std::string& id, Frame& frame) const {
   std::vector<Seen> around = {{*frame.moment, frame.labels}};
   for (const int step : {-1, 1}) {
     const auto other = beside(id, step);
-    const auto at = other ? moment(*other) : std::nullopt;
-    // As nuScenes' devkit: what lies further apart says little of a velocity.
-    if (!at || std::abs(at->time - frame.moment->time) > kMaxStep || at->time == frame.moment->time) continue;
-    const PinholeCamera& camera = frame.calibration.camera;
-    around.push_back({*at, annotations(*other, camera.width, camera.height).labels});
+    if (!other) continue;
+    try {
+      const auto at = moment(*other);
+      // As nuScenes' devkit: what lies further apart says little of a velocity.
+      if (!at || std::abs(at->time - frame.moment->time) > kMaxStep || at->time == frame.moment->time)
+        continue;
+      const PinholeCamera& camera = frame.calibration.camera;
+      around.push_back({*at, annotations(*other, camera.width, camera.height).labels});
+    } catch (const InputError&) {
+      // A part of a data set may hold this frame and not that one, or not all of it. Reading that one says
+      // so.
+    }
   }
   for (Label& label : frame.labels) {
     if (label.track < 0 || !has_box(label)) continue;
@@ -217,8 +224,14 @@ std::string DataSet::annotations_hash(const std::string& id) const {
 
 std::string DataSet::hash(const std::string& id) const {
   const std::vector<SourceFile> files = existing_files(id);
-  return content_hash(file_hash(files.at(0).file, kMaxFileBytes) +
-                      file_hash(files.at(1).file, kMaxFileBytes) + annotations_hash(id));
+  std::string parts = file_hash(files.at(0).file, kMaxFileBytes) +
+                      file_hash(files.at(1).file, kMaxFileBytes) + annotations_hash(id);
+  if (const auto at = moment(id)) {
+    parts += fmt::format(" {} {} {:.9f}", at->sequence, at->index, at->time);
+    for (const double value : at->world_from_ego.matrix().topRows<3>().reshaped())
+      parts += fmt::format(" {:.9g}", value);
+  }
+  return content_hash(parts);
 }
 
 std::string kitti_type(std::string_view name) {

@@ -100,8 +100,8 @@ class DataSet {
   Frame read(const std::string& id) const;
   /// The picture's width and height, from its header.
   std::pair<int, int> picture_size(const std::string& id) const;
-  /// Tells whether a frame is the same as before: a hash over its sweep, picture and annotations (not of its
-  /// lighting, nor of its labels' identities). InputError for a missing file.
+  /// Tells whether a frame is the same as before: a hash over its sweep, picture, annotations and moment (not
+  /// of its lighting, nor of its labels' identities and velocities). InputError for a missing file.
   std::string hash(const std::string& id) const;
 
   /// The folder.

@@ -198,17 +198,10 @@ class KittiRaw : public KittiDrives {
   const char* layout() const override { return "kitti-raw"; }
 
   std::vector<std::string> frames() const override {
-    // Drives without tracklets only where no other is there: beside labelled ones they are none that anybody
-    // wants to attack.
     std::vector<std::string> ids;
-    for (const bool labelled : {true, false}) {
-      for (const fs::path& drive : drives()) {
-        const fs::path sweeps = drive / "velodyne_points" / "data";
-        if (fs::is_directory(sweeps) && fs::exists(drive / kLabels) == labelled)
-          add_numbered_sweeps(sweeps, drive.filename().string(), ids);
-      }
-      if (!ids.empty()) break;
-    }
+    for (const fs::path& drive : drives())
+      if (const fs::path sweeps = drive / "velodyne_points" / "data"; fs::is_directory(sweeps))
+        add_numbered_sweeps(sweeps, drive.filename().string(), ids);
     if (ids.empty())
       throw InputError(
           data().string(), "velodyne_points/data", "no drive holds a .bin file",
@@ -278,8 +271,9 @@ class KittiRaw : public KittiDrives {
 
   std::vector<fs::path> drives() const {
     std::vector<fs::path> days = {data()}, folders;
+    std::error_code closed;  // a folder that nobody may enter is no day
     for (const auto& entry : fs::directory_iterator(data()))
-      if (entry.is_directory() && fs::exists(entry.path() / kPose)) days.push_back(entry.path());
+      if (entry.is_directory() && fs::exists(entry.path() / kPose, closed)) days.push_back(entry.path());
     for (const fs::path& day : days)
       for (const auto& entry : fs::directory_iterator(day))
         if (entry.is_directory() && entry.path().filename().string().find("_drive_") != std::string::npos)
@@ -344,10 +338,8 @@ class KittiTracking : public KittiDrives {
   Annotations annotations(const std::string& id, int width, int height) const override {
     const Place at = place(id);
     const std::vector<SourceFile> files = source_files(id);
-    const CalibrationFile rows(files[2].file);
-    const MatrixRow projection = rows.row({"P2"}, 12), rectification = rows.row(kRectification, 9);
     Annotations result;
-    result.calibration = calibration_of(projection, rectification, rows.row(kLidarPose, 12), width, height);
+    result.calibration = read_calibration(files[2].file, width, height);
     result.labelled = files.size() > 3;
     if (result.labelled)
       result.labels =

@@ -26,6 +26,10 @@ std::shared_ptr<const DataSet> open_separate_labels(const std::filesystem::path&
 void write_separate_labels(const std::filesystem::path& folder, const std::filesystem::path& data,
                            nlohmann::json about);
 
+/// Whether the folder holds such labels with the same `about`. InputError for those with another one.
+bool are_labels_of(const std::filesystem::path& folder, const std::filesystem::path& data,
+                   nlohmann::json about);
+
 /// A label of a set that knows boxes in space and none in the picture: projects the box (m, `velo`), and says
 /// how much of it the picture's frame cuts off. None if the camera sees nothing of it.
 std::optional<Label> projected_label(std::string type, const Box3& box, const Calibration& calibration);

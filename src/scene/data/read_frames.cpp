@@ -17,6 +17,16 @@ namespace fs = std::filesystem;
 
 namespace {
 
+/// Also of a sweep between labelled frames, which frames() leaves out.
+bool has_files_of(const DataSet& set, const std::string& id) {
+  try {
+    const auto files = set.source_files(id);
+    return fs::exists(files.at(0).file) || fs::exists(files.at(1).file);
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
 /// InputError that names the nearest frames if the set has none of that name.
 void require_frame(const fs::path& data, const DataSet& set, const std::string& id) {
   constexpr std::size_t kNamed = 10;
@@ -25,7 +35,7 @@ void require_frame(const fs::path& data, const DataSet& set, const std::string& 
     frames = set.frames();
   } catch (const InputError&) {  // has none at all
   }
-  if (frames.empty() || std::find(frames.begin(), frames.end(), id) != frames.end()) return;
+  if (frames.empty() || std::ranges::find(frames, id) != frames.end() || has_files_of(set, id)) return;
   std::stable_sort(frames.begin(), frames.end(), [&](const std::string& a, const std::string& b) {
     return slips_between(id, a) < slips_between(id, b);
   });
@@ -117,12 +127,12 @@ std::string frame_hash(const fs::path& data, const std::string& id, Cameras came
   return open_data_set(data, cameras)->hash(id);
 }
 
-std::optional<std::vector<int>> read_tracks(const fs::path& data, const std::string& id) {
-  return open_data_set(data, Cameras::all)->tracks(id);
+std::optional<std::vector<int>> read_tracks(const fs::path& data, const std::string& id, Cameras cameras) {
+  return open_data_set(data, cameras)->tracks(id);
 }
 
-Annotations read_annotations(const fs::path& data, const std::string& id) {
-  const auto set = open_data_set(data);
+Annotations read_annotations(const fs::path& data, const std::string& id, Cameras cameras) {
+  const auto set = open_data_set(data, cameras);
   const auto [width, height] = set->picture_size(id);
   return set->annotations(id, width, height);
 }

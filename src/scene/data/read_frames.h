@@ -26,10 +26,12 @@ Frame read_frame(const std::filesystem::path& data, const std::string& id, Camer
 /// As DataSet::hash().
 std::string frame_hash(const std::filesystem::path& data, const std::string& id,
                        Cameras cameras = Cameras::first);
-/// As DataSet::tracks(), of the labels that any camera sees.
-std::optional<std::vector<int>> read_tracks(const std::filesystem::path& data, const std::string& id);
+/// As DataSet::tracks().
+std::optional<std::vector<int>> read_tracks(const std::filesystem::path& data, const std::string& id,
+                                            Cameras cameras = Cameras::first);
 /// As DataSet::annotations().
-Annotations read_annotations(const std::filesystem::path& data, const std::string& id);
+Annotations read_annotations(const std::filesystem::path& data, const std::string& id,
+                             Cameras cameras = Cameras::first);
 
 // The drives, scenes or sequences of a data set: their frames in order of time.
 

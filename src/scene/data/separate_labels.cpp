@@ -83,6 +83,14 @@ std::shared_ptr<const DataSet> open_separate_labels(const fs::path& data) {
   return std::make_shared<SeparateLabels>(data, open_data_set(set));
 }
 
+bool are_labels_of(const fs::path& folder, const fs::path& data, nlohmann::json about) {
+  if (!fs::exists(folder / kAbout)) return false;
+  about["data"] = fs::absolute(data).lexically_normal().string();
+  if (read_json(folder / kAbout, kMaxRecordBytes) == about) return true;
+  throw InputError((folder / kAbout).string(), "", "the folder holds the labels of another run",
+                   "give another --out");
+}
+
 void write_separate_labels(const fs::path& folder, const fs::path& data, nlohmann::json about) {
   about["data"] = fs::absolute(data).lexically_normal().string();
   for (const char* name : {"dataset.json", "rig.toml"})
