@@ -487,7 +487,7 @@ TEST_F(Drives, AnotherRendererDrawsTheObjectsOfTheVehiclesThatAreAskedFor) {
     EXPECT_EQ(shown.at("tracks").at(kFrames - 1).at(0).size(), 9u);
   }
   asked.only = DriveVehicles{{"0000", 5}};
-  EXPECT_THAT(error_text<InputError>([&] { judged(asked); }), HasSubstr("no car or van"));
+  EXPECT_THAT(error_text<InputError>([&] { judged(asked); }), HasSubstr("no Car or Van"));
 }
 
 TEST(DriveByRenderer, KeptIsTheShareOfTheAddedGaps) {
