@@ -210,54 +210,22 @@ def sizes(source):
     return by_label(experiment(source, "fig4"), "half length")
 
 
-def parts(source):
-    """What of the object is learned."""
-    return by_label(experiment(source, "parts"), "learned")
+def cubes(source):
+    """Plain cubes on the road with a box on them, by distance: what `--place debris` has beside its object."""
+    rows, trained = [], DETECTORS[:1] + DETECTORS[2:]
+    for edge, said in (("half", "0.5 m"), ("1", "1 m")):
+        def seen(detector):
+            ranges = [each for each in stored(source, f"cube-{edge}-{detector}")["strata"] if each["by"] == "range"]
+            return [f"{percent(each['seen']['clean']['value'])} % ({100 * each['seen']['clean']['low']:.0f}–{100 * each['seen']['clean']['high']:.0f})"
+                    for each in ranges if each["name"] in ("0-15 m", "15-30 m", "30-50 m")]
 
-
-def transfer(source):
-    """A mesh on a detector or a rig that it was not learned on, beside the one that was."""
-    made = experiment(source, "table3")
-    rows = [[row["source"], row["target"], *rate(row)] for row in made["rows"]]
-    return table(["learned on", "attacked", "vanished, %", "95 %"], rows) + commands(made)
-
-
-FUSIONS = (("painted", "early"), ("fusion", "mid"), ("refined", "mid, second stage"), ("late", "late"))
-
-
-def sides(source):
-    """Net of the random mesh through each sensor, and the difference."""
-    made, rows = experiment(source, "fusions"), []
-    for detector, kind in FUSIONS:
-        through = [net(row_of(made, source=f"{detector}, {sensor}", target=detector))[0] for sensor in ("image", "LiDAR")]
-        rows.append([f"`{detector}`", kind, *through, *points(difference(made, "fusions-side", f"KITTI rig, {detector}"))])
-    return table(["detector", "fuses", "through the image", "through LiDAR", "image less LiDAR", "95 %"], rows) + commands(made)
-
-
-FULLY = {"lidar": "LiDAR", "camera": "image"}  # through all that the detector has; the others have both
-
-
-def real_frames(source):
-    """Meshes that were learned on generated frames, on recorded ones."""
-    made = experiment(source, "fusions", "fusions-real")
-    rows = [row for row in made["rows"] if row["source"] == f"{row['target']}, {FULLY.get(row['target'], 'both')}"]
-    rows.sort(key=lambda row: -row["values"]["vanished"]["value"])
-    return table(["detector", "cars", "vanished, %", "95 %", "net", "95 %"],
-                 [[f"`{row['target']}`", str(row["vehicles"]), *rate(row), *net(row)] for row in rows]) + commands(made)
-
-
-def option(row):
-    """--defense of a row, by the folder of its evaluation."""
-    word = row["case"].removeprefix("evaluations/kitti64-fusion-both").removeprefix("-") or "none"
-    return re.sub(r"(jpeg|ceiling)([\d.]+)$", r"\1:\2", word).replace("-shadows", "+shadows")
-
-
-def defences(source):
-    """Each defence, attacked by somebody who knows it."""
-    made = experiment(source, "table4")
-    rows = [[f"`{option(row)}`", str(row["vehicles"]), *rate(row), *rate(row, "asr"), printed(row, "asr"), percent(row["values"]["ap70"]["value"])]
-            for row in made["rows"]]
-    return table(["`--defense`", "cars", "vanished, %", "95 %", "ASR, %", "95 %", "paper's ASR", "clean AP 0.7"], rows) + commands(made)
+        rows.append([said, "`clusters`", *seen("clusters")])
+        of = {name: seen(name) for name in trained}
+        if len({tuple(cells) for cells in of.values()}) == 1:
+            rows.append([said, "each trained one", *of["lidar"]])
+        else:
+            rows += [[said, f"`{name}`", *cells] for name, cells in sorted(of.items(), key=lambda item: -float(item[1][0].split()[0]))]
+    return table(["edge", "detector", "0–15 m", "15–30 m", "30–50 m"], rows) + commands(stored(source, "cube-half-clusters"))
 
 
 # What, the printed line with its figure, and the test.
@@ -344,7 +312,7 @@ def zoo(source):
 
 TABLES = {"detectors": detectors, "recorded": recorded, "gradients": gradients, "real_to_sim": real_to_sim, "depth": depth, "roofs": roofs,
           "certificates": certificates, "certified": certified, "insertion": insertion, "speed": speed, "matched": matched, "success": success,
-          "sizes": sizes, "parts": parts, "transfer": transfer, "sides": sides, "real_frames": real_frames, "defences": defences}
+          "sizes": sizes, "cubes": cubes}
 
 
 def cells(title, said, left, columns, rows):
@@ -559,7 +527,7 @@ def origin_of_command(source, command):
 
 # Where a command's own folders lie is nobody's business: what a reader puts in their place.
 PLACES = ((r"--data \S*shared/kitti\b", "--data path/to/kitti"), (r"--data /\S*/([\w-]+)", r"--data out/\1"),
-          (r"--run ev/", "--run out/"),
+          (r"--(run|place|data) ev/", r"--\1 out/"), (r"--mesh \S*/(scenes/\S+)", r"--mesh \1"),
           (r" --weights /\S+", ""), (r" --out \S+", ""), (r" --(?:quiet|threads \d+)\b", ""))
 
 
