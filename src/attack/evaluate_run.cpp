@@ -93,12 +93,6 @@ void check_hosts_of(const EvaluationRequest& request, const Run& target_run) {
                      "leave --hosts out");
 }
 
-int count_trained_on(const Run& run, const std::filesystem::path& data, const std::vector<HostId>& hosts) {
-  const std::set<std::string> frames = frames_learned_on(run, data);
-  return static_cast<int>(
-      std::ranges::count_if(hosts, [&](const HostId& id) { return frames.contains(id.frame); }));
-}
-
 /// What contradicts itself before anything is read.
 void check_request(const EvaluationRequest& request) {
   if (request.random_meshes < 0)
@@ -125,14 +119,13 @@ void check_request(const EvaluationRequest& request) {
 
 /// The frames of a data set that is not the run's own, but for those that the run was learned on: with
 /// --hosts all these count, too.
-std::vector<std::string> unseen_frames(const EvaluationRequest& request, const Run& run,
-                                       const std::filesystem::path& data) {
+std::vector<std::string> unseen_frames(const EvaluationRequest& request, const std::filesystem::path& data,
+                                       const std::set<std::string>& learned) {
   if (!request.hosts.empty() && request.hosts != "all" && request.hosts != "test")
     throw FieldError("hosts", request.hosts, "are of the run's own data set, and --data is another one",
                      "leave --hosts out, or give all");
   std::vector<std::string> frames = list_frames(data);
   if (request.hosts == "all") return frames;
-  const std::set<std::string> learned = frames_learned_on(run, data);
   const std::size_t seen = std::erase_if(frames, [&](const std::string& id) { return learned.contains(id); });
   if (frames.empty())
     throw InputError(data.string(), "", "holds only frames that the run was learned on",
@@ -213,8 +206,9 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.detector.precision = usable_precision(result.detector.precision);
   result.store = std::make_unique<FrameStore>(target_run.settings);
 
+  const std::set<std::string> learned = frames_learned_on(result.run, target_run.settings.data);
   if (whole_data) {  // all its usable vehicles are unseen ones
-    const std::vector<std::string> frames = unseen_frames(request, result.run, target_run.settings.data);
+    const std::vector<std::string> frames = unseen_frames(request, target_run.settings.data, learned);
     check_labels(target_run.settings, frames);
     result.detectors = load_detector_pool(result.detector, static_cast<int>(frames.size()));
     result.hosts = host_ids(find_all_hosts(*result.store, frames, result.detectors.front()->region(),
@@ -237,7 +231,8 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
                      request.hosts.empty() ? "test" : request.hosts, "has no host vehicles",
                      "use --hosts all or a larger data set");
   if (rank() == 0) warn_of_left_out(target_run.settings.placement, result.left_out);
-  result.trained_on = count_trained_on(result.run, target_run.settings.data, result.hosts);
+  result.trained_on = static_cast<int>(
+      std::ranges::count_if(result.hosts, [&](const HostId& id) { return learned.contains(id.frame); }));
   if (!request.hosts_of.empty() && result.trained_on > 0)
     spdlog::warn("{} of the {} hosts stand in frames that the adversary was trained on", result.trained_on,
                  result.hosts.size());

@@ -135,21 +135,12 @@ def certificates(source):
     return table(["half length L", "certified, %", "95 %"], rows) + commands(made)
 
 
-def experiment(source, of, name=""):
+def experiment(source, name):
     """A table of the stored `mirage reproduce`: {rows, findings: {name: [check]}, command}."""
-    made = stored(source, "reproduce-" + of)
-    rows = next(each["rows"] for each in made["tables"] if each["name"] == (name or of))
+    made = stored(source, "reproduce-" + name)
+    rows = next(each["rows"] for each in made["tables"] if each["name"] == name)
     return {"rows": [row for row in rows if "error" not in row], "command": made["command"],
             "findings": {each["name"]: each["checks"] for each in made["findings"]}}
-
-
-def row_of(made, **wanted):
-    return next(row for row in made["rows"] if all(row.get(key) == value for key, value in wanted.items()))
-
-
-def difference(made, finding, rig="KITTI rig", number=0):
-    """An interval: the comparison of a finding."""
-    return next(each for each in made["findings"][finding] if each["rig"] == rig)["comparisons"][number]["difference"]
 
 
 def rate(row, key="vanished"):
@@ -162,11 +153,6 @@ def signed(x):
 
 def points(interval):
     return [signed(interval["value"]), f"{signed(interval['low'])} to {signed(interval['high'])}"]
-
-
-def net(row):
-    """None of a control."""
-    return points(row["values"]["net_vanished"]) if row["values"].get("net_vanished") else ["–", "–"]
 
 
 def printed(row, key):
@@ -192,22 +178,19 @@ def success(source):
     """Attacks on the KITTI rig's detectors, beside the paper's."""
     made = experiment(source, "table1")
     rows = [[row["label"], str(row["vehicles"]), *rate(row), *rate(row, "asr"), printed(row, "asr")] for row in made["rows"]]
-    learned, sized = (row_of(made, label=label)["values"]["vanished"]["value"] for label in ("fusion, both", "fusion, random mesh of its size"))
+    hidden = {row["label"]: row["values"]["vanished"]["value"] for row in made["rows"]}
+    ratio = hidden["fusion, both"] / hidden["fusion, random mesh of its size"]
     return table(["attack", "cars", "vanished, %", "95 %", "ASR, %", "95 %", "paper's ASR, %"], rows) + commands(made) + f"""
-- **A learned mesh is more than its size**: through both sensors it hides {learned / sized:.1f} times as many cars as its random mesh.
-- **Fusion helps against attacks through LiDAR**: by {told(difference(made, "fusion"))} points of ASR.
+- **A learned mesh is more than its size**: through both sensors it hides {ratio:.1f} times as many cars as its random mesh.
+- **Fusion helps against attacks through LiDAR**: by {told(made["findings"]["fusion"][0]["comparisons"][0]["difference"])} points of ASR.
 """
 
 
-def by_label(made, head):
-    """Vanished, and net of a random mesh of the size."""
-    rows = [[row["label"].removesuffix(", both"), *rate(row), *net(row)] for row in made["rows"]]
-    return table([head, "vanished, %", "95 %", "net", "95 %"], rows) + commands(made)
-
-
 def sizes(source):
-    """Half the length of the object's box."""
-    return by_label(experiment(source, "fig4"), "half length")
+    """Half the length of the object's box: vanished, and net of a random mesh of the size."""
+    made = experiment(source, "fig4")
+    rows = [[row["label"], *rate(row), *points(row["values"]["net_vanished"])] for row in made["rows"]]
+    return table(["half length", "vanished, %", "95 %", "net", "95 %"], rows) + commands(made)
 
 
 def cubes(source):
@@ -450,7 +433,7 @@ def placements(result):
             return None
         row = found[place, detector]
         of = row[what]
-        return of["value"] / 0.3, f"{100 * of['value']:+.1f}".replace("-", "−"), between(of), (what == "phantom") == (row["victim"] == "phantom")
+        return of["value"] / 0.3, signed(of["value"]), between(of), (what == "phantom") == (row["victim"] == "phantom")
 
     return cells("Where does one cubic metre hurt most?",
                  "One cubic metre: vehicles hidden, or with a phantom (points net of size, 95 %)",
