@@ -24,6 +24,7 @@ import zipfile
 import numpy
 
 TYPES = {"F32": numpy.dtype("<f4"), "F16": numpy.dtype("<f2"), "F64": numpy.dtype("<f8"), "I64": numpy.dtype("<i8")}
+MAX_HEADER_BYTES = 1 << 19  # as plugins/tensor_file.h
 STORAGES = {"FloatStorage": "F32", "HalfStorage": "F16", "DoubleStorage": "F64", "LongStorage": "I64"}
 
 
@@ -134,10 +135,15 @@ def read_archive(file):
     return FORMATS[kind](module.values)
 
 
-def read_tensors(file):
+def read_tensors(file, sha256=None):
     with open(file, "rb") as opened:
-        header = json.loads(opened.read(struct.unpack("<Q", opened.read(8))[0]))
-        data = opened.read()
+        whole = opened.read()
+    if sha256 not in (None, hashlib.sha256(whole).hexdigest()):
+        raise Refused(f"needs {os.path.basename(file)} of SHA-256 {sha256} beside it, and that file is another; restore both")
+    length = struct.unpack_from("<Q", whole)[0]
+    if length > min(MAX_HEADER_BYTES, len(whole) - 8):
+        raise Refused("is damaged or no weights file: it does not begin with a header's length")
+    header, data = json.loads(whole[8 : 8 + length]), whole[8 + length :]
     facts = header.pop("__metadata__", {})
     return facts, {name: numpy.frombuffer(data[slice(*value["data_offsets"])], TYPES[value["dtype"]]).reshape(value["shape"])
                    for name, value in header.items()}
@@ -149,7 +155,8 @@ def read_weights(file):
             return read_archive(file)
     facts, tensors = read_tensors(file)
     for line in facts.pop("parts", "").splitlines():
-        for name, value in read_tensors(os.path.join(os.path.dirname(file), line.split("  ")[1]))[1].items():
+        sha256, part = line.split("  ")
+        for name, value in read_tensors(os.path.join(os.path.dirname(file), part), sha256)[1].items():
             tensors.setdefault(name, value)
     return facts, tensors
 
@@ -216,8 +223,8 @@ def main():
             tensors = {name: halved(name, value) for name, value in tensors.items()}
         tensors, lines = without_parts(arguments.new, tensors, arguments.part)
         write_weights(arguments.new, {**facts, "parts": lines} if lines else facts, tensors)
-    except (Refused, OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, pickle.UnpicklingError,
-            zipfile.BadZipFile, struct.error) as problem:
+    except (Refused, OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, MemoryError, RecursionError,
+            EOFError, pickle.UnpicklingError, zipfile.BadZipFile, struct.error) as problem:
         known = isinstance(problem, (Refused, OSError))
         sys.exit(f"{arguments.old}: {problem if known else 'is damaged or no weights file'}")
 

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstring>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <stdexcept>
 #include <utility>
 
@@ -124,10 +125,26 @@ void require_cover(const StoredTensors& tensors, std::string_view data) {
   if (at != data.data() + data.size()) unreadable("bytes belong to no tensor");
 }
 
+/// Of what a key says twice, a parser keeps the last.
+void require_single_keys(std::string_view text) {
+  using Event = nlohmann::json::parse_event_t;
+  std::vector<std::set<std::string>> open;  // the keys of each object around
+  bool single = true;
+  const nlohmann::json read = nlohmann::json::parse(text, [&](int, Event event, const nlohmann::json& value) {
+    if (event == Event::object_start) open.emplace_back();
+    if (event == Event::object_end) open.pop_back();
+    if (event == Event::key) single = open.back().insert(value.get<std::string>()).second && single;
+    return true;
+  });
+  if (read.is_discarded() || !single) unreadable("its header has a key twice");
+}
+
 nlohmann::json parse_header(std::string_view text) {
   try {
     check_json_values(text, "header", kMaxValues);
-    return parse_json(text, "header");
+    nlohmann::json header = parse_json(text, "header");
+    require_single_keys(text);
+    return header;
   } catch (const InputError&) {
     unreadable("its header is not JSON");
   }

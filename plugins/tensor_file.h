@@ -46,9 +46,9 @@ struct TensorFile {
 };
 
 /// The file with these bytes, which outlive it. std::runtime_error, in words for the user: a LibTorch archive
-/// (then with the command that converts it); a header that is cut, larger than kMaxHeaderBytes or not of this
-/// form; data that leave the file, overlap or leave a gap, or disagree with type and shape; a floating-point
-/// value that is not finite; parts whose names hold a folder.
+/// (then with the command that converts it); a header that is cut, larger than kMaxHeaderBytes, with a key
+/// twice or not of this form; data that leave the file, overlap or leave a gap, or disagree with type and
+/// shape; a floating-point value that is not finite; parts whose names hold a folder.
 TensorFile parse_tensor_file(std::string_view bytes);
 
 /// The bytes of a file with these tensors.

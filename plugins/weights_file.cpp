@@ -92,6 +92,12 @@ std::string WeightsFile::fact(std::string_view key) const {
   return found == facts.end() ? "" : found->second;
 }
 
+std::vector<std::string> WeightsFile::names() const {
+  std::vector<std::string> names;
+  for (const auto& [name, tensor] : files_.front().tensors) names.push_back(name);
+  return names;
+}
+
 const StoredTensor* WeightsFile::find(std::string_view tensor) const {
   for (const TensorFile& file : files_)
     if (const auto found = file.tensors.find(tensor); found != file.tensors.end()) return &found->second;

@@ -25,6 +25,8 @@ class WeightsFile {
   /// "" for a fact that the file does not state.
   std::string fact(std::string_view key) const;
   bool holds(std::string_view tensor) const { return find(tensor) != nullptr; }
+  /// Of the file's own tensors, without those of its parts.
+  std::vector<std::string> names() const;
   /// On the CPU, in the type that it is stored in. std::runtime_error if the file has no such tensor of
   /// `sizes`.
   torch::Tensor tensor(std::string_view name, torch::IntArrayRef sizes) const;

@@ -84,8 +84,8 @@ typedef struct MirageProgram {
 
 enum { MIRAGE_MOST_BOXES = 100000 };
 
-/* What stands after "key": within the object that begins at `text`, or NULL. Its texts hold no braces and no
- * quotes. */
+/* What stands after "key": within the object that begins at `text`, or NULL. Texts between quotes, as a
+ * frame's id, are passed over. */
 static const char* mirage_after(const char* text, const char* key) {
   char quoted[64];
   const int length = snprintf(quoted, sizeof quoted, "\"%s\":", key);
@@ -93,7 +93,11 @@ static const char* mirage_after(const char* text, const char* key) {
   for (; text && *text; ++text) {
     if (*text == '{') ++depth;
     if (*text == '}' && --depth == 0) return NULL;
-    if (*text == '"' && strncmp(text, quoted, (size_t)length) == 0) return text + length;
+    if (*text != '"') continue;
+    if (strncmp(text, quoted, (size_t)length) == 0) return text + length;
+    for (++text; *text && *text != '"'; ++text)
+      if (*text == '\\' && text[1]) ++text;
+    if (!*text) return NULL;
   }
   return NULL;
 }

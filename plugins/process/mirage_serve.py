@@ -162,8 +162,8 @@ class Network:
         for name, part in (("logits", logits), ("classes", classes), ("identities", identities)):
             if part is not None and (part.ndim != 1 or part.shape[0] != boxes.shape[0]):
                 raise self._bad(name, f"have shape {list(part.shape)} for {boxes.shape[0]} boxes", "return one a box")
-        if classes is not None and not self.classes and len(set(classes.tolist())) > 1:
-            raise self._bad("classes", "are not named, and boxes are of several", 'give detector.classes = ["Car", …]')
+        if classes is not None and not self.classes and set(classes.tolist()) - {0}:
+            raise self._bad("classes", "are not named, and boxes are of others than class 0", 'give detector.classes = ["Car", …]')
         for name, part in (("boxes", boxes), ("logits", logits)):
             if not (self.torch.isfinite(part.detach()) if self.torch else np.isfinite(part)).all():
                 raise self._bad(name, "are not finite", "look for logarithms, roots and divisions of 0 in the network")

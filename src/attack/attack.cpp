@@ -26,15 +26,22 @@
 namespace mirage {
 namespace {
 
-/// FieldError if the detector does not read the one sensor that the target names: no gradient would reach the
-/// adversary.
-void check_target(AttackTarget target, const Detector& detector) {
+/// FieldError if the detector does not read the one sensor that the target names, or where colours alone are
+/// learned and reach nothing: no gradient would reach the adversary.
+void check_target(const AttackSettings& settings, const Detector& detector) {
+  const AttackTarget target = settings.target;
   const Capabilities can = detector.capabilities();
   if (target == AttackTarget::lidar && !can.reads_points)
     throw FieldError("target", "lidar", detector.name() + " does not read the LiDAR's returns",
                      "use image or both");
   if (target == AttackTarget::image && !can.reads_image)
     throw FieldError("target", "image", detector.name() + " does not read the picture", "use lidar or both");
+  if (settings.parts == AttackParts::texture && target != AttackTarget::random &&
+      !sees_colours(settings, can))
+    throw FieldError("parts", "texture",
+                     can.reads_image ? "is not seen by the target, which is the LiDAR alone"
+                                     : "is not seen by " + detector.name() + ", which reads no picture",
+                     "use shape, or --lidar-effects albedo, by which returns show colours");
 }
 
 /// FieldError for a renewal that is none, or a detector that would not look at the pictures.
@@ -148,7 +155,7 @@ AttackResult run_attack(const AttackSettings& requested, const DetectorPool& det
   fit_limits(settings);
   const AttackTarget target = settings.target;
   check_settings(settings);
-  check_target(target, *detectors.front());
+  check_target(settings, *detectors.front());
   const std::string box_of_size = "the box of the object (size)";
   if (rank() == 0) {
     warn_of_large_object(2 * settings.limits.half, box_of_size);
@@ -204,6 +211,9 @@ AttackResult run_attack(const AttackSettings& requested, const DetectorPool& det
   RunIdentity id = identity(settings);
   id.json["train"] = to_json(host_ids(train));
   id.json["test"] = to_json(host_ids(test));
+  for (const auto& [key, of] : {std::pair(kTrainFrames, &train), std::pair(kTestFrames, &test)})
+    id.json[key] = id.lacking[key] =  // runs of before say nothing of it
+        frames_hash(settings.data, host_frames(host_ids(*of)), settings.cameras);
   id.json["renderer"] = settings.renderer ? settings.renderer->identity() : nlohmann::json(kRasterRenderer);
   if (settings.renderer)
     id.json["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};

@@ -16,6 +16,7 @@
 #include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "detection/detect.h"
+#include "frames/frame_provenance.h"
 #include "scene/data/kitti.h"
 #include "scene/data/layouts.h"
 #include "scene/data/read_frames.h"
@@ -76,8 +77,16 @@ std::filesystem::path label_by_detections(const AttackSettings& settings, const 
     throw FieldError("hosts_from", "detections", "every frame has labels", "leave it out");
   std::filesystem::path folder = settings.out / "labelled";
   const double score = EvaluationSettings{}.score_threshold;
-  const nlohmann::json about = {
-      {"detector", settings.detector.detector}, {"weights_hash", settings.weights_hash}, {"score", score}};
+  // All that a detector's answers depend on. Of programs and plugins no hash: a finished run goes on with
+  // newer ones.
+  const nlohmann::json about = {{"detector", settings.detector.detector},
+                                {"weights_hash", settings.weights_hash},
+                                {"defense", settings.detector.defense},
+                                {"precision", settings.detector.precision},
+                                {"matching", to_word(settings.detector.matching)},
+                                {"classes", settings.classes},
+                                {"frames_hash", frames_hash(settings.data, unlabelled, settings.cameras)},
+                                {"score", score}};
   // A finished run's labels stay as they are: its hosts are among them.
   if (are_labels_of(folder, settings.data, about))
     std::erase_if(unlabelled, [&](const std::string& id) {

@@ -16,9 +16,10 @@ namespace mirage {
 /// over that of an evaluation (evaluation.h) for the frame's cars: bird's-eye boxes with bottom and height
 /// from the sweep (detection/car_in_picture.h), as labels that are neither truncated nor occluded but by the
 /// picture's frame. They go to OUT/labelled, a data set (scene/data/layouts.h, open_given_labels) whose
-/// folder is returned: what reads it meets these labels. Frames with labels keep theirs. FieldError where
-/// every frame has labels, and for a detector of the picture alone, whose boxes stand nowhere; Interrupted
-/// between frames.
+/// folder is returned: what reads it meets these labels. Frames with labels keep theirs. Labels that lie
+/// there are kept if they are of this detector and of these frames, by content; else InputError. FieldError
+/// where every frame has labels, and for a detector of the picture alone, whose boxes stand nowhere;
+/// Interrupted between frames.
 std::filesystem::path label_by_detections(const AttackSettings& settings, const DetectorPool& detectors);
 
 // The part of an attack's training vehicles that tells when the attack is at its plateau.

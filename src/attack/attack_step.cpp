@@ -63,15 +63,25 @@ std::vector<std::string> own_frames(const std::vector<HostId>& batch) {
   return frames;
 }
 
+bool are_finite(const std::vector<Vec3d>& points) {
+  return std::ranges::all_of(points, [](const Vec3d& p) { return p.allFinite(); });
+}
+
 void check_finite(const HostStep& step, const HostId& host, long iteration) {
-  bool finite = std::isfinite(step.hide) && std::isfinite(step.false_positive);
-  for (const Vec3d& d : step.gradient.vertices) finite = finite && d.allFinite();
-  for (const Vec3d& d : step.gradient.texels) finite = finite && d.allFinite();
-  if (!finite)
+  if (!std::isfinite(step.hide) || !std::isfinite(step.false_positive) ||
+      !are_finite(step.gradient.vertices) || !are_finite(step.gradient.texels))
     throw Failure("attack",
                   fmt::format("gradient of host {}/{} is not finite in iteration {}", host.frame, host.label,
                               iteration),
                   "check the detector; the last checkpoint is good");
+}
+
+/// Of what the weights and rates make of gradients that are finite themselves: of the loss, of its gradient,
+/// and of the mesh that a step leads to.
+void check_weights(bool finite, long iteration) {
+  if (!finite)
+    throw Failure("attack", fmt::format("the step of iteration {} is not finite", iteration),
+                  "use smaller weights (--lambda-lap, --lambda-fp) and rates; the last checkpoint is good");
 }
 
 /// Whom the objective is about: the host's targets, or the object itself as placed.
@@ -144,8 +154,9 @@ HostStep attack_host(Detector& detector, const StepHost& host, const TexturedMes
   const bool any = std::any_of(value.d_logits.begin(), value.d_logits.end(), [](double d) { return d != 0; });
   step.seconds.rest += clock.lap();
   if (!any) return step;
-  const SensorGradient gradient = detector.backward(value.d_logits);
+  SensorGradient gradient = detector.backward(value.d_logits);
   step.seconds.detector_backward = clock.lap();
+  if (host.draw) host.draw->noise_vjp(seen.simulated().image, gradient.image);
   step.gradient = seen.vjp(gradient, settings.target);
   step.seconds.simulation_vjp = clock.lap();
   return step;
@@ -300,7 +311,9 @@ LossRow AttackStepper::step(AttackState& state, StepTimings* spent) const {
     for (std::size_t i = 0; i < d_texels.size(); ++i) d_texels[i] += step.gradient.texels[i] / settings.batch;
   }
   const LossRow row = row_of(steps, state.adversary.mesh.vertices, d_vertices);
+  check_weights(std::isfinite(row.loss()) && are_finite(d_vertices) && are_finite(d_texels), state.iteration);
   const TexturedMesh before = state.adversary;
+  const Adam vertices_before = state.vertices, texels_before = state.texels;
   auto& vertices = state.adversary.mesh.vertices;
   if (settings.parts == AttackParts::size) {
     std::vector<Vec3d> half = {half_lengths(state.adversary.mesh)};
@@ -316,6 +329,9 @@ LossRow AttackStepper::step(AttackState& state, StepTimings* spent) const {
   if (settings.parts == AttackParts::both || settings.parts == AttackParts::texture)
     state.texels.step(state.adversary.atlas.texels, d_texels);
   project(state.adversary, settings.limits);
+  const bool finite = are_finite(vertices) && are_finite(state.adversary.atlas.texels);
+  if (!finite) state.adversary = before, state.vertices = vertices_before, state.texels = texels_before;
+  check_weights(finite, state.iteration);
   if (settings.buildable.on) keep_buildable(state.adversary, before, settings.buildable, settings.limits);
   state.losses.push_back(row);
   ++state.iteration;

@@ -58,8 +58,8 @@ class AttackStepper {
                 std::shared_ptr<CleanDetectionCache> clean_cache = std::make_shared<CleanDetectionCache>());
   /// Renews state.rendered where the mesh has moved from it. Then the
   /// mean gradient over the hosts of state.iteration (spread over detectors and ranks, summed in the batch's
-  /// order), Adam, projection; ++state.iteration, and its row of losses is kept. Failure if a gradient is not
-  /// finite: it would poison the optimiser's state and, with it, the checkpoint. The frames of the next
+  /// order), Adam, projection; ++state.iteration, and its row of losses is kept. Failure if a gradient, or
+  /// what weights and rates make of it, is not finite: it would poison the checkpoint. The frames of the next
   /// iteration are read meanwhile. What it takes is added to `spent`.
   LossRow step(AttackState& state, StepTimings* spent = nullptr) const;
   /// A mesh as it is: means of these hosts' losses, and the smoothness. The same on every rank, and for the

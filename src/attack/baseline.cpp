@@ -68,7 +68,12 @@ std::string describe(Baseline kind) {
 std::vector<Baseline> parse_baselines(const std::string& words) {
   constexpr auto kinds = words_of(Baseline());
   std::vector<Baseline> found;
-  for (const std::string& word : listed_words(words)) {
+  const std::vector<std::string> listed = listed_words(words);
+  for (const char* alone : {"none", "all"})
+    if (listed.size() > 1 && std::ranges::find(listed, alone) != listed.end())
+      throw FieldError("baseline", words, std::string("names ") + alone + " and others",
+                       "leave it out, or the others");
+  for (const std::string& word : listed) {
     bool recognised = word == "none" || word == "all";
     for (std::size_t i = 0; i < kinds.size(); ++i) {
       if (word != kinds[i] && word != "all") continue;

@@ -52,6 +52,15 @@ bool learns_shape(const AttackSettings& settings) {
   return settings.parts == AttackParts::both || settings.parts == AttackParts::shape;
 }
 
+bool sees_colours(const AttackSettings& settings, const Capabilities& can) {
+  const bool both = settings.target == AttackTarget::both;
+  const bool returns = both || settings.target == AttackTarget::lidar;
+  const bool picture = both || settings.target == AttackTarget::image;
+  return (picture && can.reads_image) ||
+         (returns && can.reads_points && settings.simulation.lidar_effects.albedo) ||
+         (both && !settings.sensors.empty() && !can.reads.empty());
+}
+
 std::vector<NamedStart> search_starts(const AttackSettings& settings) {
   TexturedMesh paper = initial_adversary(settings.limits);
   if (settings.buildable.on) make_buildable(paper, settings.buildable, settings.limits);
@@ -183,7 +192,7 @@ std::vector<double> modes(const Vec3d& u, Axis axis) {
 }
 
 /// Of what makes meshes in this file: a folder of another one is not gone on with.
-constexpr int kBlackBoxRecipe = 1;
+constexpr int kBlackBoxRecipe = 2;
 /// Worlds of the whole sample are beyond those of any generation.
 constexpr std::uint64_t kSampleWorlds = std::uint64_t{1} << 61;
 
@@ -252,7 +261,8 @@ class BlackBox {
 
  private:
   MeshModes modes_of(const TexturedMesh& mesh) const {
-    return {mesh, settings_.limits, settings_.parts, run_.detectors.front()->capabilities().reads_image};
+    return {mesh, settings_.limits, settings_.parts,
+            sees_colours(settings_, run_.detectors.front()->capabilities())};
   }
   AttackStepper stepper_of(const TexturedMesh& mesh) const {
     return {settings_, run_.detectors, run_.store, sample_, mesh.mesh, run_.clean_cache};

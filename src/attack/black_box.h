@@ -67,6 +67,10 @@ std::vector<NamedStart> search_starts(const AttackSettings& settings);
 /// Whether vertices move one by one.
 bool learns_shape(const AttackSettings& settings);
 
+/// Whether the object's colours reach what is attacked: a picture or a sensor beside it that the detector
+/// reads and `target` includes, or returns whose reflectance is the colour's (LidarEffects::albedo).
+bool sees_colours(const AttackSettings& settings, const Capabilities& can);
+
 /// kSearchHosts of them at most, drawn by seed.
 std::vector<Host> search_hosts(std::vector<Host> hosts, std::uint64_t seed);
 

@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "attack/run.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/logging.h"
@@ -123,12 +124,13 @@ void check_identity(const std::filesystem::path& file, nlohmann::json written, c
     throw InputError(file.string(), key, "the folder holds a run with another value",
                      "use another --out folder or the run's own settings");
   };
-  const std::string hosts = "train";  // follows from the settings, so the setting is named where one differs
+  // These follow from the settings, so the setting is named where one differs.
+  const std::vector<std::string> hosts = {"train", kTrainFrames, kTestFrames};
   for (const nlohmann::json* all :
        {&expected, &std::as_const(written)})  // a key that only one of them has differs as well
     for (const auto& [key, value] : all->items())
-      if (key != hosts) compare(key);
-  compare(hosts);
+      if (std::ranges::find(hosts, key) == hosts.end()) compare(key);
+  for (const std::string& key : hosts) compare(key);
 }
 
 void HeldOutRecord::add(long iteration, double value, const TexturedMesh& adversary) {

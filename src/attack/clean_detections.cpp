@@ -328,7 +328,7 @@ CleanPerformance measure_clean_performance(const DetectorPool& detectors, FrameS
       if (store.place().victim == Victim::neighbour) id.label = store.placement(id).neighbour.value();
       clean.hosts.emplace_back(frame, label_of(frame, id), matching);
     }
-    clean.scored = scored(clean.proposals, ground_truth(frame, detector.region()),
+    clean.scored = scored(clean.proposals, ground_truth(frame, detector.region(), detector.capabilities()),
                           frame.calibration.camera.fy, matching);
     clean.width = frame.image.width, clean.height = frame.image.height;
     progress.add();

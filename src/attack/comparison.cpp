@@ -1,14 +1,19 @@
 #include "attack/comparison.h"
 
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <iterator>
 #include <map>
 #include <set>
 
+#include "attack/clean_detections.h"
 #include "base/error.h"
 #include "base/names.h"
 #include "base/ranks.h"
 #include "base/sizes.h"
+#include "detection/process_detector.h"
 #include "frames/frame_provenance.h"
 #include "frames/frame_store.h"
 #include "scene/data/read_frames.h"
@@ -46,19 +51,24 @@ ComparedPart part_of(const std::string& by, const std::string& name, const std::
   part.name = name;
   ClusteredShare first, second;
   Clusters clusters;
-  std::map<HostId, int> objects;  // of a vehicle, so that it weighs 1 in all
-  for (const Pair& pair : pairs)
-    if (counts_first(pair) || counts_second(pair)) ++objects[pair.first->id];
+  std::set<HostId> vehicles;
+  // Of each vehicle the objects that count for a side, so that it weighs 1 there: a side may have others.
+  std::map<HostId, int> of_first, of_second;
   for (const Pair& pair : pairs) {
-    const auto seen = objects.find(pair.first->id);
-    if (seen == objects.end()) continue;
-    const double weight = 1.0 / seen->second;
-    const std::string cluster = pair.first->cluster();
-    clusters.add(pair.first->id.frame, pair.first->track);
-    if (counts_first(pair)) first.add(cluster, !vanished().finds(*pair.first, false), 0, weight);
-    if (counts_second(pair)) second.add(cluster, !vanished().finds(*pair.second, false), 0, weight);
+    if (counts_first(pair)) ++of_first[pair.first->id];
+    if (counts_second(pair)) ++of_second[pair.first->id];
   }
-  part.vehicles = static_cast<int>(objects.size());
+  for (const Pair& pair : pairs) {
+    const HostId& id = pair.first->id;
+    const bool in_first = counts_first(pair), in_second = counts_second(pair);
+    const std::string cluster = pair.first->cluster();
+    if (in_first) first.add(cluster, !vanished().finds(*pair.first, false), 0, 1.0 / of_first.at(id));
+    if (in_second) second.add(cluster, !vanished().finds(*pair.second, false), 0, 1.0 / of_second.at(id));
+    if (!in_first && !in_second) continue;
+    vehicles.insert(id);
+    clusters.add(id.frame, pair.first->track);
+  }
+  part.vehicles = static_cast<int>(vehicles.size());
   part.clusters = clusters.count().count;
   part.first = first.interval();
   part.second = second.interval();
@@ -83,13 +93,99 @@ std::vector<WorseVehicle> worse_of(const std::vector<Pair>& pairs, const std::ve
   return worse;
 }
 
+int found_as_recorded(std::span<const HostOutcome> hosts) {
+  std::set<HostId> found;
+  for (const HostOutcome& host : hosts)
+    if (vanished().finds(host, true)) found.insert(host.id);
+  return static_cast<int>(found.size());
+}
+
+/// What a run simulated, but for the draws of its noise.
+SimulationSettings without_draws(SimulationSettings simulation) {
+  simulation.lidar_effects.seed = 0;
+  return simulation;
+}
+
+/// FieldError where one of the runs, which are in the order of --runs, was learned elsewhere than its object
+/// is put now, or as another simulation shows it than that of the first.
+void check_runs(const std::vector<Run>& runs, const PlaceChoice& place) {
+  std::set<std::filesystem::path> folders;
+  for (const Run& run : runs) {
+    const std::string folder = run.folder.string();
+    if (!folders.insert(std::filesystem::weakly_canonical(run.folder)).second)
+      throw FieldError("runs", folder, "is named twice", "name each run once");
+    if (const PlaceChoice& own = run.settings.placement; content_of(own) != content_of(place))
+      throw FieldError("placement", text_of(place),
+                       fmt::format("is not where {} was learned, which is {}", folder, text_of(own)),
+                       "give --place " + text_of(own) + ", and runs that were learned there");
+    const nlohmann::json of_first = to_json(without_draws(runs.front().settings.simulation)).flatten();
+    const nlohmann::json of_run = to_json(without_draws(run.settings.simulation)).flatten();
+    for (const nlohmann::json* either : {&of_run, &of_first})
+      for (const auto& [key, value] : either->items()) {
+        const nlohmann::json here = of_run.value(key, nlohmann::json());
+        const nlohmann::json there = of_first.value(key, nlohmann::json());
+        if (here == there) continue;
+        throw FieldError("runs", folder,
+                         fmt::format("was learned with {} = {} of the simulation, and {} with {}",
+                                     key.substr(1), here.dump(), runs.front().folder.string(), there.dump()),
+                         "compare runs of one simulation");
+      }
+  }
+}
+
+/// FieldError unless that run, the `which`-th, attacked this detector.
+void check_attacked(const Run& run, const DetectorOptions& options) {
+  const auto refuse = [&](const char* what, const std::string& own, const std::string& other) {
+    throw FieldError("runs", run.folder.string(),
+                     fmt::format("attacked {}{}, and --adaptive puts its object before {}", what, own, other),
+                     "give --runs in the order of --detectors, or leave --adaptive out");
+  };
+  const DetectorOptions& learned = run.settings.detector;
+  const std::string& word = run.refused.detector.empty() ? learned.detector : run.refused.detector;
+  const bool given = word == kInProcessDetector && is_in_process(options);  // which has its place in the name
+  if (word != options.detector && !given) refuse("", word, options.detector);
+  const auto named = [](const std::string& defense) { return defense.empty() ? "none" : defense; };
+  if (named(learned.defense) != named(options.defense))
+    refuse("the defence ", named(learned.defense), named(options.defense));
+  const std::string weights = is_outside(options) ? outside_content(options) : weights_hash(options);
+  if (!run.settings.weights_hash.empty() && !weights.empty() && run.settings.weights_hash != weights)
+    refuse("other weights of ", word, "these");
+}
+
+/// Whether nothing tells the two apart.
+bool are_the_same(const DetectorOptions& a, const DetectorOptions& b) {
+  const std::string identity = detector_identity(a);
+  if (!identity.empty()) return identity == detector_identity(b);
+  return a.detector == b.detector && a.weights == b.weights && a.defense == b.defense;
+}
+
+/// What lies within both (Detector::region).
+std::array<double, 4> common_region(const std::array<double, 4>& a, const std::array<double, 4>& b) {
+  return {std::max(a[0], b[0]), std::min(a[1], b[1]), std::max(a[2], b[2]), std::min(a[3], b[3])};
+}
+
+/// Where a detector finds few vehicles as recorded, as an attack on it does.
+void warn_of_few(const Comparison& result) {
+  for (const std::size_t which : {0u, 1u})
+    if (result.found[which] == 0 || result.found[which] < kFewFound * result.hosts)
+      spdlog::warn("{} ({}) finds {} of {} vehicles as recorded: a difference over so few says little",
+                   which == 0 ? "the first detector" : "the second detector", result.detectors[which],
+                   result.found[which], result.hosts);
+}
+
 }  // namespace
+
+bool Comparison::few() const {
+  const int both = parts.front().vehicles;
+  return both == 0 || both < kFewFound * hosts;
+}
 
 Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const HostOutcome> second,
                             const std::vector<std::string>& objects, bool adaptive) {
   Comparison result;
   result.objects = objects;
   result.hosts = static_cast<int>(first.size() / std::max<std::size_t>(1, objects.size()));
+  result.found = {found_as_recorded(first), found_as_recorded(second)};
   const std::vector<Pair> pairs = pairs_of(first, second);
   result.clusters = clusters_of(pairs);
   const auto add = [&](const std::string& by, const std::string& name, const auto& counts) {
@@ -129,17 +225,29 @@ Comparison compare(const ComparisonRequest& request, Provenance* provenance) {
   if (request.adaptive && request.runs.size() < 2)
     throw FieldError("adaptive", "", "wants two runs",
                      "give --runs the folders learned against the first and against the second detector");
-  std::vector<NamedObject> objects;
+  std::vector<Run> runs;
+  for (const std::filesystem::path& folder : request.runs) runs.push_back(read_run(folder, request.trust));
+  check_runs(runs, request.placement);
   SimulationSettings simulation;
+  if (!runs.empty()) simulation = without_draws(runs.front().settings.simulation);
+  simulation.camera_effects.seed = request.detectors.front().seed;
+  if (simulation.lidar_effects.any()) simulation.lidar_effects.seed = request.detectors.front().seed;
+  std::vector<NamedObject> objects;
   std::set<std::string> learned_on;
-  for (const std::filesystem::path& folder : request.runs) {
-    Run run = read_run(folder, request.trust);
-    if (objects.empty()) simulation = run.settings.simulation;
-    objects.push_back({folder.string(), folder / "adversary.glb", std::move(run.adversary)});
+  for (Run& run : runs) {
+    objects.push_back({run.folder.string(), run.folder / "adversary.glb", std::move(run.adversary)});
     learned_on.merge(frames_learned_on(run, request.data));
   }
   std::ranges::move(read_objects(request.meshes), std::back_inserter(objects));
   if (objects.empty()) throw FieldError("runs", "", "names no object", "give --runs or --mesh");
+  std::vector<DetectorOptions> detectors;
+  for (const DetectorOptions& requested : request.detectors)
+    detectors.push_back(for_data(requested, request));
+  if (are_the_same(detectors[0], detectors[1]))
+    throw FieldError("detectors", detectors[0].detector, "is compared with itself",
+                     "name two detectors, or two --weights or --defense");
+  for (std::size_t which = 0; request.adaptive && which < detectors.size(); ++which)
+    check_attacked(runs[which], detectors[which]);
   std::vector<TexturedMesh> meshes;
   std::vector<std::string> object_names;
   for (const NamedObject& object : objects) {
@@ -157,22 +265,23 @@ Comparison compare(const ComparisonRequest& request, Provenance* provenance) {
   require_cars(census, "a comparison");
   warn_of_labels(census);
   FrameStore store(request);
-  std::vector<HostId> hosts;
+  std::vector<DetectorPool> pools;
+  for (const DetectorOptions& options : detectors)
+    pools.push_back(load_detector_pool(options, static_cast<int>(frames.size())));
+  SkippedHosts left_out;
+  const std::vector<HostId> hosts = host_ids(
+      find_all_hosts(store, frames, common_region(pools[0].front()->region(), pools[1].front()->region()),
+                     simulation, request.min_view, request.settings.quiet, &left_out));
+  if (hosts.empty()) refuse_left_out(store.place(), left_out);
+  if (hosts.empty())
+    throw InputError(request.data.string(), "labels",
+                     "no car in the regions of both detectors has the adversary in view",
+                     "give more frames or lower --min-view");
+  if (rank() == 0) warn_of_left_out(store.place(), left_out);
   std::vector<std::vector<HostOutcome>> outcomes;
   std::vector<std::string> names;
-  for (const DetectorOptions& requested : request.detectors) {
-    const DetectorOptions options = for_data(requested, request);
-    const DetectorPool pool = load_detector_pool(options, static_cast<int>(frames.size()));
-    if (hosts.empty()) {
-      SkippedHosts left_out;
-      hosts = host_ids(find_all_hosts(store, frames, pool.front()->region(), simulation, request.min_view,
-                                      request.settings.quiet, &left_out));
-      if (hosts.empty()) refuse_left_out(store.place(), left_out);
-      warn_of_left_out(store.place(), left_out);
-    }
-    if (hosts.empty())
-      throw InputError(request.data.string(), "labels", "no car has the adversary in view",
-                       "give more frames or lower --min-view");
+  for (const DetectorOptions& options : detectors) {
+    const DetectorPool pool = std::move(pools[outcomes.size()]);  // what it keeps goes before the next works
     EvaluationSettings settings = request.settings;
     const Capabilities can = pool.front()->capabilities();
     settings.matching = can.matching();
@@ -196,6 +305,7 @@ Comparison compare(const ComparisonRequest& request, Provenance* provenance) {
   }
   Comparison result = compare_outcomes(outcomes[0], outcomes[1], object_names, request.adaptive);
   result.detectors = names;
+  warn_of_few(result);
   return result;
 }
 
@@ -203,6 +313,7 @@ nlohmann::json to_json(const Comparison& comparison) {
   const ComparedPart& all = comparison.parts.front();
   nlohmann::json json = {{"detectors", comparison.detectors},
                          {"hosts", comparison.hosts},
+                         {"found", comparison.found},
                          {"vehicles", all.vehicles},
                          {"clusters", to_json(comparison.clusters)},
                          {"difference", all.difference.value},

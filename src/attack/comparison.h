@@ -31,7 +31,8 @@ struct ComparisonRequest : FrameSource {
   std::vector<DetectorOptions> detectors;
   std::vector<std::filesystem::path> runs;    ///< folders of mirage attack, whose objects are compared under
   std::vector<std::filesystem::path> meshes;  ///< objects (attack/zoo.h)
-  /// The first of `runs` was learned against the first detector, the second against the second.
+  /// The first of `runs` was learned against the first detector, the second against the second: as their
+  /// run.json say.
   bool adaptive = false;
   TrustRun trust = TrustRun::no;
   std::size_t frames = 0;  ///< the first so many of the data set; 0: all
@@ -71,6 +72,7 @@ void visit_fields(Visitor& visit, S& s) {
 struct Comparison {
   std::vector<std::string> detectors, objects;  ///< names; objects: those of the runs before the meshes
   int hosts = 0;                                ///< tried
+  std::array<int, 2> found{};                   ///< of them, as recorded by the first and by the second
   ClusterCount clusters;                        ///< of the vehicles that both find
   std::vector<ComparedPart> parts;              ///< "all" first; parts without vehicles are left out
   /// Each under its own object, second − first, with `adaptive`.
@@ -84,6 +86,10 @@ struct Comparison {
   };
   std::vector<Needed> needed;       ///< for 2, 5 and 10 points
   std::vector<WorseVehicle> worse;  ///< nearest first
+
+  /// Whether both find fewer than kFewFound of the vehicles, or none: of a difference over so few little
+  /// follows.
+  bool few() const;
 };
 template <class Visitor, FieldsOf<Comparison::Needed> S>
 void visit_fields(Visitor& visit, S& s) {
@@ -95,14 +101,18 @@ void visit_fields(Visitor& visit, S& s) {
 Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const HostOutcome> second,
                             const std::vector<std::string>& objects, bool adaptive);
 
-/// Evaluates both detectors on every usable vehicle of the data set that no run has learned on. InputError
-/// for anything but two detectors, for no object, and where no vehicle is left. `provenance`, if it is not
-/// null, learns what both detectors, the frames and the objects are. Ranks but the first get nothing.
+/// Evaluates both detectors on every usable vehicle within the regions of both that no run has learned on, as
+/// the runs simulate; noise is drawn by the first detector's seed. FieldError for anything but two detectors
+/// that differ, for no object, for a run that is named twice, is of another placement than the request's or
+/// simulates otherwise than the first, and, with `adaptive`, for one that attacked another detector.
+/// InputError where no vehicle is left. Warns where a detector finds few. `provenance`, if it is not null,
+/// learns what both detectors, the frames and the objects are. Ranks but the first get nothing.
 Comparison compare(const ComparisonRequest& request, Provenance* provenance = nullptr);
 
-/// {detectors, objects, hosts, vehicles, clusters, difference, low, high, told, first, second, own?, bounds:
-/// [2 × a HiddenBound], detectable, needed: [{difference, vehicles}], parts: [{by, name, vehicles,
-/// first, second, difference, p}], worse: [{frame, label, object, range, first_score, second_clean_score}]}
+/// {detectors, objects, hosts, found: [2], vehicles, clusters, difference, low, high, told, first, second,
+/// own?, bounds: [2 × a HiddenBound], detectable, needed: [{difference, vehicles}], parts: [{by, name,
+/// vehicles, first, second, difference, p}], worse: [{frame, label, object, range, first_score,
+/// second_clean_score}]}
 nlohmann::json to_json(const Comparison& comparison);
 
 }  // namespace mirage

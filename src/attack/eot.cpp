@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 #include <opencv2/core.hpp>
+#include <set>
 
 #include "base/error.h"
 #include "base/sizes.h"
@@ -23,7 +24,7 @@ double shape_of(const std::string& word, const std::string& number) {
   double sigma = 0;
   const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), sigma);
   if (error != std::errc() || end != number.data() + number.size() || !(sigma > 0 && sigma <= kMaxShape))
-    throw InputError("expectation", word, "is no distance",
+    throw FieldError("expectation", word, "is no distance",
                      fmt::format("use metres over 0 and up to {}, as in shape:{}", kMaxShape, kShape));
   return sigma;
 }
@@ -34,7 +35,7 @@ double count_of(const std::string& word, const char* what, double most) {
   int count = 0;
   const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), count);
   if (error != std::errc() || end != number.data() + number.size() || count < 2 || count > most)
-    throw InputError("expectation", word, fmt::format("is no number of {}", what),
+    throw FieldError("expectation", word, fmt::format("is no number of {}", what),
                      fmt::format("use 2 to {}, as in {}:4", most, word.substr(0, word.find(':'))));
   return count;
 }
@@ -95,7 +96,16 @@ bool EotSettings::any() const {
 
 EotSettings parse_expectation(const std::string& words) {
   EotSettings e;
-  for (const std::string& word : listed_words(words)) {
+  const std::vector<std::string> listed = listed_words(words);
+  std::set<std::string> names;
+  for (const std::string& word : listed) {
+    if (word == "none" && listed.size() > 1)
+      throw FieldError("expectation", words, "is none and something", "leave none out, or the others");
+    if (!names.insert(word.substr(0, word.find(':'))).second)
+      throw FieldError("expectation", words, "names " + word.substr(0, word.find(':')) + " twice",
+                       "name each once");
+  }
+  for (const std::string& word : listed) {
     const bool all = word == "all";
     bool recognised = all || word == "none";
     if (word.starts_with("shape:")) {
@@ -119,7 +129,7 @@ EotSettings parse_expectation(const std::string& words) {
       e.roof_yaw = 2 * kDegree;
     }
     if (named("tilt")) e.tilt = 2 * kDegree;
-    if (named("shape")) e.shape = kShape;
+    if (named("shape") && !(e.shape > 0)) e.shape = kShape;  // "all" beside a distance, whichever comes first
     if (named("colour")) e.colour = 0.15;
     if (named("sun")) e.sun = 20 * kDegree;
     if (named("light")) e.light = 0.3;
@@ -138,7 +148,7 @@ EotSettings parse_expectation(const std::string& words) {
 
 void require_judged(const EotSettings& expectation) {
   if (expectation.worst > 0)
-    throw InputError("expectation", fmt::format("worst:{}", expectation.worst), "is for mirage attack alone",
+    throw FieldError("expectation", fmt::format("worst:{}", expectation.worst), "is for mirage attack alone",
                      "leave it out: what is judged meets one draw for each vehicle");
 }
 
@@ -150,7 +160,7 @@ void require_built(const EotSettings& expectation) {
                      : expectation.light > 0    ? "light"
                      : expectation.exposure > 0 ? "exposure"
                                                 : "noise";
-  throw InputError("expectation", word,
+  throw FieldError("expectation", word,
                    "changes the world, and what is validated is the object in the recorded one",
                    "use some of shape, colour, paints, roof and tilt");
 }
@@ -201,7 +211,7 @@ SimulationSettings SampledEnvironment::simulation(const SimulationSettings& as_r
   varied.lidar_effects.range_sigma =
       std::hypot(as_recorded.lidar_effects.range_sigma, expectation_.range_noise);
   varied.lidar_effects.seed = RandomStream(seed_, "expected returns", draw_).next_u32();
-  varied.camera_effects.draw = RandomStream(seed_, "expected sensor noise", draw_).next_u32();
+  varied.camera_effects.seed = RandomStream(seed_, "expected sensor noise", draw_).next_u32();
   return varied;
 }
 
@@ -247,6 +257,12 @@ void SampledEnvironment::add_noise(ImageF& image) const {
   RandomStream random(seed_, "expected camera noise", draw_);
   for (float& value : image.data)
     value = std::clamp(value + static_cast<float>(random.normal() * expectation_.image_noise), 0.0f, 1.0f);
+}
+
+void SampledEnvironment::noise_vjp(const ImageF& noisy, ImageF& gradient) const {
+  if (!(expectation_.image_noise > 0) || gradient.data.size() != noisy.data.size()) return;
+  for (std::size_t i = 0; i < noisy.data.size(); ++i)
+    if (noisy.data[i] <= 0 || noisy.data[i] >= 1) gradient.data[i] = 0;
 }
 
 SampledHost::SampledHost(const SampledEnvironment* draw, const PreparedFrame& recorded,

@@ -65,16 +65,17 @@ void visit_fields(Visitor& visit, S& s) {
 
 /// "none", or words of roof, tilt, shape, colour, sun, light, exposure, noise separated by commas, or "all":
 /// the named ones at 5 cm and 2°, 2°, 1 cm, 0.15, 20°, 0.3, 0.2, 0.01 and 2 cm. "shape:0.02" is a shape off
-/// by 2 cm, "paints:24" an object of 24 colours. "worst:4" beside others learns on the worst of 4 draws.
-/// InputError for any other word. The worst of draws in which nothing varies is refused by run_attack.
+/// by 2 cm, beside "all", too; "paints:24" an object of 24 colours. "worst:4" beside others learns on the
+/// worst of 4 draws. FieldError for any other word, one that is named twice, and "none" beside others. The
+/// worst of draws in which nothing varies is refused by run_attack.
 EotSettings parse_expectation(const std::string& words);
 /// parse_expectation, with its errors.
 inline void set_from_text(const std::string& text, EotSettings& value) {
   value = parse_expectation(text);
 }
-/// InputError for words that only an attack understands (worst): what is judged meets one draw.
+/// FieldError for words that only an attack understands (worst): what is judged meets one draw.
 void require_judged(const EotSettings& expectation);
-/// InputError for words that change more than the object and its pose (sun, light, exposure, noise), and for
+/// FieldError for words that change more than the object and its pose (sun, light, exposure, noise), and for
 /// worst: a renderer draws the recorded world with the object as the workshop made it.
 void require_built(const EotSettings& expectation);
 /// The number of candidate k (from 0) of the draws to choose from in the place of draw `number` (below 2^50,
@@ -105,8 +106,11 @@ class SampledEnvironment {
   TexturedMesh built(const TexturedMesh& designed) const;
   /// Turns d loss / d built into d loss / d designed; which texels share a colour is held fixed.
   void built_vjp(const TexturedMesh& designed, AdversaryGradient& gradient) const;
-  /// The camera's noise, on the picture that has the object in it; its VJP is the identity.
+  /// The camera's noise, on the picture that has the object in it, which stays in [0, 1].
   void add_noise(ImageF& image) const;
+  /// Turns d loss / d `noisy`, what add_noise made, into d loss / d what it was given, both H×W×3: zero where
+  /// it clipped. The empty gradient of a detector that reads no picture stays as it is.
+  void noise_vjp(const ImageF& noisy, ImageF& gradient) const;
 
  private:
   /// Of each channel of all texels.

@@ -65,13 +65,38 @@ Reliance cached_reliance(const DetectorPool& detectors, const std::string& ident
 
 namespace {
 
+/// InputError if they are not as the run found them: other vehicles would be judged than it chose.
+const std::vector<HostId>& require_unchanged(const Run& run, const std::vector<HostId>& hosts,
+                                             const std::string& frames) {
+  if (!frames.empty() && frames != frames_hash(run.settings.data, host_frames(hosts), run.settings.cameras))
+    throw InputError(run.settings.data.string(), "frames",
+                     "have changed since " + run.folder.string() + " chose its vehicles in them",
+                     "restore them, or attack again");
+  return hosts;
+}
+
 std::vector<HostId> hosts_of_split(const Run& run, const std::string& which) {
-  if (which.empty() || which == "test") return run.test;
-  if (which == "train") return run.train;
-  if (which != "all") throw unknown_word("hosts", which, {"test", "train", "all"});
-  auto all = run.train;
-  all.insert(all.end(), run.test.begin(), run.test.end());
-  return all;
+  if (!which.empty() && which != "test" && which != "train" && which != "all")
+    throw unknown_word("hosts", which, {"test", "train", "all"});
+  std::vector<HostId> hosts;
+  if (which == "train" || which == "all") hosts = require_unchanged(run, run.train, run.train_frames);
+  if (which != "train") {
+    const auto& test = require_unchanged(run, run.test, run.test_frames);
+    hosts.insert(hosts.end(), test.begin(), test.end());
+  }
+  return hosts;
+}
+
+/// How many of the hosts the run was learned on: in the same frames, or, of its own data, in others.
+std::size_t count_learned(const Run& run, const FrameSource& source, const std::vector<HostId>& hosts,
+                          const std::set<std::string>& frames) {
+  std::set<int> tracks;
+  if (!is_other_data(run, source.data))
+    for (const HostId& id : run.train) tracks.insert(track_of(source, id));
+  tracks.erase(-1);
+  return as_size(std::ranges::count_if(hosts, [&](const HostId& id) {
+    return frames.contains(id.frame) || (!tracks.empty() && tracks.contains(track_of(source, id)));
+  }));
 }
 
 void check_labels(const FrameSource& source, const std::vector<std::string>& frames) {
@@ -199,6 +224,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   if (!request.hosts_of.empty()) check_hosts_of(request, target_run);
   const auto data = request.overrides.find("data");
   const bool whole_data = data != request.overrides.end() && is_other_data(target_run, data->second);
+  const std::string target_classes = target_run.settings.classes;
   override_settings(target_run, request.overrides, request.detector.seed, true);
   result.detector = request.detector;
   use_detector_of(target_run, result.detector);
@@ -218,6 +244,10 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
     if (request.overrides.contains("min_view"))
       throw FieldError("min_view", request.overrides.at("min_view"), "is for another --data than the run's",
                        "leave it out: the run has chosen its vehicles");
+    if (target_run.settings.classes != target_classes)
+      throw FieldError("classes", target_run.settings.classes,
+                       "is for another --data than the run's, whose vehicles are " + target_classes,
+                       "leave it out: the run has chosen its vehicles");
     result.hosts = hosts_of_split(target_run, request.hosts);
     check_labels(target_run.settings, host_frames(result.hosts));
     if (request.overrides.contains("placement")) result.left_out = leave_out(*result.store, result.hosts);
@@ -231,11 +261,10 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
                      request.hosts.empty() ? "test" : request.hosts, "has no host vehicles",
                      "use --hosts all or a larger data set");
   if (rank() == 0) warn_of_left_out(target_run.settings.placement, result.left_out);
-  result.trained_on = static_cast<int>(
-      std::ranges::count_if(result.hosts, [&](const HostId& id) { return learned.contains(id.frame); }));
-  if (!request.hosts_of.empty() && result.trained_on > 0)
-    spdlog::warn("{} of the {} hosts stand in frames that the adversary was trained on", result.trained_on,
-                 result.hosts.size());
+  result.trained_on = static_cast<int>(count_learned(result.run, target_run.settings, result.hosts, learned));
+  if (result.trained_on > 0 && request.hosts != "train" && request.hosts != "all" && rank() == 0)
+    spdlog::warn("the adversary was learned on {} of the {} vehicles, some of them in other frames",
+                 result.trained_on, result.hosts.size());
 
   result.settings = request.settings;
   result.settings.reports_outcomes = rank() == 0;

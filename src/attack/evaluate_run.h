@@ -69,7 +69,7 @@ struct RunEvaluation {
   EvaluationSettings settings;
   std::vector<HostId> hosts;
   SkippedHosts left_out;  ///< vehicles that were asked for, by the placement
-  int trained_on = 0;     ///< hosts in frames that the adversary was trained on
+  int trained_on = 0;     ///< hosts that the adversary was learned on, in these frames or others
   std::unique_ptr<FrameStore> store;
   DetectorPool detectors;
   Reliance reliance;   ///< of the detector on the data set: whether anything follows about images

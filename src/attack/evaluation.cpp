@@ -87,7 +87,7 @@ std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& da
     const auto index = generator::index_of(frame);
     if (!index) continue;
     const std::vector<Label> labels = read_annotations(data, frame).labels;
-    const auto vehicles = generator::true_vehicles(source->seed, *index, mount, source->look);
+    const auto vehicles = generator::true_vehicles(*source, *index, mount);
     for (const HostId* id : ids) {
       if (id->label < 0 || as_size(id->label) >= labels.size()) continue;
       const Label& label = labels[as_size(id->label)];
@@ -154,6 +154,7 @@ class Attacked {
     if (!is_cached_on_disk(store_, settings_)) return now();
     Provenance provenance = store_.provenance(id);
     provenance.add(simulation_);
+    if (simulation_.camera_effects.noisy()) provenance.set("camera_seed", simulation_.camera_effects.seed);
     if (settings_.expectation.any()) {
       provenance.set("expectation", fields_json(settings_.expectation));  // its light is not the simulation's
       provenance.set("expectation_seed", settings_.expectation_seed);

@@ -32,7 +32,7 @@ constexpr double kSearchShare = 0.25;
 /// Times --vertex-rate and --texel-rate. Both rates at once: one factor a candidate.
 constexpr double kRates[] = {1, 0.25};
 /// Of rates, shares and choices in this file: a folder of another one is not gone on with.
-constexpr int kRecipe = 4;
+constexpr int kRecipe = 5;
 constexpr const char* kAutoAgain = "delete the file to do its part of the run again";
 constexpr std::size_t kMaxEvaluations = 1'000'000;
 
@@ -153,11 +153,15 @@ class Portfolio {
                                   settings_.iterations));
   }
 
-  /// The objective of a mesh as it is on these vehicles; the same on every rank.
-  double evaluate(const TexturedMesh& mesh, const std::vector<Host>& hosts) {
-    stop_if_interrupted();
+  /// The objective of a mesh as it is on these vehicles; the same on every rank. Whoever learned it: --expect
+  /// draws the worlds by the search's own seed, so that candidates are told apart by their meshes alone.
+  double judge(const TexturedMesh& mesh, const std::vector<Host>& hosts) const {
     return AttackStepper(settings_, run_.detectors, run_.store, part_.learn, mesh.mesh, clean_cache_)
         .held_out(mesh, hosts);
+  }
+  double evaluate(const TexturedMesh& mesh, const std::vector<Host>& hosts) const {
+    stop_if_interrupted();
+    return judge(mesh, hosts);
   }
 
   void search() {
@@ -254,7 +258,7 @@ class Portfolio {
       const long at = c.state.iteration;
       if ((at == 0 || at % settings_.validation_every == 0 || ends_.contains(at)) &&
           (record.iterations.empty() || record.iterations.back() < at))
-        record.add(at, c.stepper->held_out(c.state.adversary, part_.held_out), c.state.adversary);
+        record.add(at, judge(c.state.adversary, part_.held_out), c.state.adversary);
       if (at >= until) break;
       if (any_rank(interrupted())) {
         save(c);

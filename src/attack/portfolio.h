@@ -50,6 +50,7 @@ std::vector<AttackTarget> auto_targets(AttackTarget requested, const Capabilitie
 //   4. The mesh of the lowest held-out objective that any candidate had at any look is what was learned; a
 //      start that no step improves is kept as it is.
 //
+// Every mesh that is chosen among is judged in the same worlds (--expect), whatever seed it learned by.
 // Held out are whole frames of the training part (attack/attack_hosts.h); the run's test vehicles are
 // never looked at. The objective chooses, not the share that vanished: over some 30 vehicles that share moves
 // in steps of 3 points.

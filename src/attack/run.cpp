@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <optional>
 
 #include "base/disk_cache.h"
@@ -126,23 +127,38 @@ bool is_other_data(const Run& run, const std::filesystem::path& data) {
   return std::filesystem::weakly_canonical(data) != std::filesystem::weakly_canonical(run.settings.data);
 }
 
+std::set<std::string> frames_shared(const fs::path& data, const fs::path& other,
+                                    std::span<const std::string> ids, std::size_t* unknown) {
+  std::map<std::uintmax_t, std::vector<fs::path>> sweeps;  // by their sizes: few others have one of these
+  std::set<std::string> gone;
+  for (const std::string& id : ids) try {
+      const fs::path sweep = open_data_set(other)->source_files(id).at(0).file;
+      sweeps[fs::file_size(sweep)].push_back(sweep);
+    } catch (const std::exception&) {  // it has no such frame, or is not there
+      gone.insert(id);
+    }
+  std::set<std::string> shared;
+  const auto set = open_data_set(data);
+  for (const std::string& id : set->frames()) {
+    const fs::path sweep = set->source_files(id).at(0).file;
+    std::error_code error;
+    const auto same = sweeps.find(fs::file_size(sweep, error));
+    if (!error && same != sweeps.end()) {
+      const std::string hash = file_hash(sweep, kMaxFileBytes);
+      if (std::ranges::any_of(same->second,
+                              [&](const fs::path& file) { return file_hash(file, kMaxFileBytes) == hash; }))
+        shared.insert(id);
+    }
+    if (unknown != nullptr) *unknown += gone.contains(id);
+  }
+  return shared;
+}
+
 std::set<std::string> frames_learned_on(const Run& run, const fs::path& data) {
   const std::vector<std::string> train = host_frames(run.train);
-  std::set<std::string> learned(train.begin(), train.end());
-  if (learned.empty() || !is_other_data(run, data)) return learned;
-  const auto sweep_of = [](const fs::path& set, const std::string& id) -> std::optional<std::string> {
-    try {
-      return file_hash(open_data_set(set)->source_files(id).at(0).file, kMaxFileBytes);
-    } catch (const InputError&) {  // it has no such frame, or is not there
-      return std::nullopt;
-    }
-  };
+  if (train.empty() || !is_other_data(run, data)) return {train.begin(), train.end()};
   std::size_t unknown = 0;
-  std::erase_if(learned, [&](const std::string& id) {
-    const auto sweep = sweep_of(data, id), known = sweep ? sweep_of(run.settings.data, id) : std::nullopt;
-    unknown += sweep && !known;
-    return !sweep || sweep != known;
-  });
+  auto learned = frames_shared(data, run.settings.data, train, &unknown);
   if (unknown > 0 && rank() == 0)
     spdlog::warn(
         "{} frames of {} have names of frames that {} was learned on; whether they are the same cannot be "
@@ -213,10 +229,11 @@ void override_settings(AttackSettings& settings, const Overrides& overrides, std
   if (const auto words = overrides.find("lidar_effects");
       words != overrides.end()) {  // of the unit that records
     settings.simulation.lidar_effects = parse_lidar_effects(
-        words->second == kAsRecorded ? recorded_lidar_effects(settings.data) : words->second,
+        words->second == kAsRecorded ? recorded_lidar_effects(settings.data, settings.rig) : words->second,
         lidar_of(settings.data, settings.rig).divergence);
     if (settings.simulation.lidar_effects.any()) settings.simulation.lidar_effects.seed = seed;
   }
+  settings.simulation.camera_effects.seed = seed;
 }
 
 void override_settings(Run& run, const Overrides& overrides, std::uint64_t seed, bool other_data) {
@@ -267,6 +284,8 @@ Run read_run(const fs::path& folder, TrustRun trust) {
   }
   run.train = read_hosts(json, "train");
   run.test = read_hosts(json, "test");
+  if (json.has(kTrainFrames)) run.train_frames = json.text(kTrainFrames);
+  if (json.has(kTestFrames)) run.test_frames = json.text(kTestFrames);
   run.adversary = read_adversary(folder / "adversary.glb");
   run.random = read_adversary(folder / "random.glb");
   return run;

@@ -15,6 +15,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -32,6 +33,7 @@ struct Run {
   std::filesystem::path folder;
   AttackSettings settings;  ///< those that run.json says: what decides the result
   std::vector<HostId> train, test;
+  std::string train_frames, test_frames;  ///< frames_hash() of those that these stand in; empty: not said
   TexturedMesh adversary, random;
   TrustRun trust = TrustRun::no;
   /// What run.json names that is code, unless the run is trusted; the settings are empty there.
@@ -42,11 +44,17 @@ struct Run {
   Refused refused;  ///< see Refused
 };
 
+/// The keys of run.json that say Run::train_frames and Run::test_frames.
+inline constexpr const char *kTrainFrames = "train_frames", *kTestFrames = "test_frames";
+
 /// Whether `data` is another folder than the run's: its labels are not the run's hosts.
 bool is_other_data(const Run& run, const std::filesystem::path& data);
+/// Frames of `data` whose sweeps are those of some of the frames `ids` of `other`, whatever their names.
+/// `unknown`, if given: how many have the name of one of these that is not there.
+std::set<std::string> frames_shared(const std::filesystem::path& data, const std::filesystem::path& other,
+                                    std::span<const std::string> ids, std::size_t* unknown = nullptr);
 /// Frames of `data` that the run was learned on. Of another folder, such as a copy, a part or what
-/// --hosts-from detections has labelled: those of the same name and sweep. Warns of names whose own sweeps
-/// are gone.
+/// --hosts-from detections has labelled: frames_shared(). Warns of names whose own sweeps are gone.
 std::set<std::string> frames_learned_on(const Run& run, const std::filesystem::path& data);
 /// InputError if it is.
 void require_own_data(const Run& run, const std::filesystem::path& data);

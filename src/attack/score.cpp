@@ -291,6 +291,13 @@ ScoreResult score(const ScoreRequest& request) {
       learn_data = request.out / "learn";
       generate(rig, request.seed + 90001, request.learn_frames, "learn_frames", request, learn_data);
     }
+    const bool own = fs::weakly_canonical(learn_data) == fs::weakly_canonical(data);
+    if (const auto frames = list_frames(learn_data); !own)
+      if (const auto shared = frames_shared(data, learn_data, frames); !shared.empty())
+        throw FieldError(
+            "learn_data", learn_data.string(),
+            fmt::format("holds {} of the frames that are judged, {} first", shared.size(), *shared.begin()),
+            "give frames of other drives, or the same folder, whose test frames are judged");
     DetectorOptions options = request.detector;
     options.rig = data_rig(learn_data);
     const bool has_gradients = load_detector(options)->capabilities().has_gradients;
@@ -298,7 +305,7 @@ ScoreResult score(const ScoreRequest& request) {
       const fs::path run = request.out / fmt::format("learned-{:g}", size);
       result.learned.push_back(learn(request, size, learn_data, run, has_gradients));
       evaluation.meshes.push_back(run / "adversary.glb");
-      if (fs::weakly_canonical(learn_data) == fs::weakly_canonical(data)) evaluation.hosts_of = run;
+      if (own) evaluation.hosts_of = run;
     }
   }
   result.evaluation = evaluate_run(evaluation);

@@ -104,7 +104,8 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   apply_rasteriser(options, settings.simulation);
   options.effects.check();
   options.effects.apply(settings.simulation, lidar_of(settings.data, settings.rig),
-                        recorded_lidar_effects(settings.data), common.seed);
+                        recorded_lidar_effects(settings.data, settings.rig), common.seed);
+  settings.simulation.camera_effects.seed = common.seed;
   settings.out = common.out;
   settings.seed = common.seed;
   settings.quiet = common.quiet;
@@ -115,6 +116,11 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   const AttackResult result = run_attack(settings);
   if (rank() == 0) {
     common.provenance->add(settings);
+    // A longer run's object stays where fewer are asked for: it is of those that were made.
+    if (const auto& search = result.black_box; search && search->queries > settings.queries)
+      common.provenance->set("queries", search->queries);
+    else if (!search && result.iterations > settings.iterations)
+      common.provenance->set("iterations", result.iterations);
     if (settings.buildable.on)
       common.provenance->input("gamut", content_hash(to_json(settings.buildable.gamut).dump()));
     if (settings.renderer) common.provenance->set("renderer", settings.renderer->identity());

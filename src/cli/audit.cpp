@@ -73,6 +73,7 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
   make_output_folder(common.out);
   if (!options.claim.empty()) read_claims(options.claim);  // now, not after the work
   const DetectorOptions detector_options = with_common(options.detector, common, options);
+  check_known_options(detector_options, false);
   check_data(options.data, options.rig, UnitUse::reads_sweeps);
   const std::vector<std::string> ids = spread_evenly(list_frames(options.data), options.frames);
   const LabelCensus census = count_labels(options.data, ids, options.classes);

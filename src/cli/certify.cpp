@@ -1,5 +1,6 @@
 // mirage certify: cars that no object on their roof can hide.
 #include <cmath>
+#include <set>
 
 #include "attack/zoo.h"
 #include "base/error.h"
@@ -99,11 +100,24 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
   settings.evaluation.quiet = common.quiet;
   const std::vector<NamedObject> objects = read_objects(options.meshes);
   for (const NamedObject& object : objects) settings.adversaries.push_back(object.mesh);
-  if (!options.run.empty()) settings.adversaries.push_back(read_run(options.run, options.trust).adversary);
+  if (!options.run.empty()) {
+    Run run = read_run(options.run, options.trust);
+    if (const PlaceChoice& place = run.settings.placement; content_of(place) != content_of(options.placement))
+      throw FieldError(
+          "run", options.run.string(),
+          fmt::format("was learned at the place {}, and a certificate is about roofs", text_of(place)),
+          "give a run that was learned on roofs");
+    settings.adversaries.push_back(std::move(run.adversary));
+  }
+  std::set<double> sizes;
+  for (const double size : settings.sizes)
+    if (!sizes.insert(size).second)
+      throw FieldError("sizes", fmt::format("{:g}", size), "is given twice", "give each size once");
   if (settings.whole_lattice && !settings.with_lattice)
     throw InputError("--whole-lattice", "", "is of the lattice", "add --lattice");
   const LidarModel lidar = lidar_of(options.data, options.rig);
-  options.effects.apply(settings.simulation, lidar, recorded_lidar_effects(options.data), common.seed);
+  options.effects.apply(settings.simulation, lidar, recorded_lidar_effects(options.data, options.rig),
+                        common.seed);
   FrameStore store(options);
   const DetectorOptions detector_options = with_common(options.detector, common, options);
   if (detector_options.locality > 0)

@@ -16,6 +16,8 @@
 #include <vector>
 
 #include "base/child_process.h"
+#include "base/error.h"
+#include "base/files.h"
 #include "base/intervals.h"
 #include "base/logging.h"
 #include "base/names.h"
@@ -176,6 +178,15 @@ inline Rows picture_rows(const Reliance& reliance) {
   Rows rows = {{"use of the picture", describe(reliance)}};
   if (const std::string note = picture_note(reliance); !note.empty()) rows.push_back({"images", note});
   return rows;
+}
+
+/// What the folder's result.json holds before this command writes its own; null without one that can be read.
+inline nlohmann::json earlier_result(const std::filesystem::path& out) {
+  try {
+    return std::filesystem::exists(out / "result.json") ? read_json(out / "result.json") : nlohmann::json();
+  } catch (const InputError&) {
+    return {};
+  }
 }
 
 /// The page that a Python program makes beside OUT/result.json, one self-contained file

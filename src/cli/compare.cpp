@@ -16,8 +16,10 @@ struct CompareOptions {
   DetectorOptions both;  ///< what holds for either
   std::vector<std::string> detectors, weights, defenses;
   std::optional<double> fail_above;
-  /// Set by run, read afterwards: how much worse the second is at least, points.
+  /// Set by run, read afterwards: how much worse the second is at least, points, and why nothing is known of
+  /// that; empty: it is known.
   double worse = 0;
+  std::string unknown;
 };
 
 /// The `which`-th of a list that is empty, or has one or two entries.
@@ -30,7 +32,8 @@ std::string of_two(const std::vector<std::string>& list, std::size_t which, cons
 
 void print_comparison(const Comparison& result) {
   const ComparedPart& all = result.parts.front();
-  print_table({{"vehicles that both find", fmt::format("{} of {}", all.vehicles, result.hosts)},
+  print_table({{"vehicles that both find", fmt::format("{} of {} (first: {}, second: {})", all.vehicles,
+                                                       result.hosts, result.found[0], result.found[1])},
                {"intervals over", to_string(result.clusters)}});
   Columns parts = {{"vanished (95 %)", "vehicles", "first", "second", "points more in second (95 %)", "p"}};
   const auto show = [&](const ComparedPart& part) {
@@ -82,7 +85,8 @@ void add_options(CLI::App& app, CompareOptions& options) {
   add_score_option(app, request.settings.score_threshold);
   app.add_option(
          "--fail-above", options.fail_above,
-         "exit code 1 if the second detector is worse by more than this many points beyond the interval")
+         "exit code 1 if the second detector is worse by more than this many points beyond the interval, or "
+         "if both find fewer than a tenth of the vehicles")
       ->check(within({0, 100}));
   add_trust_option(app, request.trust);
   add_cache_note(app);
@@ -91,9 +95,6 @@ void add_options(CLI::App& app, CompareOptions& options) {
 nlohmann::json run(CompareOptions& options, const Common& common) {
   ComparisonRequest request = options.request;
   request.settings.quiet = common.quiet;
-  if (options.detectors.size() == 1 && options.weights.size() < 2 && options.defenses.size() < 2)
-    throw FieldError("detectors", options.detectors.front(), "is compared with itself",
-                     "name two detectors, or two --weights or --defense");
   for (const std::size_t which : {0u, 1u}) {
     DetectorOptions detector = with_common(options.both, common, request);
     detector.detector = of_two(options.detectors, which, "detectors", "");
@@ -105,11 +106,18 @@ nlohmann::json run(CompareOptions& options, const Common& common) {
   if (rank() > 0) return nlohmann::json::object();  // the first tells
   if (!common.quiet) print_comparison(result);
   options.worse = 100 * result.parts.front().difference.low;
+  if (result.few())
+    options.unknown =
+        fmt::format("both detectors find {} of {} vehicles as recorded (first: {}, second: {})",
+                    result.parts.front().vehicles, result.hosts, result.found[0], result.found[1]);
   return {{"compare", to_json(result)}};
 }
 
 void afterwards(const CompareOptions& options, const Common& common) {
   write_page(common.out);
+  if (options.fail_above && !options.unknown.empty())
+    throw Failure("--fail-above", options.unknown + ": over so few nothing is known of the second",
+                  "look at its boxes with mirage detect, or give more frames");
   if (options.fail_above && options.worse > *options.fail_above)
     throw Failure("--fail-above",
                   fmt::format("the second detector is worse by at least {:.1f} points", options.worse),

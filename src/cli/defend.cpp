@@ -12,11 +12,16 @@ namespace {
 struct DefendOptions {
   DefenseSettings settings;
   std::string method = "adversarial";
+  const CLI::App* app = nullptr;  ///< knows which options were given
 };
 
 nlohmann::json run(const DefendOptions& options, const Common& common) {
   DefenseSettings settings = options.settings;
   set_method(options.method, settings);
+  for (const std::string& field : unused_fields(options.method))
+    if (options.app->get_option(option_of(*options.app, field))->count() > 0)
+      throw FieldError(field, "", "decides nothing with the method " + options.method,
+                       "leave it out, or use another --method");
   take_common(settings, common);
   settings.detector = with_common(settings.detector, common, settings);
   const DefenseResult result = train_defended(settings);
@@ -50,6 +55,7 @@ nlohmann::json run(const DefendOptions& options, const Common& common) {
 }
 
 void add_options(CLI::App& app, DefendOptions& options) {
+  options.app = &app;
   add_fields(app, options.settings, {"minutes"});  // a run is of so many steps
   app.get_option("--precision")->check(one_of({kFloat, kBfloat16}));
   add_defaulted(app, "--method", options.method,

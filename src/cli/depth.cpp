@@ -27,19 +27,24 @@ struct DepthOptions {
   double hide = -1;
 };
 
+/// Null for what no pixel says.
 nlohmann::json to_json(const DepthErrors& e) {
-  return {{"rmse_mm", e.rmse},
-          {"mae_mm", e.mae},
-          {"irmse_per_km", e.irmse},
-          {"imae_per_km", e.imae},
+  const auto of = [&](double error) { return e.pixels ? nlohmann::json(error) : nlohmann::json(); };
+  return {{"rmse_mm", of(e.rmse)},
+          {"mae_mm", of(e.mae)},
+          {"irmse_per_km", of(e.irmse)},
+          {"imae_per_km", of(e.imae)},
           {"pixels", e.pixels}};
 }
 
 nlohmann::json to_json(const RoofPixels& r) {
-  const double n = static_cast<double>(std::max<std::size_t>(1, r.pixels));
+  const auto share = [&](std::size_t count) {
+    return r.pixels ? nlohmann::json(static_cast<double>(count) / static_cast<double>(r.pixels))
+                    : nlohmann::json();
+  };
   return {{"pixels", r.pixels},
-          {"wrongly_kept", static_cast<double>(r.wrongly_kept) / n},
-          {"wrongly_dropped", static_cast<double>(r.wrongly_dropped) / n}};
+          {"wrongly_kept", share(r.wrongly_kept)},
+          {"wrongly_dropped", share(r.wrongly_dropped)}};
 }
 
 std::string shares(const RoofPixels& r) {
@@ -57,14 +62,18 @@ void print_scores(const std::vector<DepthScore>& scores, bool by_returns) {
   row("", "cover %", "sky %", "s/frame", "RMSE", "MAE", "iRMSE", "iMAE", "RMSE", "MAE",
       by_returns ? "RMSE | MAE" : "roof k|d %", by_returns ? "" : "sky k|d %",
       by_returns ? "" : "border k|d %");
+  const auto cell = [](const DepthErrors& of, double error, int digits) {
+    return of.pixels ? fmt::format("{:.{}f}", error, digits) : std::string("-");
+  };
   for (const DepthScore& s : scores)
     row(s.name, fmt::format("{:.1f}", 100 * s.coverage),
         by_returns ? std::string("-") : fmt::format("{:.1f}", 100 * s.sky_filled),
-        fmt::format("{:.3f}", s.seconds), fmt::format("{:.0f}", s.common.rmse),
-        fmt::format("{:.0f}", s.common.mae), fmt::format("{:.2f}", s.common.irmse),
-        fmt::format("{:.2f}", s.common.imae), fmt::format("{:.0f}", s.filled.rmse),
-        fmt::format("{:.0f}", s.filled.mae),
-        by_returns ? fmt::format("{:.0f} | {:.0f}", s.consistent.rmse, s.consistent.mae) : shares(s.roof),
+        fmt::format("{:.3f}", s.seconds), cell(s.common, s.common.rmse, 0), cell(s.common, s.common.mae, 0),
+        cell(s.common, s.common.irmse, 2), cell(s.common, s.common.imae, 2), cell(s.filled, s.filled.rmse, 0),
+        cell(s.filled, s.filled.mae, 0),
+        by_returns
+            ? cell(s.consistent, s.consistent.rmse, 0) + " | " + cell(s.consistent, s.consistent.mae, 0)
+            : shares(s.roof),
         by_returns ? std::string() : shares(s.sky), by_returns ? std::string() : shares(s.border));
   fmt::print(
       "RMSE, MAE in mm, iRMSE, iMAE in 1/km: first where every back-end has a value, then on all pixels with "
@@ -84,8 +93,10 @@ void add_options(CLI::App& app, DepthOptions& options) {
   app.add_option("--weights", options.weights,
                  "weights of learned depth completion (default: the shipped ones)");
   app.add_option("--hide", options.hide,
-                 "score on this share of the returns, held back (default: 0.2 where there is no true depth)");
-  add_defaulted(app, "--farthest", options.score.farthest, "score up to this true depth, m");
+                 "score on this share of the returns, held back (default: 0.2 where there is no true depth)")
+      ->check(within({0, 0.99}));
+  add_defaulted(app, "--farthest", options.score.farthest, "score up to this true depth, m")
+      ->check(within({0.1, 1000}));
   add_defaulted(app, "--frames", options.score.frames, "only the first N frames (0: all)");
 }
 

@@ -44,7 +44,7 @@ nlohmann::json box_json(const PictureBox& box) {
 nlohmann::json box_json(const ObjectBoxes& boxes, Matching matching, bool heights) {
   if (matching.in_picture()) return box_json(boxes.picture);
   nlohmann::json json = box_json(boxes.box.bev);
-  if (heights) json["bottom"] = boxes.box.bottom, json["height"] = boxes.box.height;
+  if (heights && boxes.box.height > 0) json["bottom"] = boxes.box.bottom, json["height"] = boxes.box.height;
   return json;
 }
 
@@ -71,12 +71,16 @@ nlohmann::json detections_json(const DetectionRun& run, const Capabilities& can)
   return {{"frames", frames}};
 }
 
+/// Without a vehicle there are no figures: null.
 nlohmann::json scores_json(const ScoredStratum& part) {
+  const auto figure = [&](double value) {
+    return part.at50.boxes > 0 ? nlohmann::json(value) : nlohmann::json();
+  };
   return {{"vehicles", part.at50.boxes},
-          {"ap50", part.at50.average_precision},
-          {"ap70", part.at70.average_precision},
-          {"recall50", part.at50.recall},
-          {"recall70", part.at70.recall}};
+          {"ap50", figure(part.at50.average_precision)},
+          {"ap70", figure(part.at70.average_precision)},
+          {"recall50", figure(part.at50.recall)},
+          {"recall70", figure(part.at70.recall)}};
 }
 
 std::string key(std::string name) {
@@ -85,11 +89,16 @@ std::string key(std::string name) {
   return name;
 }
 
-/// By Mirage's rules, percent. The first row's figures stand with their intervals.
+/// By Mirage's rules, percent; none where there is no vehicle. The first row's figures stand with their
+/// intervals.
 void print_scores(const std::vector<ScoredStratum>& parts, const Interval& ap50, const Interval& ap70) {
   Columns rows = {{"", "vehicles", "AP 0.5 (95 %)", "AP 0.7 (95 %)", "recall 0.5", "recall 0.7"}};
   for (const auto& [stratum, at50, at70] : parts) {
     const bool all = &stratum == &parts.front().stratum;
+    if (at50.boxes == 0) {
+      rows.push_back({stratum.name, "0", "none", "none", "none", "none"});
+      continue;
+    }
     const auto ap = [&](const PrecisionRecall& at, const Interval& interval) {
       return all ? percent(interval) : percent(at.average_precision);
     };
@@ -131,6 +140,7 @@ void add_options(CLI::App& app, DetectOptions& options) {
 nlohmann::json run(const DetectOptions& options, const Common& common) {
   make_output_folder(common.out);
   const DetectorOptions detector_options = with_common(options.detector, common, options);
+  check_known_options(detector_options, options.check > 0);
   check_data(options.data, options.rig, UnitUse::reads_sweeps);
   // One of ours works on all threads by itself; a program is started once a thread.
   DetectorPool pool;
@@ -148,7 +158,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   std::vector<CleanFrame> clean(frames.size());
   const auto seen = [&](std::size_t place, const Frame& frame, const std::vector<Detection>& proposals) {
     CleanFrame& here = clean[place];
-    here.scored = scored(proposals, ground_truth(frame, detector->region()), frame.calibration.camera.fy,
+    here.scored = scored(proposals, ground_truth(frame, detector->region(), can), frame.calibration.camera.fy,
                          can.matching());
     here.proposals = proposals;
     here.width = frame.image.width, here.height = frame.image.height;
@@ -205,8 +215,6 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   } else if (any_truth && !found.hints.empty()) {
     spdlog::warn("{} {}, but {}", detector->name(), describe(found), fmt::join(found.hints, "; "));
   }
-  if (!any_truth)
-    for (const char* figure : {"ap50", "ap70", "recall50", "recall70"}) result[figure] = nullptr;
   result["frames"] = run.ids.size();
   result["unlabelled_frames"] = census.unlabelled;
   result["ap50_interval"] = to_json(ap50);

@@ -1,12 +1,15 @@
 // mirage drive: an object on every vehicle of a drive, in seconds and metres.
 #include "attack/drive.h"
 
+#include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "attack/baseline.h"
 #include "attack/zoo.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/logging.h"
 #include "base/names.h"
 #include "base/ranks.h"
 #include "cli/command.h"
@@ -162,6 +165,12 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   std::vector<std::string> frames;
   for (const Sequence& sequence : request.sequences)
     for (const SequenceFrame& frame : sequence.frames) frames.push_back(frame.id);
+  const std::set<std::string> learned = frames_learned_on(run, request.data);
+  const auto trained_on =
+      std::ranges::count_if(frames, [&](const std::string& id) { return learned.contains(id); });
+  if (trained_on > 0 && rank() == 0)
+    spdlog::warn("the adversary was learned on {} of the {} frames: its vehicles there are no unseen ones",
+                 trained_on, frames.size());
   FrameStore store(run.settings);
   const DetectorPool detectors = load_detector_pool(detector, static_cast<int>(frames.size()));
   request.evaluation.detector_identity =
@@ -184,6 +193,7 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   return {{"drive", drive},
           {"data", run.settings.data.string()},
           {"object", (options.run.empty() ? options.mesh : options.run).string()},
+          {"frames_trained_on", trained_on},
           {"asked", overrides},  // in place of the run's, for mirage view
           {"detector", detector.detector},
           {"tracker", options.tracker},

@@ -1,6 +1,7 @@
 // mirage export: the adversary and scenes of a run as glTF, the adversary as FBX and OBJ too.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <optional>
 
 #include "attack/run.h"
@@ -90,6 +91,21 @@ Rows kit_rows(const nlohmann::json& kit) {
   return rows;
 }
 
+/// Removes the files that the export before wrote into this folder, by the list in its result: scenes of
+/// other vehicles and formats that are not asked for any more would pass for this object's.
+void remove_earlier_scenes(const std::filesystem::path& folder) {
+  const nlohmann::json before = earlier_result(folder);
+  if (!before.is_object() || !before.contains("files") || !before.at("files").is_array()) return;
+  for (const nlohmann::json& name : before.at("files")) {
+    if (!name.is_string()) continue;
+    const std::filesystem::path path = name.get<std::string>();
+    const bool inside = path.is_relative() && std::find(path.begin(), path.end(), "..") == path.end();
+    std::error_code ignored;  // a name that is a folder's by now
+    if (inside && std::filesystem::is_regular_file(folder / path, ignored))
+      std::filesystem::remove(folder / path, ignored);
+  }
+}
+
 nlohmann::json run(const ExportOptions& options, const Common& common) {
   Run run = read_run(options.run, options.trust);
   override_settings(run, options.overrides, common.seed);
@@ -98,7 +114,6 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     require_text_path(common.out);
     blender.emplace(common.out / "blender.log");
   }
-  write_adversary(common.out / "adversary.glb", run.adversary);
   std::vector<HostId> hosts = shown_hosts(run, options.frames);
   run.settings.cameras = Cameras::all;  // labels keep their numbers
   FrameStore store(run.settings);
@@ -107,8 +122,13 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     if (hosts.empty()) refuse_left_out(store.place(), left_out);
     warn_of_left_out(store.place(), left_out);
   }
+  if (hosts.empty())
+    throw InputError((options.run / "run.json").string(), "test", "no test vehicles to export",
+                     "give --frames N, which goes on with those that it learned on");
   common.provenance->add(run.settings);
   add_frames(*common.provenance, run.settings, hosts);
+  remove_earlier_scenes(common.out);
+  write_adversary(common.out / "adversary.glb", run.adversary);
   RoofCount rooftops;
   Progress progress("export", hosts.size(), common.quiet);
   auto files = nlohmann::json::array({"adversary.glb"});
@@ -121,6 +141,8 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     kit = write_kit(options, run, *blender, common.out / "kit");
     for (const char* file : {"kit/kit.json", "kit/object.3mf", "kit/sheets.pdf", "kit/plate.svg"})
       files.push_back(file);
+    for (const nlohmann::json& part : kit.at("parts"))
+      files.push_back("kit/" + part.at("file").get<std::string>());
   }
   if (options.fbx) {
     blender->write_fbx(common.out / "adversary.fbx", run.adversary);
@@ -128,9 +150,6 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
   }
   blender.reset();
   std::size_t scenes = 0, learned = 0, others = 0;
-  if (hosts.empty())
-    throw InputError((options.run / "run.json").string(), "test", "no test vehicles to export",
-                     "give --frames N, which goes on with those that it learned on");
   for (const HostId& id : hosts) {
     throw_if_interrupted("the files written so far are complete");
     const auto frame_handle = store.get(id.frame);
@@ -166,7 +185,10 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
 
 void add_options(CLI::App& app, ExportOptions& options) {
   app.add_option("--run", options.run, "folder of a finished mirage attack")->required();
-  add_overrides<FrameSource>(app, options.overrides);
+  // Without "cameras": labels keep their numbers only where all are read, and each that shows the object is
+  // written.
+  add_overrides<FrameSource>(app, options.overrides,
+                             {"data", "rig", "depth", "rooftop", "placement", "sensors", "classes", "sun"});
   add_trust_option(app, options.trust);
   add_defaulted(app, "--frames", options.frames,
                 "export N frames of the run, test frames first. 0: all test frames")
@@ -175,15 +197,18 @@ void add_options(CLI::App& app, ExportOptions& options) {
                "also write adversary.fbx (by Blender) for engines: metres, pivot on the roof "
                "socket, embedded texels");
   app.add_flag("--obj", options.obj, "also write adversary.obj with .mtl and .png: metres, x forward, z up");
-  app.add_flag("--kit", options.kit,
-               "also write what builds it (by Blender): parts as .stl and .3mf, its skin as .pdf at true "
-               "scale, a plate to mount it on");
-  add_defaulted(app, "--bed", options.bed, "of --kit: the printer's bed X,Y,Z, m; each part fits it")
+  auto* kit =
+      app.add_flag("--kit", options.kit,
+                   "also write what builds it (by Blender): parts as .stl and .3mf, its skin as .pdf at true "
+                   "scale, a plate to mount it on");
+  add_defaulted(app, "--bed", options.bed, "the printer's bed X,Y,Z, m; each part fits it")
       ->delimiter(',')
       ->expected(3)
-      ->check(within({0.05, 10}));
-  add_defaulted(app, "--sheet", options.sheet, "of --kit: paper of the skin")
-      ->check(one_of({"A0", "A1", "A2", "A3", "A4"}));
+      ->check(within({0.05, 10}))
+      ->needs(kit);
+  add_defaulted(app, "--sheet", options.sheet, "paper of the skin")
+      ->check(one_of({"A0", "A1", "A2", "A3", "A4"}))
+      ->needs(kit);
 }
 
 }  // namespace

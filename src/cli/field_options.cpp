@@ -193,6 +193,10 @@ UsageError usage_error(const CLI::ParseError& error, const CLI::App& app) {
   if (dynamic_cast<const CLI::ArgumentMismatch*>(&error)) {
     const std::string name = text.substr(0, text.find(':'));
     option = app.get_option_no_throw(name);
+    if (const int most = option ? option->get_expected_max() : 0;
+        most > 0 && text.find(": At Most ") != text.npos)
+      return {name, most == 1 ? "is given more than once" : fmt::format("has more than {} values", most),
+              most == 1 ? "give it once" : "leave some out"};
     if (option) return {name, "needs a value", option->get_description()};
   }
   return {"", text, help};

@@ -74,8 +74,9 @@ std::string centimetres(const FitSpread& spread) {
 }
 
 void print_row(const std::string& name, const FitSummary& fits) {
-  fmt::print("{:<10} {:>8} {:>7} {:>6.1f} mm {:>8.1f}", name, fits.vehicles, fits.fitted,
-             1000 * fits.residual.median, 1000 * fits.seconds.median);
+  fmt::print("{:<10} {:>8} {:>7} {:>9} {:>8}", name, fits.vehicles, fits.fitted,
+             fits.fitted ? fmt::format("{:.1f} mm", 1000 * fits.residual.median) : "-",
+             fits.fitted ? fmt::format("{:.1f}", 1000 * fits.seconds.median) : "-");
   if (fits.error)
     fmt::print("{:37}{:<14}{:<14}{:<14}", "", centimetres(fits.error->roof[0]),
                centimetres(fits.error->roof[1]), centimetres(fits.error->roof[2]));
@@ -121,7 +122,7 @@ struct FitWork {
     const Frame frame = read_frame(options.data, id);
     std::vector<generator::TrueVehicle> truth;
     const auto index = source ? generator::index_of(id) : std::nullopt;
-    if (index) truth = generator::true_vehicles(source->seed, *index, lidar.height, source->look);
+    if (index) truth = generator::true_vehicles(*source, *index, lidar.height);
     const std::vector<FittedVehicle> fits =
         fit_frame(finder, frame, lidar, settings, index ? &truth : nullptr);
     if (options.format != "none")
@@ -159,7 +160,7 @@ Provenance made_of_fit(const FitOptions& options, const std::filesystem::path& m
   provenance.set("types", settings.types);
   provenance.set("label_noise", settings.label_noise);
   provenance.set("seed", settings.seed);
-  if (source) provenance.set("street", {source->seed, name_of(source->look)});
+  if (source) provenance.set("street", {source->seed, name_of(source->look), source->behind});
   return provenance;
 }
 
@@ -216,7 +217,7 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
                   {"fitted", report.all.fitted},
                   {"from_box", report.all.vehicles - report.all.fitted},
                   {"model", model_file.string()},
-                  {"truth_known", source.has_value()},
+                  {"truth_known", report.all.error.has_value()},
                   {"label_noise", frame_settings.label_noise}});
   return summary;
 }

@@ -159,6 +159,7 @@ struct InsertionOptions : FrameSource {
   SimulationSettings for_unit(const LidarModel& unit, const std::string& recorded, std::uint64_t seed) const {
     SimulationSettings settings = simulation;
     lidar_effects.apply(settings, unit, recorded, seed);
+    settings.camera_effects.seed = seed;
     return settings;
   }
 };

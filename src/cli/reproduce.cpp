@@ -1,9 +1,11 @@
 // mirage reproduce: the paper's experiments, one command a table.
 #include "validation/paper/reproduce.h"
 
+#include "base/error.h"
 #include "base/files.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage::cli {
 namespace {
@@ -48,6 +50,9 @@ void add_options(CLI::App& app, ReproduceOptions& options) {
                 "runs of each attack, with consecutive seeds; intervals then include their spread")
       ->check(within({1, 100}));
   add_defaulted(app, "--pictures", options.pictures, "pictures of each attack")->check(within(kNotNegative));
+  app.callback([&app, &options] {
+    if (options.quick) paper::make_quick(options, app.count("--frames") == 0, app.count("--iterations") == 0);
+  });
 }
 
 nlohmann::json run(const ReproduceOptions& options, const Common& common) {
@@ -56,13 +61,32 @@ nlohmann::json run(const ReproduceOptions& options, const Common& common) {
   settings.seed = common.seed;
   settings.threads = common.threads;
   settings.quiet = common.quiet;
-  if (settings.quick) paper::make_quick(settings);
+  // A step that fails leaves a hole in the tables and the others go on: what no step can read is said now.
+  for (const std::filesystem::path& data : {settings.kitti64, settings.xenith, settings.real})
+    if (!data.empty()) list_frames(data);
   const nlohmann::json result =
       paper::reproduce(settings, [](const std::string& command, const NamedSettings& named) {
         run_command(command, named, "mirage reproduce");
       });
   if (!result.empty()) print_result(std::filesystem::absolute(settings.out), result);
   return result;
+}
+
+/// The tables are written; that they have holes is a failure all the same.
+void afterwards(const ReproduceOptions&, const Common& common) {
+  const std::filesystem::path file = common.out / "reproduce.json";
+  const nlohmann::json steps = read_json(file).at("steps");
+  std::size_t failed = 0;
+  std::string first;
+  for (const auto& [name, step] : steps.items()) {
+    if (step.at("status") != "failed") continue;
+    ++failed;
+    const std::string error = step.at("error");
+    if (first.empty() && !error.starts_with("needs ")) first = name + ": " + error;
+  }
+  if (failed > 0)
+    throw Failure(file.string(), fmt::format("{} of {} steps failed; {}", failed, steps.size(), first),
+                  "mend it and run the same command: what is done is kept");
 }
 
 }  // namespace

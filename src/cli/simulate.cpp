@@ -17,6 +17,9 @@
 #include "scene/depth/learned_depth.h"
 #include "scene/recorded_light.h"
 #include "scene/shape/shape_fit.h"
+#include "sensors/ray_caster.h"
+#include "simulation/render_scene.h"
+#include "simulation/sensor_pass.h"
 
 namespace mirage::cli {
 namespace {
@@ -29,25 +32,68 @@ struct SimulateOptions {
   SimulateOptions() { insertion.cameras = Cameras::all; }
 };
 
-/// A full-size grey picture of a window's channel.
+/// A full-size grey picture of how far the object covers each pixel: level 255 times the share. write_srgb
+/// encodes what it is given, so it is given the linear value of that level.
 ImageF mask_picture(const CameraSight& simulated) {
   ImageF mask(simulated.image.width, simulated.image.height, 1);
   for (int v = simulated.rect.v0; v < simulated.rect.v1; ++v)
     for (int u = simulated.rect.u0; u < simulated.rect.u1; ++u)
-      mask.at(u, v) = static_cast<float>(simulated.rgba.at(u - simulated.rect.u0, v - simulated.rect.v0, 3));
+      mask.at(u, v) = linear_from_srgb(
+          static_cast<float>(simulated.rgba.at(u - simulated.rect.u0, v - simulated.rect.v0, 3)));
   return mask;
+}
+
+/// The camera's depth (m) with the object: at pixels that it covers by more than half, where the ray through
+/// their centre meets it.
+ImageF depth_picture(const PreparedFrame& prepared, const Simulated& simulated, const RayCaster& object,
+                     std::size_t camera) {
+  ImageF depth = prepared.depth_of(camera);
+  const CameraSight& sight = simulated.sight(camera);
+  const Calibration& calibration = prepared.frame.calibration_of(camera);
+  const Transform velo_from_camera = calibration.camera_from_velo.inverse();
+  const Vec3d origin = velo_from_camera.translation();
+  for (int v = sight.rect.v0; v < sight.rect.v1; ++v)
+    for (int u = sight.rect.u0; u < sight.rect.u1; ++u) {
+      if (!(rgba_at(sight, u, v, 3) > 0.5)) continue;
+      const Vec3d towards = (velo_from_camera.linear() * calibration.camera.unproject(u, v, 1)).normalized();
+      const Hit hit = object.intersect({origin.cast<float>(), towards.cast<float>()});
+      if (hit.hit())
+        depth.at(u, v) = static_cast<float>((calibration.camera_from_velo * (origin + hit.t * towards)).z());
+    }
+  return depth;
+}
+
+/// Removes the files of the simulation before in this folder that this one need not have: of cameras and
+/// sensors by their names in its result.
+void remove_earlier_pictures(const std::filesystem::path& folder) {
+  const nlohmann::json before = earlier_result(folder);
+  const auto names = [&](const char* key) {
+    std::vector<std::string> list;
+    if (before.is_object() && before.contains(key) && before.at(key).is_object())
+      for (const auto& [name, of] : before.at(key).items())
+        if (name.find('/') == std::string::npos) list.push_back(name);
+    return list;
+  };
+  for (const std::string& name : names("cameras"))
+    for (const std::string& picture :
+         {"image-" + name + ".png", "mask-" + name + ".png", "depth-" + name + ".exr"})
+      std::filesystem::remove(folder / picture);
+  for (const std::string& name : names("sensors"))
+    std::filesystem::remove(folder / (escape_name(name) + ".f32"));
 }
 
 /// Picture, mask and depth of each camera that sees the object; the first's in any case.
 void write_sights(const PreparedFrame& prepared, const Simulated& simulated,
                   const std::filesystem::path& folder) {
+  const Mesh object = placed_adversary(simulated).mesh;
+  const RayCaster caster({&object, 1});
   for (std::size_t k = 0; k < prepared.frame.cameras(); ++k) {
     const CameraSight& sight = simulated.sight(k);
     if (sight.image.empty()) continue;
     const std::string suffix = k == 0 ? "" : "-" + prepared.frame.name_of(k);
     write_srgb(folder / ("image" + suffix + ".png"), sight.image);
     write_srgb(folder / ("mask" + suffix + ".png"), mask_picture(sight));
-    write_exr(folder / ("depth" + suffix + ".exr"), prepared.depth_of(k));
+    write_exr(folder / ("depth" + suffix + ".exr"), depth_picture(prepared, simulated, caster, k));
   }
 }
 
@@ -86,10 +132,9 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   Frame frame = read_frame(settings.data, options.frame, settings.cameras);
   frame.lighting = with_sun(frame, sun);
   seek(classes_of(settings.classes), frame.labels);
-  const auto sensors = load_sensors(settings.sensors);
-  record(sensors, settings.data, frame);
+  auto measured_by = record(load_sensors(settings.sensors), settings.data, frame);
   PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
-  prepared.measured_by.assign(sensors.begin(), sensors.end());
+  prepared.measured_by = std::move(measured_by);
   const Label& host = vehicle_of(prepared.frame, options.vehicle, "--vehicle");
   const Box3& box = host.box;
   const Carrier carrier = finder->find(prepared.frame, host);
@@ -102,12 +147,14 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   const Vec3d at = placement.velo_from_adversary.translation();
   const Vec3d& to_sun = prepared.frame.lighting.to_sun_velo;
   const double over_box = roof.translation().z() - box.bottom - box.height;
-  settings.simulation = settings.for_unit(lidar, recorded_lidar_effects(settings.data), common.seed);
+  settings.simulation =
+      settings.for_unit(lidar, recorded_lidar_effects(settings.data, settings.rig), common.seed);
   const auto start = Clock::now();
   const Simulated simulated = simulate(prepared, placement, adversary, settings.simulation);
   const double seconds = seconds_since(start);
   common.provenance->add(settings.simulation);
   add_frames(*common.provenance, settings, {&options.frame, 1});
+  remove_earlier_pictures(common.out);
   write_sights(prepared, simulated, common.out);
   write_sweep(common.out / "sweep.bin", simulated.sweep);
   for (const Measurement& measured : simulated.measurements)
@@ -133,7 +180,7 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
       {"adversary_points", simulated.adversary_points},
       {"occluded_points", simulated.occluded_points},
       {"removed_points", simulated.removed_points},
-      {"visible_share", simulated.visible_share},
+      {"visible_share", simulated.best_share()},
       {"rooftop",
        {{"from_box", carrier.from_box},
         {"reason", carrier.reason},

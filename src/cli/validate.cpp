@@ -33,13 +33,17 @@ void add_summary(const ValidationSummary& summary, Rows& rows) {
   const MatchedSummary& matched = summary.matched;
   rows.push_back({"vehicles", fmt::format("{} in {} frames", summary.vehicles, summary.frames)});
   rows.push_back({"roofs", roofs(summary.rooftops.fitted, summary.rooftops.from_box)});
-  rows.push_back({"matched light", fmt::format("mask IoU {:.6f}, MAE {:.2e}, largest error {:.2e}",
-                                               matched.mask_iou, matched.mae, matched.max_error)});
+  rows.push_back({"matched light", matched.mask_either == 0
+                                       ? "no pixel to compare"
+                                       : fmt::format("mask IoU {:.6f}, MAE {:.2e}, largest error {:.2e}",
+                                                     matched.mask_iou, matched.mae, matched.max_error)});
   for (const CameraSummary& of : summary.cameras)
     rows.push_back({of.camera, fmt::format("{} vehicles, mask IoU {:.6f}, MAE {:.2e}", of.vehicles,
                                            of.matched.mask_iou, of.matched.mae)});
-  rows.push_back({"LiDAR", fmt::format("range error {:.2e} m, {} disagreements in {} rays",
-                                       matched.range_error, matched.hit_disagreements, matched.rays)});
+  rows.push_back({"LiDAR", matched.rays == 0
+                               ? "no ray to compare"
+                               : fmt::format("range error {:.2e} m, {} disagreements in {} rays",
+                                             matched.range_error, matched.hit_disagreements, matched.rays)});
   for (const LightRungSummary& rung : summary.ladder)
     rows.push_back({rung.effect, fidelity(rung.change, rung.seconds, &rung.error)});
   const FullSummary& full = summary.full;
@@ -115,6 +119,9 @@ void print_fidelity(const Validation& result) {
     add_budget(*result.budget, rows);
   if (!result.failed.empty())
     rows.push_back({"given up", fmt::format("{} vehicles (Blender was lost)", result.failed.size())});
+  if (!result.unseen.empty())
+    rows.push_back({"nothing in view",
+                    fmt::format("{} vehicles: {}", result.unseen.size(), fmt::join(result.unseen, ", "))});
   rows.push_back({"report", (result.settings.out / "report.html").string()});
   print_table(rows);
 }
@@ -146,9 +153,11 @@ void add_options(CLI::App& app, ValidateOptions& options) {
          "choose for each scene the cheapest rung whose error stays within this share (default: no choice)")
       ->check(within({1e-4, 1.0}));
   FieldOptions(app, {})({.name = "budget_of", .help = "what the budget is a share of"}, settings.budget_of);
+  app.get_option("--budget-of")->needs("--budget");
   add_defaulted(app, "--budget-confidence", settings.budget_confidence,
-                "with --budget: share C of unseen scenes that keep it; needs C/(1 - C) groups of frames")
-      ->check(within({0.5, 0.99}));
+                "share C of unseen scenes that keep it; needs C/(1 - C) groups of frames")
+      ->check(within({0.5, 0.99}))
+      ->needs("--budget");
   options.quality.add(app, "the run's");
   add_overrides<SimulationSettings>(app, settings.overrides, {"light"});
   app.add_option("--evaluation", settings.evaluation,

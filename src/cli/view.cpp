@@ -18,9 +18,10 @@ struct ViewOptions {
 void add_options(CLI::App& app, ViewOptions& options) {
   ViewSettings& settings = options.settings;
   app.add_option("dir,--data", settings.data, "data set (default with --run or --drive: its own)");
-  app.add_option("--run", settings.run,
-                 "run folder of mirage attack: show its vehicles as recorded and attacked. With --drive: "
-                 "where its object is now");
+  auto* run_folder =
+      app.add_option("--run", settings.run,
+                     "run folder of mirage attack: show its vehicles as recorded and attacked. With --drive: "
+                     "where its object is now");
   auto* drive =
       app.add_option("--drive", settings.drive,
                      "output folder of mirage drive: play a vehicle's drive as recorded and with the object");
@@ -35,14 +36,14 @@ void add_options(CLI::App& app, ViewOptions& options) {
                 "show the first N frames (0: all). With --run: N of its frames, test frames first "
                 "(0: all test frames)")
       ->check(within(kNotNegative));
-  app.add_flag("--no-detector", options.no_detector, "with --run: do not run its detector");
-  app.add_option("--detector", settings.detector.detector, "with --run: detector (default: the run's)");
-  app.add_option("--weights", settings.detector.weights,
-                 "with --run: the detector's weights (default: the run's)");
-  app.add_option("--defense", settings.detector.defense,
-                 "with --run: the detector's defence (default: the run's)");
+  app.add_flag("--no-detector", options.no_detector, "do not run the run's detector");
+  app.add_option("--detector", settings.detector.detector, "detector (default: the run's)");
+  app.add_option("--weights", settings.detector.weights, "the detector's weights (default: the run's)");
+  app.add_option("--defense", settings.detector.defense, "the detector's defence (default: the run's)");
   for (const char* other : {"--frames", "--no-detector", "--detector", "--weights", "--defense"})
     drive->excludes(app.get_option(other));
+  for (const char* of_run : {"--no-detector", "--detector", "--weights", "--defense"})
+    app.get_option(of_run)->needs(run_folder);
   add_overrides<FrameSource>(app, settings.overrides, {"depth", "rig", "placement", "cameras"});
   add_trust_option(app, settings.trust);
   add_defaulted(app, "--size", settings.size, "largest page, MB; beyond it returns are thinned")

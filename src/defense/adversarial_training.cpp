@@ -15,8 +15,11 @@
 #include "base/random.h"
 #include "base/sizes.h"
 #include "base/training_loop.h"
+#include "detection/detect.h"
 #include "detection/detector_settings.h"
 #include "exchange/gltf.h"
+#include "frames/frame_cache.h"
+#include "frames/frame_provenance.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
@@ -48,11 +51,15 @@ RunIdentity identity(const DefenseSettings& settings, const AttackSettings& atta
   json["objective"] = fields_json(attack.objective);
   json["limits"] = {attack.limits.half.x(), attack.limits.half.y(), attack.limits.half.z()};
   json["hosts"] = hosts;
+  json["frames_hash"] =
+      frames_hash(settings.data, first_frames(settings.data, settings.frames), settings.cameras);
+  json["lidar"] = lidar_identity(lidar_of(settings.data, settings.rig));
   if (content_of(settings.placement).is_object()) json["placed"] = to_json(settings.placement);
   nlohmann::json lacking = lacking_json<DefenseSettings>();
   ObjectiveSettings earlier;
   earlier.fp_top_k = 0;
   lacking["objective"] = fields_json(earlier);
+  for (const char* key : {"frames_hash", "lidar"}) lacking[key] = json[key];  // earlier runs do not say
   return {json, lacking};
 }
 
@@ -68,8 +75,30 @@ fs::path adversary_file(const fs::path& out, std::int64_t step) {
   return out / fmt::format("adversary-{}.json", step);
 }
 
-/// FieldError if what is of a network that sees the picture is asked of another.
+/// Samples of a batch that carry a mesh.
+std::size_t attacked_samples(const DefenseSettings& settings) {
+  const bool attacks = settings.carried == Carried::random || settings.adversary_updates > 0;
+  return attacks ? as_size(std::lround(settings.attacked * settings.batch)) : 0;
+}
+
+/// FieldError where a share of the batch rounds to none or all of it.
+void check_attacked(const DefenseSettings& settings) {
+  if (settings.carried == Carried::adversary && settings.adversary_updates == 0) return;
+  const std::size_t count = attacked_samples(settings);
+  const bool none = settings.attacked > 0 && count == 0,
+             all = settings.attacked < 1 && count == as_size(settings.batch);
+  if (none || all)
+    throw FieldError("attacked", fmt::format("{:g}", settings.attacked),
+                     fmt::format("rounds to {} of a batch of {}", none ? "none" : "all", settings.batch),
+                     fmt::format("use a larger --batch, or --attacked {}", none ? 0 : 1));
+}
+
+/// FieldError for a detector that finds boxes in the picture alone, and if what is of a network that sees the
+/// picture is asked of another.
 void check_parts(const DefenseSettings& settings, const Detector& detector) {
+  if (!detector.capabilities().finds_bev)
+    throw FieldError("detector", detector.name(),
+                     "finds boxes in the picture alone, and cannot learn a defence", "use fusion or lidar");
   const auto& parts = settings.detector.parts;
   if ((!parts.empty() || settings.left_out > 0) && !detector.capabilities().reads_image)
     throw FieldError("method", parts.empty() ? "left out picture" : parts.front(),
@@ -106,9 +135,7 @@ class DefenseTraining {
   std::vector<PreparedSample> samples(std::int64_t step, const TexturedMesh& adversary) {
     const auto batch = order_->batch(step);
     const bool random = settings_.carried == Carried::random;
-    const auto attacked = random || settings_.adversary_updates > 0
-                              ? as_size(std::lround(settings_.attacked * settings_.batch))
-                              : 0;
+    const std::size_t attacked = attacked_samples(settings_);
     std::vector<PreparedSample> result(batch.size());
     parallel_for(batch.size(), [&](std::size_t i) {
       const Host& host = hosts_[batch[i]];
@@ -188,6 +215,17 @@ void set_method(const std::string& word, DefenseSettings& settings) {
   match->set(settings);
 }
 
+std::vector<std::string> unused_fields(const std::string& method) {
+  DefenseSettings settings;
+  set_method(method, settings);
+  const bool random = settings.carried == Carried::random;
+  std::vector<std::string> unused;
+  if (!random && settings.adversary_updates > 0) return unused;
+  unused = {"adversary_updates", "adversary_batch", "vertex_rate", "texel_rate"};
+  if (!random) unused.emplace_back("attacked");
+  return unused;
+}
+
 TexturedMesh random_load(std::uint64_t seed, std::uint64_t index, const AdversaryLimits& limits) {
   RandomStream random(seed, "things on roofs", index);
   TexturedMesh mesh = random_adversary(random.next_u32(), limits);
@@ -201,6 +239,7 @@ TexturedMesh random_load(std::uint64_t seed, std::uint64_t index, const Adversar
 
 DefenseResult train_defended(const DefenseSettings& settings) {
   check_fields(settings);
+  check_attacked(settings);
   if (needs_no_weights(settings.detector.detector))
     throw FieldError("detector", settings.detector.detector, "learned nothing, and cannot learn a defence",
                      "use one that has weights, such as fusion");

@@ -110,10 +110,14 @@ const std::vector<std::string>& defense_methods();
 /// What the method is of the settings: parts, what is carried, what is left out. FieldError naming method for
 /// a word that is none.
 void set_method(const std::string& method, DefenseSettings& settings);
+/// Names of the settings that decide nothing with the method: those of an adversary that does not learn, and
+/// the share that carries one where nothing is carried. Errors as set_method's.
+std::vector<std::string> unused_fields(const std::string& method);
 
-/// Trains, or goes on from the newest checkpoint in `out` (of the same settings, or InputError), to the same
-/// result. FieldError for settings out of range and for parts that the detector cannot have, InputError for
-/// data without a host. Writes out/training.jsonl (a line every 10 steps: step, seconds, rate, loss,
+/// Trains, or goes on from the newest checkpoint in `out` (of the same settings and frames, or InputError),
+/// to the same result. FieldError for settings out of range, a share that rounds to none or all of a batch, a
+/// detector of boxes in the picture, and parts that the detector cannot have. InputError for data without a
+/// host. Writes out/training.jsonl (a line every 10 steps: step, seconds, rate, loss,
 /// score_loss, box_loss, hide, false_positive) and the last adversary, out/adversary.glb.
 DefenseResult train_defended(const DefenseSettings& settings);
 

@@ -468,7 +468,8 @@ CertificateResult certify(const DetectorPool& detectors, FrameStore& store, cons
   for (FrameWork& work : frames) {
     const auto prepared = store.get(work.id);
     const Frame& frame = prepared->frame;
-    const GroundTruth truth = ground_truth(frame, detectors.front()->region());
+    const GroundTruth truth =
+        ground_truth(frame, detectors.front()->region(), detectors.front()->capabilities());
     const auto score = [&](std::vector<Detection>& found) {
       return scored(std::move(found), truth, frame.calibration.camera.fy, matching);
     };

@@ -235,11 +235,12 @@ struct Shown {
   GroundTruth truth;
 };
 
-Shown read_shown(const RecordedFrames& source, const std::string& id, const std::array<double, 4>& region) {
+Shown read_shown(const RecordedFrames& source, const std::string& id, const std::array<double, 4>& region,
+                 const Capabilities& can) {
   Shown shown;
   shown.frame = source.read(id);
   shown.points = RecordedFrames::points(shown.frame);
-  shown.truth = ground_truth(shown.frame, region);
+  shown.truth = ground_truth(shown.frame, region, can);
   return shown;
 }
 
@@ -455,7 +456,7 @@ Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& sour
     Detector& detector = *detectors[worker];
     const std::size_t f = order[k];
     const Capabilities can = detector.capabilities();
-    const Lazy<Shown> shown([&] { return read_shown(source, pairs[f].frame, detector.region()); });
+    const Lazy<Shown> shown([&] { return read_shown(source, pairs[f].frame, detector.region(), can); });
     const auto with_cars = [&](ViewAnswers found) {
       return answers(std::move(found), shown.get().truth, shown.get().frame.calibration.camera.fy,
                      can.matching());

@@ -8,6 +8,7 @@
 #include <numeric>
 #include <utility>
 
+#include "base/sizes.h"
 #include "scene/data/data_set.h"
 
 namespace mirage {
@@ -199,9 +200,9 @@ Estimate jackknifed(double value, const FramesAndVehicles& clusters, const Witho
   return estimate;
 }
 
-/// The i-th label must be found.
-void must_find(TruthBoxes& truth, const Label& label, std::size_t i) {
-  truth.boxes.push_back(boxes_of(label));
+/// The i-th label, which has these boxes, must be found.
+void must_find(TruthBoxes& truth, const Label& label, const ObjectBoxes& boxes, std::size_t i) {
+  truth.boxes.push_back(boxes);
   truth.labels.push_back(i);
   truth.difficulty.push_back(easiest_level(label));
   truth.distance.push_back(has_box(label) ? horizontal_distance(label.box.bev) : kUnknownDistance);
@@ -231,20 +232,33 @@ Difficulty easiest_level(const Label& label) {
   return Difficulty::hard;
 }
 
-GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region) {
-  GroundTruth all{{}, picture_truth(frame.labels)};
+std::vector<int> places_of_cameras(const Frame& frame, const Capabilities& can) {
+  constexpr int kBeside = 2;  // in sensors() the first camera and the first LiDAR come before the others
+  std::vector<int> places = {0};
+  int place = kBeside;
+  for (const SideCamera& camera : frame.others) places.push_back(can.names(camera.name) ? place++ : -1);
+  return places;
+}
+
+GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region, const Capabilities& can) {
+  GroundTruth all{{}, picture_truth(frame.labels, places_of_cameras(frame, can))};
   TruthBoxes& truth = all.space;
-  if (!frame.labelled)
-    for (TruthBoxes* of : {&truth, &all.picture})
-      of->ignore.push_back({{{0, 0, 2 * kEverywhere, 2 * kEverywhere, 0}, -kEverywhere, 2 * kEverywhere},
-                            {-kEverywhere, -kEverywhere, kEverywhere, kEverywhere}});
+  if (!frame.labelled) {
+    const ObjectBoxes everywhere({{0, 0, 2 * kEverywhere, 2 * kEverywhere, 0}, -kEverywhere, 2 * kEverywhere},
+                                 {-kEverywhere, -kEverywhere, kEverywhere, kEverywhere});
+    truth.ignore.push_back(everywhere);
+    for (const int place : places_of_cameras(frame, can)) {
+      all.picture.ignore.push_back(everywhere);
+      all.picture.ignore.back().camera = place;
+    }
+  }
   for (std::size_t i = 0; i < frame.labels.size(); ++i) {
     const Label& label = frame.labels[i];
     if (!has_box(label)) continue;
     if (label.type == "Misc") truth.look_alikes.push_back(boxes_of(label));
     if (label.type != "Car" && label.type != "Van" && !is_sought(label)) continue;
     if (counts_by_label(label, region)) {
-      must_find(truth, label, i);
+      must_find(truth, label, boxes_of(label), i);
     } else {
       truth.ignore.push_back(boxes_of(label));
     }
@@ -264,15 +278,20 @@ ObjectBoxes boxes_of(const Label& label) {
   return {has_box(label) ? label.box : Box3{}, label.camera == 0 ? picture_box(label) : PictureBox{}};
 }
 
-TruthBoxes picture_truth(std::span<const Label> labels) {
+TruthBoxes picture_truth(std::span<const Label> labels, std::span<const int> places) {
   TruthBoxes truth;
   for (std::size_t i = 0; i < labels.size(); ++i) {
     const Label& label = labels[i];
-    if (label.type == "Misc") truth.look_alikes.push_back(boxes_of(label));
+    const auto camera = as_size(label.camera);
+    const int place = places.empty() && camera == 0 ? 0 : camera < places.size() ? places[camera] : -1;
+    if (place < 0) continue;
+    ObjectBoxes boxes(has_box(label) ? label.box : Box3{}, picture_box(label));
+    boxes.camera = place;
+    if (label.type == "Misc") truth.look_alikes.push_back(boxes);
     if (is_sought(label) && meets(label, limits_of(Difficulty::hard))) {
-      must_find(truth, label, i);
+      must_find(truth, label, boxes, i);
     } else if (is_vehicle(label) || label.type == "DontCare") {
-      truth.ignore.push_back(boxes_of(label));
+      truth.ignore.push_back(boxes);
     }
   }
   return truth;

@@ -57,13 +57,20 @@ bool counts_by_label(const Label& label, const std::array<double, 4>& region);
 
 /// Sorts the labels by counts_by_label. Other cars and vans are ignored: finding them is neither right
 /// nor wrong. Everything else (trucks, trams, people, the generator's look-alikes: "Misc") is background. In
-/// a frame that nobody has labelled (Frame::labelled) all is ignored. In the picture: picture_truth().
-GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region);
+/// a frame that nobody has labelled (Frame::labelled) all is ignored. In the picture: picture_truth() of the
+/// cameras that a detector of these capabilities looks at.
+GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region,
+                         const Capabilities& can = {});
+
+/// By a camera's number (Label::camera): its place in sensors() of the frame as recorded, −1 for one that a
+/// detector of these capabilities does not look at.
+std::vector<int> places_of_cameras(const Frame& frame, const Capabilities& can);
 
 /// KITTI's "hard" cars, whatever their distance and their returns: a label must be found if it is a Car,
 /// truncated ≤ 0.5, occluded ≤ 2 and at least 25 pixels high. Other cars, vans, trucks, trams and DontCare
-/// regions are ignored: networks for photographs know vehicles, not cars.
-TruthBoxes picture_truth(std::span<const Label> labels);
+/// regions are ignored: networks for photographs know vehicles, not cars. `places`: places_of_cameras();
+/// labels in pictures of other cameras are left out. Empty: of the first camera alone.
+TruthBoxes picture_truth(std::span<const Label> labels, std::span<const int> places = {});
 
 /// One frame's detections after non-maximum suppression, and its labels.
 struct ScoredFrame {

@@ -176,6 +176,11 @@ class ConsistentDetector : public DetectorWrapper {
       for (std::size_t c = 0; c < 4; ++c) sum.points[i][c] += more.points[i][c];
     if (sum.presence.empty()) sum.presence.resize(more.presence.size());
     for (std::size_t i = 0; i < more.presence.size(); ++i) sum.presence[i] += more.presence[i];
+    for (const auto& [name, values] : more.others) {
+      std::vector<float>& its = sum.others[name];
+      its.resize(std::max(its.size(), values.size()));
+      for (std::size_t i = 0; i < values.size(); ++i) its[i] += values[i];
+    }
   }
 
   std::unique_ptr<Detector> lidar_, camera_;

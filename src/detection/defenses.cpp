@@ -2,6 +2,7 @@
 
 #include <turbojpeg.h>
 
+#include <deque>
 #include <opencv2/imgproc.hpp>
 #include <optional>
 
@@ -13,13 +14,15 @@
 namespace mirage {
 namespace {
 
-/// Zeroes the pixels of `image` that see nothing below z = `plane` (m, `velo`) up to `reach` m ahead: on a
-/// line of sight o + t d the height at that distance is above the plane where (o_z − plane) d_x + (reach −
-/// o_x) d_z is positive.
-void hide_above(ImageF& image, const Calibration& calibration, double plane, double reach) {
+/// Zeroes the pixels of `image` that see nothing below z = `plane` (m, `velo`) up to `reach` m along the
+/// level unit vector `ahead`: on a line of sight o + t d the height at that distance is above the plane where
+/// (o_z − plane) d·ahead + (reach − o·ahead) d_z is positive.
+void hide_above(ImageF& image, const Calibration& calibration, const Vec3d& ahead, double plane,
+                double reach) {
   const Transform velo_from_camera = calibration.camera_from_velo.inverse();
   const Vec3d o = velo_from_camera.translation(),
-              above = velo_from_camera.linear().transpose() * Vec3d(o.z() - plane, 0, reach - o.x());
+              above = velo_from_camera.linear().transpose() *
+                      ((o.z() - plane) * ahead + Vec3d(0, 0, reach - o.dot(ahead)));
   for (int v = 0; v < image.height; ++v)
     for (int u = 0; u < image.width; ++u) {
       if (above.dot(calibration.camera.unproject(u, v, 1)) <= 0) continue;
@@ -27,9 +30,37 @@ void hide_above(ImageF& image, const Calibration& calibration, double plane, dou
     }
 }
 
+/// The same for a camera beside the first, along its own level heading.
+void hide_above(ImageF& image, const SensorData& camera, double plane, double reach) {
+  Calibration calibration;
+  calibration.camera = camera.camera, calibration.camera_from_velo = camera.sensor_from_ego;
+  const Vec3d axis = camera.sensor_from_ego.linear().row(2).transpose();
+  hide_above(image, calibration, Vec3d(axis.x(), axis.y(), 0).normalized(), plane, reach);
+}
+
+/// Gives the view each camera beside the first that the detector names, and applies change(picture, sensor)
+/// to a copy in `kept` of each of their pictures. What the view does not have would be read as recorded.
+template <class Change>
+void change_beside(SensorView& view, const Capabilities& can, std::deque<ImageF>& kept,
+                   const Change& change) {
+  for (std::size_t k = 0; view.frame && k < view.frame->others.size(); ++k) {
+    const std::string& name = view.frame->others[k].name;
+    if (can.names(name) && std::none_of(view.others.begin(), view.others.end(),
+                                        [&](const SensorData& sensor) { return sensor.name == name; }))
+      view.others.push_back(sensor_beside(*view.frame, k));
+  }
+  for (SensorData& sensor : view.others) {
+    if (sensor.kind != SensorData::Kind::camera || !sensor.image || sensor.image->empty()) continue;
+    change(kept.emplace_back(*sensor.image), sensor);
+    sensor.image = &kept.back();
+  }
+}
+
 /// What is left of a frame, and which of its places.
 struct Below {
   ImageF image;
+  std::deque<ImageF> beside;       ///< of its cameras beside the first
+  std::vector<SensorData> others;  ///< the view's, with those pictures
   std::vector<LidarPoint> points, watched;
   std::vector<std::size_t> kept, kept_watched;  ///< their indices in the frame
 };
@@ -56,8 +87,18 @@ class CeilingDetector : public DetectorWrapper {
 
   SensorGradient backward(std::span<const double> d_logits) override {
     SensorGradient below = inner_->backward(d_logits), all;
-    if (calibration_) hide_above(below.image, *calibration_, plane(), reach());
+    if (calibration_) hide_above(below.image, *calibration_, Vec3d::UnitX(), plane(), reach());
     all.image = std::move(below.image);
+    all.others = std::move(below.others);
+    for (const SensorData& sensor : below_.others) {
+      const auto its = all.others.find(sensor.name);
+      if (its == all.others.end() || sensor.kind != SensorData::Kind::camera || !sensor.image) continue;
+      ImageF pixels(sensor.image->width, sensor.image->height, 3);
+      if (its->second.size() != pixels.data.size()) continue;  // it gave none
+      pixels.data.swap(its->second);
+      hide_above(pixels, sensor, plane(), reach());
+      pixels.data.swap(its->second);
+    }
     all.points.resize(count_);
     for (std::size_t i = 0; i < below.points.size(); ++i) all.points[below_.kept.at(i)] = below.points[i];
     if (!below.presence.empty()) all.presence.resize(watched_count_);
@@ -100,9 +141,13 @@ class CeilingDetector : public DetectorWrapper {
     view.points = below.points, view.watched = below.watched, view.clean = nullptr;
     if (view.image && !view.image->empty() && view.calibration) {
       below.image = *view.image;
-      hide_above(below.image, *view.calibration, plane(), reach());
+      hide_above(below.image, *view.calibration, Vec3d::UnitX(), plane(), reach());
       view.image = &below.image;
     }
+    change_beside(view, inner_->capabilities(), below.beside, [&](ImageF& picture, const SensorData& sensor) {
+      hide_above(picture, sensor, plane(), reach());
+    });
+    below.others = view.others;
     return view;
   }
 
@@ -221,14 +266,14 @@ class JpegDetector : public DetectorWrapper {
   }
 
   std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
-    ImageF image;
-    return inner_->forward(compressed(input, image), score_threshold, keep_graph);
+    std::deque<ImageF> images;
+    return inner_->forward(compressed(input, images), score_threshold, keep_graph);
   }
 
   TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
-    std::vector<ImageF> images(samples.size());
+    std::deque<ImageF> images;
     std::vector<TrainingSample> seen(samples.begin(), samples.end());
-    for (std::size_t i = 0; i < seen.size(); ++i) seen[i].input = compressed(samples[i].input, images[i]);
+    for (std::size_t i = 0; i < seen.size(); ++i) seen[i].input = compressed(samples[i].input, images);
     return inner_->train_step(seen, learning_rate);
   }
   std::unique_ptr<Detector> share() override {
@@ -236,17 +281,18 @@ class JpegDetector : public DetectorWrapper {
     return other ? behind_jpeg(std::move(other), quality_) : nullptr;
   }
   ImageFeatures image_features(const SensorView& input) override {
-    ImageF image;
-    return inner_->image_features(compressed(input, image));
+    std::deque<ImageF> images;
+    return inner_->image_features(compressed(input, images));
   }
 
  private:
-  /// The view with its picture compressed into `image`.
-  SensorView compressed(SensorView view, ImageF& image) const {
+  /// The view with its pictures compressed, which live in `images`.
+  SensorView compressed(SensorView view, std::deque<ImageF>& images) const {
     view.clean = nullptr;
-    if (view.image == nullptr || view.image->empty()) return view;
-    image = jpeg_round_trip(*view.image, quality_);
-    view.image = &image;
+    if (view.image != nullptr && !view.image->empty())
+      view.image = &images.emplace_back(jpeg_round_trip(*view.image, quality_));
+    change_beside(view, inner_->capabilities(), images,
+                  [&](ImageF& picture, const SensorData&) { picture = jpeg_round_trip(picture, quality_); });
     return view;
   }
 

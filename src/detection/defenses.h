@@ -62,7 +62,8 @@ inline bool same_place(const BevBox& a, const BevBox& b) {
 //
 //     returns   higher than `height` over the road there (RoadSurface) are left out;
 //     pixels    whose line of sight is nowhere below a level plane at that height, within the searched region
-//               ahead, are black: with the camera near that height, what lies above the horizon.
+//               ahead, are black: with the camera near that height, what lies above the horizon. Those of
+//               cameras beside the first are, too, as far along their own headings.
 //
 // A roof of 1.5 m under a ceiling of 1.6 m leaves an object of 0.7 m its lowest 10 cm, in both sensors,
 // whatever it looks like. An attacker who knows the defence has its gradient: what is left passes as it is,
@@ -111,7 +112,7 @@ std::string encode_jpeg(const ImageF& linear, int quality);
 /// if the library fails.
 ImageF jpeg_round_trip(const ImageF& linear, int quality);
 
-/// `inner` behind JPEG: its forward, image features and training see the compressed picture.
+/// `inner` behind JPEG: its forward, image features and training see every camera's picture compressed.
 std::unique_ptr<Detector> behind_jpeg(std::unique_ptr<Detector> inner, int quality);
 
 // What a sweep says of solid bodies without any network: which car-sized things stop its rays, and which

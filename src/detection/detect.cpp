@@ -103,6 +103,9 @@ PictureBox picture_of(const json& from, const fs::path& file, const std::string&
 KittiDetection detection_of(const json& from, const fs::path& file, const std::string& where) {
   KittiDetection detection;
   detection.score = number(from, "score", file, where);
+  if (!(detection.score >= 0 && detection.score <= 1))
+    throw InputError(file.string(), where + ".score",
+                     fmt::format("{:g} is no score from 0 to 1", detection.score), kFix);
   if (from.contains("left")) {  // a detector of the picture alone
     detection.picture = picture_of(from, file, where);
     return detection;
@@ -113,6 +116,8 @@ KittiDetection detection_of(const json& from, const fs::path& file, const std::s
              number(from, "yaw", file, where)};
   if (from.contains("height"))
     box.bottom = number(from, "bottom", file, where), box.height = number(from, "height", file, where);
+  if (from.contains("height") && box.height <= 0)
+    throw InputError(file.string(), where + ".height", fmt::format("{:g} m is no height", box.height), kFix);
   if (const std::string problem =
           box_problem({box.bev, box.bottom, box.height > 0 ? box.height : kNominalHeight});
       !problem.empty())
@@ -164,7 +169,7 @@ Judgement judgement(const KittiFrame& frame, Matching matching, Difficulty level
   }
   for (const Label& label : frame.labels) {
     const ObjectBoxes box = boxes_of(label);
-    if (!matching.in_picture() && !has_box(label)) continue;
+    if (label.camera != 0 || (!matching.in_picture() && !has_box(label))) continue;  // the kit has one camera
     if (label.type == "DontCare") {
       result.covered.emplace_back();
       for (const ObjectBoxes& other : boxes) {
@@ -312,8 +317,9 @@ DetectionRun detect_data_set(
       const std::lock_guard lock(mutex);
       if (tells) {
         if (seen) seen(i, *frame, detections);
-        run.frames[i] = scored(std::move(detections), ground_truth(*frame, detector.region()),
-                               frame->calibration.camera.fy, run.matching);
+        run.frames[i] =
+            scored(std::move(detections), ground_truth(*frame, detector.region(), detector.capabilities()),
+                   frame->calibration.camera.fy, run.matching);
       }
       if (progress) progress(++done, run.ids.size());
       reading = std::move(ahead);
@@ -338,11 +344,12 @@ std::vector<KittiDetection> kitti_detections(std::span<const Detection> proposal
                                              const Frame& frame, const std::vector<std::string>& types) {
   std::vector<KittiDetection> result;
   for (const Detection& proposal : proposals) {
+    if (matching.in_picture() && proposal.camera != 0) continue;  // the files have one camera
     KittiDetection detection;
     detection.score = proposal.score();
     detection.type = types.at(as_size(proposal.type));
     if (!matching.in_picture()) detection.box = upright(proposal, frame.sweep);
-    if (area(proposal.picture) > 0) detection.picture = proposal.picture;
+    if (proposal.camera == 0 && area(proposal.picture) > 0) detection.picture = proposal.picture;
     result.push_back(detection);
   }
   return result;
@@ -373,8 +380,9 @@ DetectionFiles::DetectionFiles(const fs::path& path) : path_(path) {
       throw InputError(path_.string(), fmt::format("frames.{}", i),
                        "has no frame's name or no list of detections", kFix);
     const std::string id = unescape_name(frame["frame"].get<std::string>());
+    if (frames_.contains(id))
+      throw InputError(path_.string(), fmt::format("frames.{}", i), "lists the frame " + id + " again", kFix);
     std::vector<KittiDetection>& listed = frames_[id];
-    listed.clear();
     for (const json& from : frame["detections"])
       listed.push_back(detection_of(from, path_, fmt::format("frame {}, detection {}", id, listed.size())));
   });

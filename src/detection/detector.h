@@ -242,6 +242,9 @@ struct DetectorOptions {
   /// Bytes of clean frames' activations that a detector and those that share its weights may keep, in MB; 0:
   /// every pass is over the whole frame; −1: default_clean_memory(). A matter of time alone.
   int clean_memory_mb = -1;
+  /// m over the road, of the LiDAR that recorded the data ("ceiling:HEIGHT" needs it; for_data); 0: that of
+  /// the shipped rig `rig`.
+  double unit_height = 0;
 };
 
 /// A 64th of machine_memory(), shared among the processes of a run on this machine; 2048 MB at most.
@@ -250,8 +253,12 @@ int default_clean_memory();
 /// DetectorOptions::classes: every class that the detector knows.
 inline constexpr const char* kEveryClass = "*";
 
-/// `options` for a data set: its rig, and the classes that are sought; every class with Victim::object.
+/// `options` for a data set: its rig, under a ceiling its LiDAR's height (lidar_of), and the classes that are
+/// sought; every class with Victim::object. Errors as data_rig's, lidar_of's and read_defense's.
 DetectorOptions for_data(DetectorOptions options, const FrameSource& source);
+
+/// DetectorOptions::unit_height, or that of the shipped rig, m. Errors as read_lidar_model's.
+double unit_height_of(const DetectorOptions& options);
 
 /// Those of a detector's classes that answer for the ones that are sought: the class itself; for one that it
 /// has no word for, Car where that is a motor vehicle or the detector knows no other things, else Misc.
@@ -310,6 +317,11 @@ void visit_fields(Visitor& visit, S& s) {
 /// The weights file that load_detector would read (empty for fresh ones, and for a detector that has none).
 /// Errors as load_detector's.
 std::filesystem::path weights_file(const DetectorOptions& options);
+
+/// FieldError for a precision or a locality that a detector of these does not know: a program, one in Python,
+/// or one that ships without convolutions of ours. `has_clean`: whether views come with a clean one, without
+/// which no locality acts.
+void check_known_options(const DetectorOptions& options, bool has_clean);
 
 /// What load_detector loads beside the detector, as options of their own: the single-sensor detectors of
 /// "consistency", the picture network of "clusters", for everybody else none. The former are the rig's

@@ -159,8 +159,7 @@ std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const Det
       const auto others = auxiliary_detectors(options);
       detector = with_consistency(std::move(detector), load_detector(others[0]), load_detector(others[1]));
     } else if (const double height = ceiling_height(word); height > 0) {
-      const LidarModel unit = read_lidar_model(shipped_file("scenes/rigs/" + options.rig + ".toml"));
-      detector = under_ceiling(std::move(detector), height, unit.height);
+      detector = under_ceiling(std::move(detector), height, unit_height_of(options));
     } else {
       detector = behind_jpeg(std::move(detector), jpeg_quality(word));
     }
@@ -256,8 +255,16 @@ bool is_consistent(const DetectorOptions& options) {
 
 DetectorOptions for_data(DetectorOptions options, const FrameSource& source) {
   options.rig = data_rig(source.data, source.rig);
+  const std::vector<std::string> around = read_defense(options.defense).around;
+  if (std::ranges::any_of(around, [](const std::string& word) { return ceiling_height(word) > 0; }))
+    options.unit_height = lidar_of(source.data, source.rig).height;
   options.classes = source.placement.victim == Victim::object ? kEveryClass : source.classes;
   return options;
+}
+
+double unit_height_of(const DetectorOptions& options) {
+  if (options.unit_height > 0) return options.unit_height;
+  return read_lidar_model(shipped_file("scenes/rigs/" + options.rig + ".toml")).height;
 }
 
 std::vector<std::string> answering_types(const std::vector<std::string>& types,
@@ -351,6 +358,20 @@ std::vector<DetectorOptions> auxiliary_detectors(const DetectorOptions& options)
   }
   if (picture) all.push_back(*picture);
   return all;
+}
+
+void check_known_options(const DetectorOptions& options, bool has_clean) {
+  const auto knows = [](const DetectorOptions& its) {
+    return !is_outside(its) && !(is_shipped_detector(its.detector) &&
+                                 (weights_are_code(its.detector) || needs_no_weights(its.detector)));
+  };
+  const bool acts = knows(options) || std::ranges::any_of(auxiliary_detectors(options), knows);
+  const std::string why = "has no effect on the detector " + options.detector;
+  if (!acts && options.precision != kFloat)
+    throw FieldError("precision", options.precision, why, "leave it out");
+  if (options.locality > 0 && !(acts && has_clean))
+    throw FieldError("locality", fmt::format("{:g}", options.locality),
+                     acts ? "has no effect here: each frame is looked at as a whole" : why, "leave it out");
 }
 
 std::string weights_hash(const DetectorOptions& options) {

@@ -223,13 +223,19 @@ class ProcessDetector : public ExternalDetector {
   }
 
   /// The answer to a job of the frame at hand. A process that is lost is started again; for a gradient it is
-  /// given the frame anew.
+  /// given the frame anew. Failure of one that remembers where the frame continues a sequence.
   json exchange(const json& job) {
-    const bool again = job["job"] == "gradient";
+    const bool again = job["job"] == "gradient",
+               remembered = word_.can.remembers && forward_.value("continues", false);
+    const auto throw_if_remembered = [&](const std::string& how) {
+      if (remembered)
+        throw Failure(who_, how + " in the middle of a sequence: what it remembered is lost",
+                      "look at what the program printed, and run the command again");
+    };
     for (int attempt = 1;; ++attempt) {
       json answer;
       const bool fresh = !worker_;
-      if (fresh) start();
+      if (fresh) throw_if_remembered("was started anew"), start();
       const bool ready = !(fresh && again) || worker_->exchange(forward_, limits_.answer, answer);
       if (ready && worker_->exchange(job, limits_.answer, answer)) {
         if (answer["ok"].get<bool>()) return answer;
@@ -240,6 +246,7 @@ class ProcessDetector : public ExternalDetector {
       }
       const std::string lost = worker_->lost();
       worker_.reset();
+      throw_if_remembered(lost);
       if (attempt == kTries)
         throw Failure(who_, fmt::format("{}, {} times at one frame", lost, kTries),
                       "look at what the program printed");

@@ -1,5 +1,7 @@
 #include "detection/training.h"
 
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -15,6 +17,7 @@
 #include "detection/detector_settings.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
+#include "scene/depth/learned_depth.h"
 #include "scene/occlusion.h"
 
 namespace mirage {
@@ -49,17 +52,55 @@ void lose_returns(const std::vector<LidarPoint>& points, const BevBox& box, std:
 
 constexpr std::size_t kFrameMemory = std::size_t{3} << 30;  // bytes for frames kept between epochs
 
+/// Of the rig by content, as lidar_of takes it; "" where no sample needs it.
+std::string rig_hash(const TrainingOptions& options) {
+  if (options.thin_lidar == 0 && options.ground_truth_sampling == 0) return "";
+  if (!options.rig.empty()) return file_hash(rig_file(options.rig));
+  const std::filesystem::path own = options.data / "rig.toml";
+  return std::filesystem::exists(own) ? file_hash(own) : data_rig(options.data);
+}
+
 /// What must agree for a run to go on.
-RunIdentity identity(const TrainingOptions& options, std::size_t frames) {
+RunIdentity identity(const TrainingOptions& options, std::span<const std::string> frames) {
   nlohmann::json fields = fields_json(options), lacking = lacking_json<TrainingOptions>();
   fields["bfloat16"] = options.precision == kBfloat16;
-  fields["frames"] = frames;
+  fields["frames"] = frames.size();
+  fields["frames_hash"] = training_frames_hash(options.data, frames);
+  fields["rig_hash"] = rig_hash(options);
+  for (const char* key : {"frames_hash", "rig_hash"})
+    lacking[key] = fields[key];  // runs of earlier programs do not say
   for (const auto& [key, file] : {std::pair("start", options.start), std::pair("camera", options.camera),
                                   std::pair("lidar", options.lidar)}) {
     fields[key] = file.empty() ? "" : file_hash(file);
     lacking[key] = "";
   }
   return {fields, lacking};
+}
+
+/// FieldError for what a detector of ours does not have, or has nothing to act on.
+void check_network_options(const TrainingOptions& options) {
+  struct NetworkOption {
+    const char* name;
+    bool given;
+    std::vector<std::string> detectors;  ///< that have it
+  };
+  const std::vector<std::string> ours = {"lidar", "camera", "painted", "fusion", "late", "refined"},
+                                 joined(ours.begin() + 2, ours.end()),
+                                 with_camera(ours.begin() + 1, ours.end());
+  if (std::ranges::find(ours, options.detector) == ours.end()) return;  // a plugin's own matter
+  for (const NetworkOption& option : {NetworkOption{"camera", !options.camera.empty(), joined},
+                                      {"lidar", !options.lidar.empty(), joined},
+                                      {"joint", options.joint, with_camera},
+                                      {"heads", options.heads, {"camera"}}})
+    if (option.given && std::ranges::find(option.detectors, options.detector) == option.detectors.end())
+      throw FieldError(option.name, "", "has no effect on the detector " + options.detector,
+                       fmt::format("leave it out, or train {}", fmt::join(option.detectors, ", ")));
+  if (options.joint && options.start.empty() && options.camera.empty() && options.lidar.empty())
+    throw FieldError("joint", "", "trains what other weights gave, and none are named",
+                     "name them with --start, --camera or --lidar, or leave it out");
+  if (options.heads && options.start.empty())
+    throw FieldError("heads", "", "trains a part of weights that are there, and none are named",
+                     "name them with --start, or leave it out");
 }
 
 void check_options(const TrainingOptions& options) {
@@ -70,6 +111,7 @@ void check_options(const TrainingOptions& options) {
     throw FieldError("heads", "", "trains less than --joint does", "give one of the two");
   if (options.keep_start > 0 && options.start.empty())
     throw FieldError("keep_start", "", "needs weights to start from", "name them with --start");
+  check_network_options(options);
 }
 
 /// The detector that a new training starts with.
@@ -248,7 +290,8 @@ std::vector<PreparedSample> TrainingData::prepare(std::int64_t step, int batch) 
 TrainingResult train_detector(const TrainingOptions& options) {
   check_options(options);
   make_output_folder(options.out);
-  const LabelCensus census = count_labels(options.data, first_frames(options.data, options.frames));
+  const std::vector<std::string> frames = first_frames(options.data, options.frames);
+  const LabelCensus census = count_labels(options.data, frames);
   require_cars(census, "training");
   warn_of_labels(census);
   const DetectorOptions load = starting_detector(options);
@@ -256,7 +299,7 @@ TrainingResult train_detector(const TrainingOptions& options) {
   TrainingData data(options.data, options.frames, detector->region(), options.seed,
                     options.ground_truth_sampling, detector->capabilities().reads_image, options.thin_lidar,
                     options.rig);
-  TrainingLoop loop(options, identity(options, data.size()));
+  TrainingLoop loop(options, identity(options, frames));
   if (loop.goes_on()) detector = load_detector(resumed_detector(load, loop.state().weights));
   const auto& losses = loop.state().losses;  // total, score, box
 

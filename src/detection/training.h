@@ -187,7 +187,8 @@ struct TrainingResult {
 };
 
 /// Trains from scratch or from `start`, or goes on from the newest checkpoint in `out` (which must be of the
-/// same options, or InputError; FieldError for options out of range). What step s sees depends on (seed, s)
+/// same options, frames and rig, or InputError; FieldError for options out of range, and for those that the
+/// detector does not have). What step s sees depends on (seed, s)
 /// alone: not on threads, nor on interruptions. A checkpoint is written every checkpoint.steps steps, before
 /// each validation and on Ctrl-C (then Interrupted is thrown). out/training.jsonl has a line every 50 steps
 /// {step, seconds, rate, loss, score_loss, box_loss: running means} and one for each validation {step,

@@ -5,7 +5,9 @@
 
 #include <cmath>
 #include <numbers>
+#include <optional>
 #include <set>
+#include <tuple>
 
 #include "base/files.h"
 #include "base/image.h"
@@ -33,15 +35,18 @@ class SceneReader {
     });
     gltf_.warn_of_what_is_left_out();
     const tinygltf::Value* extras = gltf_.scene_extras();
-    if (extras && extras->Has("camera"))
-      read_camera(extras->Get("camera"), "scenes[].extras.mirage.camera", scene);
-    else if (!find_camera(scene, width, height))
+    if (extras && extras->Has("camera")) {
+      check_camera(scene, read_camera(extras->Get("camera"), "scenes[].extras.mirage.camera", scene), true);
+    } else if (!find_camera(scene, width, height)) {
       gltf_.fail("cameras", "the scene has no camera",
                  "add a camera, or export the scene with mirage export");
-    if (extras && extras->Has("lighting"))
+    }
+    if (extras && extras->Has("lighting")) {
       read_lighting(extras->Get("lighting"), "scenes[].extras.mirage.lighting", scene.lighting);
-    else
+      check_sun(scene.lighting);
+    } else {
       find_sun(scene.lighting);
+    }
     if (extras && extras->Has("photograph"))
       read_photograph(extras->Get("photograph"), "scenes[].extras.mirage.photograph", scene);
     if (extras && extras->Has("others")) read_others(extras->Get("others"), scene);
@@ -71,7 +76,7 @@ class SceneReader {
       const std::string at = fmt::format("{}[{}]", field, i);
       if (!from.IsObject()) gltf_.fail(at, "is not an object");
       SceneCamera& camera = scene.others.emplace_back();
-      read_camera(from, at, camera);
+      check_camera(camera, read_camera(from, at, camera), false);
       if (!names.insert(camera.name).second)
         gltf_.fail(at + ".name", "is another camera's", "give each camera a name of its own");
       if (from.Has("photograph")) read_photograph(from.Get("photograph"), at + ".photograph", camera);
@@ -123,7 +128,8 @@ class SceneReader {
     camera.height = static_cast<int>(height);
   }
 
-  void read_camera(const tinygltf::Value& from, const std::string& field, SceneCamera& scene) const {
+  /// Returns velo_from_camera.
+  Transform read_camera(const tinygltf::Value& from, const std::string& field, SceneCamera& scene) const {
     read_intrinsics(from, field, scene.camera);
     const auto rows = gltf_.numbers(from, "velo_from_camera", 12, field);
     Transform velo_from_camera = Transform::Identity();
@@ -131,10 +137,11 @@ class SceneReader {
       for (int c = 0; c < 4; ++c) velo_from_camera.matrix()(r, c) = rows[as_size(4 * r + c)];
     check_pose(velo_from_camera, field + ".velo_from_camera");
     scene.camera_from_velo = velo_from_camera.inverse();
-    if (!from.Has("name")) return;
+    if (!from.Has("name")) return velo_from_camera;
     scene.name = from.Get("name").IsString() ? from.Get("name").Get<std::string>() : "";
     if (!frame_id_problem(scene.name).empty())  // pictures are named after cameras
       gltf_.fail(field + ".name", "can be no picture's name", "name the camera, e.g. \"CAM_BACK\"");
+    return velo_from_camera;
   }
 
   void check_pose(const Transform& velo_from_camera, const std::string& field) const {
@@ -145,6 +152,67 @@ class SceneReader {
         turn.determinant() < 0)
       gltf_.fail(field, "does not place a camera: its 3x3 part is no rotation",
                  "write an orthonormal, right-handed [R | t]");
+  }
+
+  /// Of a camera's node. glTF's camera looks along −z with y up; ours along +z with y down. A node's scale
+  /// does not count.
+  static Transform pose_of(const Eigen::Affine3d& placed) {
+    Eigen::Matrix3d turn = gltf_from_velo().transpose() * placed.linear();
+    for (int k = 0; k < 3; ++k) turn.col(k).normalize();
+    Transform velo_from_camera = Transform::Identity();
+    velo_from_camera.linear() = turn * Vec3d(1, -1, -1).asDiagonal();
+    velo_from_camera.translation() = gltf_from_velo().transpose() * placed.translation();
+    return velo_from_camera;
+  }
+
+  /// Complains of a camera that was edited: its node, which editors change, stands elsewhere than extras say
+  /// or sees another angle. `first`: or one of the others, by its name. Nothing where there is no node of it.
+  void check_camera(const SceneCamera& camera, const Transform& velo_from_camera, bool first) const {
+    constexpr double kSamePlace = 1e-4, kSameTurn = 1e-4;  // m, each 1 + of its distance; radians
+    std::optional<std::tuple<std::string, Transform, int>> found;
+    bool named = false;
+    const auto enter = [&](const tinygltf::Node& node, const std::string& field,
+                           const Eigen::Affine3d& placed) {
+      if (node.camera < 0 || named) return;
+      const bool told = node.extras.IsObject() && node.extras.Has("mirage_role") &&
+                        node.extras.Get("mirage_role").IsString();
+      const std::string role = told ? node.extras.Get("mirage_role").Get<std::string>() : "";
+      named = first ? role == "camera" : role == "other camera" && node.name == camera.name;
+      // Without a role the first camera is meant, as without extras.
+      if (named || (first && !found && role != "other camera"))
+        found.emplace(field, pose_of(placed), node.camera);
+    };
+    gltf_.walk(enter);
+    if (!found) return;
+    const auto& [field, pose, index] = *found;
+    // As add_camera turns it: extras may be no rotation to the last digit, and the node's is one.
+    Eigen::Affine3d node = Eigen::Affine3d::Identity();
+    node.linear() =
+        Eigen::Quaterniond(gltf_from_velo() * velo_from_camera.linear() * Vec3d(1, -1, -1).asDiagonal())
+            .normalized()
+            .toRotationMatrix();
+    const Eigen::Matrix3d turn = pose_of(node).linear();
+    double angle = 0;
+    if (as_size(index) < model_.cameras.size() && model_.cameras[as_size(index)].type == "perspective")
+      angle = model_.cameras[as_size(index)].perspective.yfov -
+              2 * std::atan(camera.camera.height / (2 * camera.camera.fy));
+    if (!((pose.linear() - turn).cwiseAbs().maxCoeff() <= kSameTurn && std::abs(angle) <= kSameTurn &&
+          (pose.translation() - velo_from_camera.translation()).norm() <=
+              kSamePlace * (1 + velo_from_camera.translation().norm())))
+      gltf_.fail(field, "is another camera than scenes[].extras.mirage has, its exact copy",
+                 "delete extras.mirage of the scene if the camera was edited");
+  }
+
+  /// The same of the sun.
+  void check_sun(const Lighting& exact) const {
+    constexpr double kSame = 1e-4;
+    Lighting drawn;
+    const std::string field = find_sun(drawn);
+    if (field.empty()) return;
+    if (!((drawn.to_sun_velo - exact.to_sun_velo).norm() <= kSame &&
+          (drawn.sun - exact.sun).cwiseAbs().maxCoeff() <= kSame * (1e-6 + exact.sun.maxCoeff())))
+      gltf_.fail(field, "is another sun than scenes[].extras.mirage has, its exact copy",
+                 "delete extras.mirage of the scene if the light was edited");
   }
 
   /// The first camera node; false without one.
@@ -166,12 +234,7 @@ class SceneReader {
         if (!(f > 0) || !std::isfinite(f)) gltf_.fail(name + ".perspective.yfov", "is no field of view");
         scene.camera = {f, f, (width - 1) / 2.0, (height - 1) / 2.0, width, height};
       }
-      // glTF's camera looks along −z with y up; ours along +z with y down. A node's scale does not count.
-      Eigen::Matrix3d turn = gltf_from_velo().transpose() * placed.linear();
-      for (int k = 0; k < 3; ++k) turn.col(k).normalize();
-      Transform velo_from_camera = Transform::Identity();
-      velo_from_camera.linear() = turn * Vec3d(1, -1, -1).asDiagonal();
-      velo_from_camera.translation() = gltf_from_velo().transpose() * placed.translation();
+      const Transform velo_from_camera = pose_of(placed);
       check_pose(velo_from_camera, field);
       scene.camera_from_velo = velo_from_camera.inverse();
       found = true;
@@ -180,13 +243,13 @@ class SceneReader {
     return found;
   }
 
-  /// The first directional light; without one the default stays.
-  void find_sun(Lighting& lighting) const {
-    bool found = false;
+  /// The first directional light, and its node; without one the default stays, and it is empty.
+  std::string find_sun(Lighting& lighting) const {
+    std::string found;
     const auto enter = [&](const tinygltf::Node& node, const std::string& field,
                            const Eigen::Affine3d& placed) {
       const auto extension = node.extensions.find("KHR_lights_punctual");
-      if (found || extension == node.extensions.end() || !extension->second.Has("light")) return;
+      if (!found.empty() || extension == node.extensions.end() || !extension->second.Has("light")) return;
       const int index = extension->second.Get("light").GetNumberAsInt();
       if (index < 0 || as_size(index) >= model_.lights.size()) return;
       const tinygltf::Light& light = model_.lights[as_size(index)];
@@ -199,9 +262,10 @@ class SceneReader {
       if (!(length > 1e-6 && std::isfinite(length)))
         gltf_.fail(field, "turns its light nowhere", "give the light's node a rotation and no scale");
       lighting.to_sun_velo /= length;
-      found = true;
+      found = field;
     };
     gltf_.walk(enter);
+    return found;
   }
 
   GltfModel gltf_;

@@ -7,6 +7,7 @@
 #include <map>
 #include <set>
 
+#include "base/image.h"
 #include "base/logging.h"
 #include "base/memory.h"
 #include "exchange/gltf_document.h"
@@ -220,26 +221,90 @@ std::optional<TexturedMesh> GltfModel::exact(const tinygltf::Node& node, const s
       fail(field, "mirrors a mesh with exact texels", "apply the node's scale before exporting");
     check_reach(textured.mesh, 0, field);
   }
-  check_unchanged(textured.mesh, node, field, gltf_from_node);
+  check_unchanged(textured, node, field, gltf_from_node);
   return textured;
 }
 
-void GltfModel::check_unchanged(const Mesh& exact, const tinygltf::Node& node, const std::string& field,
-                                const Eigen::Affine3d& gltf_from_node) const {
+void GltfModel::check_unchanged(const TexturedMesh& exact, const tinygltf::Node& node,
+                                const std::string& field, const Eigen::Affine3d& gltf_from_node) const {
+  const std::string name = fmt::format("meshes[{}]", node.mesh);
+  const auto refuse = [&](const char* what) {
+    fail(name, fmt::format("has other {} than extras.mirage, its exact copy", what),
+         "delete extras.mirage if the mesh was edited");
+  };
   TexturedMesh drawn;
   append_mesh(node, field, gltf_from_node, drawn);
-  const auto bounds = [](const Mesh& mesh) {
-    Eigen::AlignedBox3d box;
-    for (const Face& face : mesh.faces)
-      for (const int v : face) box.extend(mesh.vertices[as_size(v)]);
-    return box;
+  // Mirage draws a face by a triangle a texel (write_scene), its Blender add-on by one (glb.py).
+  const auto& [mesh, atlas] = exact;
+  const std::size_t faces = mesh.faces.size(), triangles = drawn.mesh.faces.size();
+  const bool whole = triangles == faces;
+  if (!whole && (atlas.texels.empty() || triangles != faces * atlas.per_face())) refuse("triangles");
+  double reach = 0;
+  for (const Vec3d& v : mesh.vertices) reach = std::max(reach, v.cwiseAbs().maxCoeff());
+  const double tolerance = 1e-5 * reach;  // m; positions are float32, and an editor may have turned them
+  const std::vector<AtlasTriangle> parts = atlas_triangles(whole ? 1 : atlas.resolution);
+  for (std::size_t i = 0; i < triangles; ++i) {
+    const auto [v0, v1, v2] = mesh.corners(mesh.faces[i / parts.size()]);
+    const Face& is = drawn.mesh.faces[i];
+    const auto corner = [&](std::size_t k) -> Vec3d {
+      const Vec2d& b = parts[i % parts.size()].corners[k];
+      return b.x() * v0 + b.y() * v1 + (1 - b.x() - b.y()) * v2;
+    };
+    bool same = false;
+    for (std::size_t first = 0; first < 3 && !same; ++first) {  // the same triangle may begin elsewhere
+      same = true;
+      for (std::size_t k = 0; k < 3; ++k)
+        same =
+            same && (drawn.mesh.vertices[as_size(is[k])] - corner((k + first) % 3)).cwiseAbs().maxCoeff() <=
+                        tolerance;
+    }
+    if (!same) refuse("triangles");
+  }
+  for (const tinygltf::Primitive& primitive : model_.meshes[as_size(node.mesh)].primitives)
+    if (!draws(atlas, primitive, name)) refuse("colours");
+}
+
+bool GltfModel::draws(const TexelAtlas& atlas, const tinygltf::Primitive& primitive,
+                      const std::string& field) const {
+  constexpr double kSameFactor = 1e-3;
+  Vec3d factor = Vec3d::Ones(), expected = Vec3d::Constant(0.5);  // grey: without texels
+  int texture = -1;
+  if (primitive.material >= 0 && as_size(primitive.material) < model_.materials.size()) {
+    const auto& painted = model_.materials[as_size(primitive.material)].pbrMetallicRoughness;
+    if (painted.baseColorFactor.size() >= 3) factor = Vec3d(painted.baseColorFactor.data());
+    texture = painted.baseColorTexture.index;
+  }
+  if (texture >= 0) {
+    expected.setOnes();
+  } else if (!atlas.texels.empty()) {  // the add-on's: the mean of all
+    expected.setZero();
+    for (const Vec3d& texel : atlas.texels) expected += texel / static_cast<double>(atlas.texels.size());
+    expected = expected.cwiseMax(0).cwiseMin(1);
+  }
+  if (!((factor - expected).cwiseAbs().maxCoeff() <= kSameFactor)) return false;
+  if (texture < 0) return true;
+  if (atlas.texels.empty()) return false;
+  const int image = as_size(texture) < model_.textures.size() ? model_.textures[as_size(texture)].source : -1;
+  if (image < 0 || as_size(image) >= model_.images.size()) return false;
+  const tinygltf::Image& source = model_.images[as_size(image)];
+  if (source.bufferView < 0) {
+    spdlog::warn("{}: {}: its texture lies outside the file and is not read; extras.mirage has its colours",
+                 file_.string(), field);
+    return true;
+  }
+  const TextureLayout layout(atlas.texels.size());
+  const std::string name = field + ".extras.mirage.texels, drawn by baseColorTexture";
+  const auto [data, size] = view(source.bufferView, name);
+  const ImageF picture = decode_srgb({reinterpret_cast<const char*>(data), size}, file_.string(), name,
+                                     {layout.width, layout.height});
+  const auto level = [](double linear) {
+    return std::lround(255 * srgb_from_linear(static_cast<float>(linear)));
   };
-  const Eigen::AlignedBox3d is = bounds(exact), was = bounds(drawn.mesh);
-  const double reach = std::max(is.min().cwiseAbs().maxCoeff(), is.max().cwiseAbs().maxCoeff());
-  if (!((is.min() - was.min()).cwiseAbs().maxCoeff() <= 1e-5 * reach &&
-        (is.max() - was.max()).cwiseAbs().maxCoeff() <= 1e-5 * reach))
-    fail(fmt::format("meshes[{}]", node.mesh), "has other triangles than extras.mirage, its exact copy",
-         "delete extras.mirage if the mesh was edited");
+  for (std::size_t t = 0; t < atlas.texels.size(); ++t)
+    for (std::size_t c = 0; c < 3; ++c)
+      if (std::abs(level(picture.data[3 * t + c]) - level(atlas.texels[t][static_cast<Eigen::Index>(c)])) > 1)
+        return false;
+  return true;
 }
 
 TexturedMesh GltfModel::exact(const tinygltf::Value& source, const std::string& field) const {

@@ -86,7 +86,7 @@ class GltfModel {
   std::pair<const unsigned char*, std::size_t> view(int index, const std::string& field) const;
 
   /// Mirage's own mesh where the node's has one in its extras, placed as the node is. InputError if the
-  /// triangles beside it, which editors change, reach to other places.
+  /// triangles or colours beside it, which viewers draw and editors change, are others.
   std::optional<TexturedMesh> exact(const tinygltf::Node& node, const std::string& field,
                                     const Eigen::Affine3d& gltf_from_node) const;
   /// The triangles of a node's mesh, each face with its material's base colour, placed and added to `out`.
@@ -126,8 +126,10 @@ class GltfModel {
 
   /// From extras: float64 vertices and texels, int32 faces.
   TexturedMesh exact(const tinygltf::Value& source, const std::string& field) const;
-  void check_unchanged(const Mesh& exact, const tinygltf::Node& node, const std::string& field,
+  void check_unchanged(const TexturedMesh& exact, const tinygltf::Node& node, const std::string& field,
                        const Eigen::Affine3d& gltf_from_node) const;
+  /// Whether the primitive's material draws these texels, to 8 bits. `field`: the mesh's.
+  bool draws(const TexelAtlas& atlas, const tinygltf::Primitive& primitive, const std::string& field) const;
 
   std::size_t scene_index() const { return as_size(std::max(0, model_.defaultScene)); }
   static Eigen::Affine3d transform(const tinygltf::Node& node);

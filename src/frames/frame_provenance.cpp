@@ -88,7 +88,10 @@ void add_detector(Provenance& provenance, const DetectorOptions& options) {
   if (options.classes != kCars) provenance.set("detector_classes", options.classes);
   fs::path weights;
   if (is_outside(options)) {
-    if (is_program(options.detector)) provenance.set("detector", "exec");  // its words count by content
+    if (is_program(options.detector)) {
+      provenance.set("detector", "exec");             // its words count by content
+      provenance.set("detector_seed", options.seed);  // which it is told
+    }
     provenance.input("weights", outside_content(options));
   } else {
     provenance.file("plugin", plugin_file(options));
@@ -101,10 +104,8 @@ void add_detector(Provenance& provenance, const DetectorOptions& options) {
     }
   }
   for (const std::string& word : read_defense(options.defense).around)
-    if (ceiling_height(word) > 0)  // over the rig's road
-      provenance.input(
-          "detector_rig",
-          lidar_identity(read_lidar_model(shipped_file("scenes/rigs/" + options.rig + ".toml"))));
+    if (ceiling_height(word) > 0)  // over the road below that unit
+      provenance.input("unit_height", nlohmann::json(unit_height_of(options)).dump());
   provenance.record("detector", escape_name(options.detector));
   provenance.record("weights", weights.empty() ? "" : written_path(weights, ""));
   provenance.record("weights_hash", provenance.input("weights"));

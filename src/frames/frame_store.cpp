@@ -11,6 +11,7 @@
 #include "frames/data_check.h"
 #include "geometry/mesh.h"
 #include "scene/data/data_rig.h"
+#include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/shape/shape_fit.h"
@@ -63,8 +64,15 @@ std::string FrameContents::of(const std::string& id) const {
     const std::lock_guard lock(mutex_);
     if (const auto existing = known_.find(id); existing != known_.end()) return existing->second;
   }
-  std::string hash = frame_hash(data_, id, cameras_);
-  if (!sensors_.empty()) hash = content_hash(hash + sensors_);
+  const auto set = open_data_set(data_, cameras_);
+  std::string hash = set->hash(id);
+  if (const auto light = set->lighting(id)) hash = content_hash(hash + to_json(*light).dump());
+  if (!sensors_.empty()) {
+    hash = content_hash(hash + sensors_);
+    for (const Label& label : set->read(id).labels)  // what these hear of a label depends on other frames'
+      for (const double v : label.velocity.value_or(Vec3d::Zero())) hash += fmt::format(" {:.9g}", v);
+    hash = content_hash(hash);
+  }
   const std::lock_guard lock(mutex_);
   return known_.emplace(id, hash).first->second;
 }
@@ -116,7 +124,7 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id)
     });
     return carriers;
   });
-  record(sensors_, data_, frame);
+  auto measured_by = record(sensors_, data_, frame);
   if (frame.others.empty()) frame.sweep = points_in_view(frame.sweep, frame.calibration);
   const auto cached = [this](const std::string& key, const PinholeCamera& camera, const auto& compute) {
     return cache_.depth(key, camera.width, camera.height, compute);
@@ -132,7 +140,7 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id)
       return cached(key, of, [&] { return later.get(); });
     });
   }
-  entry->prepared.measured_by.assign(sensors_.begin(), sensors_.end());
+  entry->prepared.measured_by = std::move(measured_by);
   entry->bytes = bytes_of(entry->prepared, entry->carriers);
   return entry;
 }

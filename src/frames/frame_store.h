@@ -40,7 +40,7 @@ class FrameContents {
   /// `sensors`: sensors_identity() of what measures the frames besides.
   FrameContents(std::filesystem::path data, Cameras cameras = Cameras::first, std::string sensors = "")
       : data_(std::move(data)), cameras_(cameras), sensors_(std::move(sensors)) {}
-  /// frame_hash() of the frame, and what measures it besides.
+  /// frame_hash() of the frame, its recorded light, and what measures it besides.
   std::string of(const std::string& id) const;
 
  private:

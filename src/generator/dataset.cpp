@@ -93,6 +93,9 @@ struct DriveFiles {
   fs::path sweep(const std::string& frame) const {
     return training / "velodyne" / sequence / (frame + ".bin");
   }
+  fs::path lighting(const std::string& frame) const {
+    return lighting_file(training.parent_path(), sequence + "_" + frame);
+  }
   fs::path record(const std::string& frame) const {
     return training / "written" / (sequence + "_" + frame + ".json");
   }
@@ -105,7 +108,8 @@ std::optional<FrameRows> kept_rows(const DriveFiles& files, const std::string& f
     if (!fs::exists(files.record(frame))) return std::nullopt;
     const nlohmann::json record = read_json(files.record(frame), kMaxRecordBytes);
     for (const auto& [name, file] :
-         {std::pair("picture", files.picture(frame)), std::pair("sweep", files.sweep(frame))})
+         {std::pair("picture", files.picture(frame)), std::pair("sweep", files.sweep(frame)),
+          std::pair("lighting", files.lighting(frame))})
       if (!fs::is_regular_file(file) || file_hash(file, kMaxFileBytes) != record.at(name).get<std::string>())
         return std::nullopt;
     return FrameRows{record.at("labels"), record.at("motion"), record.at("cars"), record.at("others")};
@@ -168,9 +172,11 @@ FrameRows write_drive_frame(const DriveFiles& files, const std::string& name, in
   }
   write_srgb(files.picture(name), frame.image);
   write_sweep(files.sweep(name), frame.sweep);
+  write_json(files.lighting(name), to_json(frame.lighting));
   // Last, so that what it speaks of is there.
   write_json(files.record(name), {{"picture", file_hash(files.picture(name), kMaxFileBytes)},
                                   {"sweep", file_hash(files.sweep(name), kMaxFileBytes)},
+                                  {"lighting", file_hash(files.lighting(name), kMaxFileBytes)},
                                   {"labels", rows.labels},
                                   {"motion", rows.motion},
                                   {"cars", rows.cars},

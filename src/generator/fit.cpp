@@ -17,8 +17,8 @@
 
 namespace mirage::generator {
 
-std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, double height, Look look) {
-  const Street street = make_street(seed, index, height, look);
+std::vector<TrueVehicle> true_vehicles(const StreetSource& source, std::uint64_t index, double height) {
+  const Street street = make_street(source.seed, index, height, source.look, source.behind);
   std::vector<TrueVehicle> vehicles;
   for (const Placed& placed : street.placed) vehicles.push_back({placed, {}});
   for (const Surface& surface : street.surfaces)
@@ -39,7 +39,8 @@ std::optional<StreetSource> source_of(const std::filesystem::path& data) {
   const nlohmann::json look = about.value("look", nlohmann::json(name_of(Look::european)));
   if (!look.is_string())
     throw InputError(file.string(), "look", "is no text", "make the data set again with: mirage generate");
-  return StreetSource{about.at("seed").get<std::uint64_t>(), parse_look(look, file.string(), "look")};
+  return StreetSource{about.at("seed").get<std::uint64_t>(), parse_look(look, file.string(), "look"),
+                      std::filesystem::is_directory(data / "training" / "cameras") ? kBehind : 0};
 }
 
 std::optional<std::uint64_t> index_of(const std::string& frame) {
@@ -197,13 +198,14 @@ nlohmann::json with_low(const FitSpread& s) {
 }
 
 nlohmann::json to_json(const FitSummary& s) {
-  nlohmann::json json = {{"vehicles", s.vehicles},
-                         {"fitted", s.fitted},
-                         {"from_box", s.vehicles - s.fitted},
-                         {"residual_m", to_json(s.residual)},
-                         {"roof_over_box_m", with_low(s.roof_over_box)},
-                         {"roof_over_returns_m", with_low(s.roof_over_returns)},
-                         {"seconds", to_json(s.seconds)}};
+  nlohmann::json json = {{"vehicles", s.vehicles}, {"fitted", s.fitted}, {"from_box", s.vehicles - s.fitted}};
+  const auto add = [&](const char* key, nlohmann::json of) {
+    json[key] = s.fitted ? std::move(of) : nullptr;
+  };
+  add("residual_m", to_json(s.residual));
+  add("roof_over_box_m", with_low(s.roof_over_box));
+  add("roof_over_returns_m", with_low(s.roof_over_returns));
+  add("seconds", to_json(s.seconds));
   if (s.error)
     json["error"] = {{"vehicles", s.error->vehicles},
                      {"roof_x_m", to_json(s.error->roof[0])},

@@ -23,16 +23,16 @@ struct TrueVehicle : Placed {
   Mesh mesh;  ///< `velo`; every surface of it, seats and lamps included, but for what is on its roof
 };
 
-/// The labelled things of frame `index` of a seed, laid out again (nothing is rendered). `height`: of the
-/// rig's LiDAR over the ground, as in make_street.
-std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, double height,
-                                       Look look = Look::european);
-
 /// What a data set's streets come from.
 struct StreetSource {
   std::uint64_t seed = 0;
   Look look = Look::european;
+  double behind = 0;  ///< m of street behind the car
 };
+/// The labelled things of frame `index`, laid out again (nothing is rendered). `height`: of the rig's LiDAR
+/// over the ground, as in make_street.
+std::vector<TrueVehicle> true_vehicles(const StreetSource& source, std::uint64_t index, double height);
+
 /// A data set's source, if this generator's version made it (dataset.json), so that true_vehicles gives what
 /// was rendered; nothing for recorded sets and for those of other versions. InputError for a broken
 /// dataset.json.

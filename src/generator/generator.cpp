@@ -44,8 +44,6 @@ FrameTruth make_truth(const generator::Street& street, const std::vector<int>& l
   return truth;
 }
 
-constexpr double kBehind = 60;  // m of street behind a car that looks back
-
 /// Adds what the rig's other cameras see: pictures, and labels of what the first does not see.
 void look_around(const Rig& rig, const generator::Street& street, const RayScene& scene,
                  const SceneLight& light, RayCameraSettings settings, std::uint64_t seed, std::uint64_t index,
@@ -112,8 +110,8 @@ std::uint16_t semantic_class(const std::string& type) {
 }
 
 Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, FrameTruth* truth) {
-  const generator::Street street =
-      generator::make_street(seed, index, rig.lidar.height, rig.look, rig.others.empty() ? 0 : kBehind);
+  const generator::Street street = generator::make_street(seed, index, rig.lidar.height, rig.look,
+                                                          rig.others.empty() ? 0 : generator::kBehind);
   const SceneLight light = generator::make_light(seed, index);
   const RayScene scene(street.surfaces);
   RayCameraSettings settings;

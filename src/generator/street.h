@@ -93,6 +93,8 @@ bool on_roof(const Surface& surface, const Placed& placed);
 /// (m; 0: its first metres). Deterministic by (seed, index, look, behind).
 Street make_street(std::uint64_t seed, std::uint64_t index, double height, Look look = Look::european,
                    double behind = 0);
+/// m of street behind a car that looks back: whose rig has other cameras than the first.
+inline constexpr double kBehind = 60;
 
 // A street that lasts some seconds: what stands in it, the car's own way along it, and what drives. Ours is
 // the right one of two lanes. A car ahead brakes (and so do we, a second later), one overtakes us, one or

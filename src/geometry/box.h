@@ -21,6 +21,11 @@ struct Box3 {
   double bottom = 0, height = 0;
 };
 
+/// Whether both have one centre and one heading, to the last bit. No two boxes of a frame's labels do.
+inline bool in_one_place(const BevBox& a, const BevBox& b) {
+  return a.x == b.x && a.y == b.y && a.yaw == b.yaw;
+}
+
 /// Corners counter-clockwise, first = front left.
 std::array<Vec2d, 4> corners(const BevBox& box);
 /// From the origin to the box's centre, m.

@@ -40,8 +40,8 @@ struct CameraEffects {
   /// σ of the noise in the dark.
   double read_sigma = 0;
 
-  /// Another draw of the noise. Not a setting: an attack's expectation draws it.
-  std::uint64_t draw = 0;
+  /// Of the noise, beside the frame, the camera and the pixel. Not a setting.
+  std::uint64_t seed = 0;
 
   /// Whether pixels get any noise.
   bool noisy() const { return shot > 0 || read_sigma > 0; }

@@ -38,7 +38,9 @@ std::filesystem::path own_table_of(const std::filesystem::path& named_in, const 
 }  // namespace
 
 int LidarModel::azimuth_count() const {
-  return static_cast<int>(std::floor((azimuth_max - azimuth_min) / azimuth_step + 1e-9)) + 1;
+  const int steps = static_cast<int>(std::floor((azimuth_max - azimuth_min) / azimuth_step + 1e-9));
+  // After a whole turn the last column is the first again.
+  return steps * azimuth_step > 2 * std::numbers::pi - azimuth_step / 2 ? steps : steps + 1;
 }
 
 double LidarModel::firing_azimuth(int column) const {

@@ -142,7 +142,8 @@ class Insertion {
         continue;
       }
       tape_.parts.push_back(part);
-      reflections_.push_back({part.hit.range, strength(part)});
+      // What is black still stops the light: some echo is the strongest.
+      reflections_.push_back({part.hit.range, std::max(strength(part), std::numeric_limits<double>::min())});
     }
     if (!met) return;
     if (tape_.parts.size() == first) {

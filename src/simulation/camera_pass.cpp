@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <string>
 
 #include "base/random.h"
 #include "base/sizes.h"
@@ -122,7 +123,7 @@ std::unique_ptr<ObjectLight> light_on(const PreparedFrame& prepared, const Place
 
 /// Standard normals of the three channels of a pixel of the picture.
 Vec3d noise_at(const CameraEffects& effects, int u, int v) {
-  RandomStream random(effects.draw, "sensor noise on the object",
+  RandomStream random(effects.seed, "sensor noise on the object",
                       static_cast<std::uint64_t>(v) << 32 | static_cast<std::uint64_t>(u));
   Vec3d noise;
   for (double& n : noise) n = random.normal();
@@ -228,6 +229,7 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placem
     result.visible_share = whole > 0 ? std::min(1.0, silhouette_area(result.rgba) / whole) : 0;
   }
   tape.effects = settings.camera_effects;
+  tape.effects.seed ^= fnv1a(prepared.frame.id + " " + std::to_string(of));
   tape.softened = expose_object(tape.effects, target.background, rect.u0, rect.v0, result.rgba);
   for (int v = rect.v0; v < rect.v1; ++v)
     for (int u = rect.u0; u < rect.u1; ++u)

@@ -81,7 +81,7 @@ void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, cons
 /// and its silhouette S; the object ends kBlurReach pixels before the window does, but for the picture's
 /// own edges. Colour and silhouette of the object are blurred, and the photograph shows as far as the blurred
 /// silhouette lets it; then comes noise, as far as the object covers a pixel (the photograph has its own). It
-/// depends on the draw and the pixel's place in the picture, (u0 + u, v0 + v). The result is what
+/// depends on the seed and the pixel's place in the picture, (u0 + u, v0 + v). The result is what
 /// expose_object_vjp needs: `rgba` before the noise; empty without noise.
 Image<double> expose_object(const CameraEffects& effects, const ImageF& photograph, int u0, int v0,
                             Image<double>& rgba);

@@ -1,5 +1,7 @@
 #include "simulation/depth_score.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 #include <opencv2/imgproc.hpp>
@@ -161,6 +163,10 @@ std::vector<DepthScore> score_depth(const DepthScoreOptions& options,
     if (!by_returns) check_roofs(frame, truth, dense, options.border, adversary, scores);
     progress(f + 1, ids.size());
   }
+  if (scored == 0)
+    throw InputError(options.data.string(), "depth",
+                     fmt::format("no pixel has a depth to score on, up to {:g} m", options.farthest),
+                     "raise --farthest, or hold more returns back with --hide");
   for (std::size_t b = 0; b < n; ++b) {
     scores[b].name = backends[b]->name();
     scores[b].seconds /= static_cast<double>(ids.size());

@@ -51,7 +51,8 @@ struct DepthScore {
 };
 
 /// `adversary` goes on every labelled car's roof. Frames without true depth give no roof pixels. tell(done,
-/// total) after each frame. InputError where options.hidden is 0 and a frame has no true depth.
+/// total) after each frame. InputError where options.hidden is 0 and a frame has no true depth, and where no
+/// pixel is scored.
 std::vector<DepthScore> score_depth(const DepthScoreOptions& options,
                                     std::span<const std::unique_ptr<DepthCompletion>> backends,
                                     const TexturedMesh& adversary,

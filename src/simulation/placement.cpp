@@ -41,11 +41,6 @@ Vec3d anchor_of(In in, const BevBox& box) {
   }
 }
 
-/// The labels are of one frame, where no two boxes stand in one place.
-bool is_same(const Label& a, const Label& b) {
-  return a.box.bev.x == b.box.bev.x && a.box.bev.y == b.box.bev.y && a.box.bev.yaw == b.box.bev.yaw;
-}
-
 bool has_room(const PlaceChoice& place, const Placement& placement, std::span<const Label> labels) {
   constexpr double kShareTaken = 0.1;
   const Transform& pose = placement.velo_from_adversary;
@@ -53,7 +48,8 @@ bool has_room(const PlaceChoice& place, const Placement& placement, std::span<co
   const BevBox footprint{at.x(), at.y(), place.volume.x(), place.volume.y(),
                          std::atan2(pose(1, 0), pose(0, 0))};
   return std::ranges::none_of(labels, [&](const Label& label) {
-    if (!has_box(label) || (place.in != In::vehicle && is_same(label, placement.carrier->label)))
+    if (!has_box(label) ||
+        (place.in != In::vehicle && in_one_place(label.box.bev, placement.carrier->label.box.bev)))
       return false;
     const Box3& box = label.box;
     return at.z() < box.bottom + box.height && box.bottom < at.z() + place.volume.z() &&
@@ -68,7 +64,8 @@ std::optional<int> neighbour_of(const PlaceChoice& place, const Placement& place
   double least = place.within;
   for (std::size_t i = 0; i < labels.size(); ++i) {
     const Label& label = labels[i];
-    if (!is_sought(label) || !has_box(label) || is_same(label, placement.carrier->label)) continue;
+    if (!is_sought(label) || !has_box(label) || in_one_place(label.box.bev, placement.carrier->label.box.bev))
+      continue;
     const double distance = std::hypot(label.box.bev.x - at.x(), label.box.bev.y - at.y());
     if (distance < least || (!nearest && distance == least)) least = distance, nearest = static_cast<int>(i);
   }
@@ -78,7 +75,7 @@ std::optional<int> neighbour_of(const PlaceChoice& place, const Placement& place
 /// Upright, along `box`'s heading: the smallest that holds `within` (in its axes) and the placed mesh.
 Box3 box_around(const Box3& box, Eigen::AlignedBox3d within, const Mesh& placed) {
   const Transform velo_from_vehicle = velo_from_box(box), vehicle_from_velo = velo_from_vehicle.inverse();
-  for (const Vec3d& v : placed.vertices) within.extend(vehicle_from_velo * v);
+  for (const std::size_t i : used_vertices(placed)) within.extend(vehicle_from_velo * placed.vertices[i]);
   const Vec3d middle = velo_from_vehicle * Vec3d(within.center().x(), within.center().y(), within.min().z());
   return {{middle.x(), middle.y(), within.sizes().x(), within.sizes().y(), box.bev.yaw},
           middle.z(),

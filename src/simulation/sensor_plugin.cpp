@@ -60,20 +60,24 @@ MirageBody body_of(const Label& label) {
           {velocity.x(), velocity.y(), velocity.z()}};
 }
 
-/// A frame as the plugin gets it; lives as long as the call.
+/// A frame as the plugin gets it: of its own, whatever is cropped from the frame later.
 struct RawScene {
-  RawScene(const Frame& frame, const fs::path& data) : folder(data.string()) {
+  RawScene(const Frame& frame, const fs::path& data)
+      : folder(data.string()), id(frame.id), sweep(frame.sweep) {
     static_assert(sizeof(LidarPoint) == 4 * sizeof(float));
     for (const Label& label : frame.labels)
       if (has_box(label)) bodies.push_back(body_of(label));
     scene = {folder.c_str(),
-             frame.id.c_str(),
-             reinterpret_cast<const float*>(frame.sweep.data()),
-             static_cast<std::int64_t>(frame.sweep.size()),
+             id.c_str(),
+             reinterpret_cast<const float*>(sweep.data()),
+             static_cast<std::int64_t>(sweep.size()),
              bodies.data(),
              static_cast<std::int64_t>(bodies.size())};
   }
-  std::string folder;
+  RawScene(const RawScene&) = delete;
+  RawScene& operator=(const RawScene&) = delete;
+  std::string folder, id;
+  Sweep sweep;
   std::vector<MirageBody> bodies;
   MirageSensorScene scene{};
 };
@@ -130,28 +134,16 @@ struct Instance {
   std::size_t values = 0;
 };
 
-class Sensor : public PluginSensor {
+/// One scene with an object in it.
+class SceneSensor : public SensorPass {
  public:
-  explicit Sensor(std::shared_ptr<const Instance> of) : of_(std::move(of)) {}
-
-  const std::string& name() const { return of_->word.name; }
-
-  Measurement record(const Frame& frame, const fs::path& data) const override {
-    const RawScene raw(frame, data);
-    const std::vector<double> values = of_->measure(raw.scene, nullptr, nullptr, nullptr);
-    Measurement measured = of_->word;
-    measured.data.assign(values.begin(), values.end());
-    return measured;
-  }
+  /// `place`: of its measurement among the frame's.
+  SceneSensor(std::shared_ptr<const Instance> of, std::shared_ptr<const RawScene> raw, std::size_t place)
+      : of_(std::move(of)), raw_(std::move(raw)), place_(place) {}
 
   SensorVjp draw(const PreparedFrame& prepared, const Placement& placement, const TexturedMesh& placed,
                  const SimulationSettings&, Simulated& result) const override {
-    const auto& all = prepared.frame.measurements;
-    const auto own = std::find_if(all.begin(), all.end(),
-                                  [&](const Measurement& measured) { return measured.name == name(); });
-    if (own == all.end())
-      throw Failure(of_->file.string(), "has not recorded the frame", "record() it first");
-    const auto place = as_size(own - all.begin());
+    const auto& own = prepared.frame.measurements.at(place_).data;
     const std::vector<double> vertices = flat(placed.mesh.vertices), albedo = flat(placed.atlas.texels);
     std::vector<std::int32_t> faces;
     faces.reserve(3 * placed.mesh.faces.size());
@@ -166,17 +158,16 @@ class Sensor : public PluginSensor {
                                     albedo.data(),
                                     static_cast<std::int64_t>(placed.atlas.per_face()),
                                     {velocity.x(), velocity.y(), velocity.z()}};
-    const RawScene raw(prepared.frame, "");
-    const std::vector<double> recorded(own->data.begin(), own->data.end());
+    const std::vector<double> recorded(own.begin(), own.end());
     const std::shared_ptr<void*> tape(new void*(nullptr), [of = of_](void** left) {
       if (*left) of->api->release(*left);
       delete left;
     });
-    const std::vector<double> values = of_->measure(raw.scene, &object, recorded.data(), tape.get());
-    Measurement& measured = result.measurements.at(place) = of_->word;
+    const std::vector<double> values = of_->measure(raw_->scene, &object, recorded.data(), tape.get());
+    Measurement& measured = result.measurements.at(place_) = of_->word;
     measured.data.assign(values.begin(), values.end());
-    return [of = of_, tape, place](const Simulated& simulated, const TexturedMesh&, const Upstream& upstream,
-                                   AdversaryGradient& gradient) {
+    return [of = of_, tape, place = place_](const Simulated& simulated, const TexturedMesh&,
+                                            const Upstream& upstream, AdversaryGradient& gradient) {
       if (upstream.others.empty()) return;
       const GradientView& d_data = upstream.others[simulated.others.size() + place];
       if (!d_data) return;
@@ -190,6 +181,26 @@ class Sensor : public PluginSensor {
       accumulate(d_vertices, gradient.vertices);
       accumulate(d_albedo, gradient.texels);
     };
+  }
+
+ private:
+  std::shared_ptr<const Instance> of_;
+  std::shared_ptr<const RawScene> raw_;
+  std::size_t place_;
+};
+
+class Sensor : public PluginSensor {
+ public:
+  explicit Sensor(std::shared_ptr<const Instance> of) : of_(std::move(of)) {}
+
+  const std::string& name() const { return of_->word.name; }
+
+  std::shared_ptr<const SensorPass> record(Frame& frame, const fs::path& data) const override {
+    auto raw = std::make_shared<const RawScene>(frame, data);
+    const std::vector<double> values = of_->measure(raw->scene, nullptr, nullptr, nullptr);
+    frame.measurements.push_back(of_->word);
+    frame.measurements.back().data.assign(values.begin(), values.end());
+    return std::make_shared<const SceneSensor>(of_, std::move(raw), frame.measurements.size() - 1);
   }
 
  private:
@@ -218,9 +229,11 @@ bool is_shipped_sensor(const std::string& word) {
   return shipped_plugin(kSensorPlugins, word) != nullptr;
 }
 
-void record(const std::vector<std::shared_ptr<const PluginSensor>>& sensors, const fs::path& data,
-            Frame& frame) {
-  for (const auto& sensor : sensors) frame.measurements.push_back(sensor->record(frame, data));
+std::vector<std::shared_ptr<const SensorPass>> record(
+    const std::vector<std::shared_ptr<const PluginSensor>>& sensors, const fs::path& data, Frame& frame) {
+  std::vector<std::shared_ptr<const SensorPass>> passes;
+  for (const auto& sensor : sensors) passes.push_back(sensor->record(frame, data));
+  return passes;
 }
 
 std::string sensors_identity(const std::string& words) {

@@ -10,12 +10,14 @@
 
 namespace mirage {
 
-/// A sensor that also measures frames as recorded.
-class PluginSensor : public SensorPass {
+/// A sensor of a plugin.
+class PluginSensor {
  public:
-  /// Of the frame without an object. `data`: the set that it is of; may be empty. Failure if the plugin fails
-  /// or gives a number that is not finite.
-  virtual Measurement record(const Frame& frame, const std::filesystem::path& data) const = 0;
+  virtual ~PluginSensor() = default;
+  /// Adds what it measures of the frame without an object, and gives what measures the same scene with one.
+  /// `data`: the set that the frame is of; may be empty. Failure if the plugin fails or gives a number that
+  /// is not finite.
+  virtual std::shared_ptr<const SensorPass> record(Frame& frame, const std::filesystem::path& data) const = 0;
 };
 
 /// Those that `words` names, joined by commas: shipped ones by their words, others by their files (*.so);
@@ -27,9 +29,10 @@ std::vector<std::shared_ptr<const PluginSensor>> load_sensors(const std::string&
 bool is_shipped_sensor(const std::string& word);
 
 /// Adds what these sensors measure of the whole frame, in their order. PreparedFrame::measured_by is to hold
-/// them, so that insertions pass through them.
-void record(const std::vector<std::shared_ptr<const PluginSensor>>& sensors,
-            const std::filesystem::path& data, Frame& frame);
+/// the result, so that insertions pass through them.
+std::vector<std::shared_ptr<const SensorPass>> record(
+    const std::vector<std::shared_ptr<const PluginSensor>>& sensors, const std::filesystem::path& data,
+    Frame& frame);
 
 /// Of the content of the plugins that `words` names; "" for none. Errors as load_sensors'.
 std::string sensors_identity(const std::string& words);

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 #include <map>
 #include <set>
 #include <string>
@@ -12,6 +13,7 @@
 #include "attack/attack_step.h"
 #include "attack/observation.h"
 #include "attack/tiny_world.h"
+#include "base/error.h"
 #include "base/files.h"
 #include "base/sizes.h"
 #include "generator/generator.h"
@@ -314,6 +316,50 @@ TEST(AttackStep, TheWorstDrawsAreTheSameForAnyNumberOfThreadsAndAfterAStop) {
   const std::string one = learned("one", 1, {5});
   EXPECT_EQ(learned("three", 3, {5}), one);
   EXPECT_EQ(learned("stopped", 2, {2, 5}), one);
+}
+
+TEST(AttackStep, WeightsThatNoStepBearsAreNamed) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 2);
+  for (const double weight : {1e308, std::numeric_limits<double>::max()}) {
+    auto settings = settings_for(folder, "run", 5);
+    settings.objective.lambda_laplacian = weight;
+    settings.vertex_rate = 0.05;
+    try {
+      run_attack(settings, test::one_of<test::StandInDetector>());  // or every step is a finite one
+    } catch (const Failure& failure) {
+      EXPECT_THAT(failure.what(),
+                  testing::AllOf(testing::HasSubstr("not finite"), testing::HasSubstr("--lambda-lap")));
+    }
+  }
+}
+
+// A pixel that noise drives out of [0, 1] says nothing of what stands there.
+TEST(AttackStep, NoGradientComesThroughPixelsThatNoiseClips) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 1);
+  FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
+  const HostId id = find_hosts(store, "000000", {0, 50, -25, 25}, {}).at(0).id;
+  const auto prepared = store.get("000000");
+  test::StandInDetector detector;
+  AttackSettings settings = test::tiny_attack();
+  settings.target = AttackTarget::image;
+  TexturedMesh black = initial_adversary();
+  for (Vec3d& texel : black.atlas.texels) texel.setZero();
+  const auto gradient = [&](double noise) {
+    EotSettings expectation;
+    expectation.image_noise = noise;
+    const SampledEnvironment draw(expectation, 1, 2);
+    StepHost host{*prepared, id, store.placement(id)};
+    host.draw = &draw;
+    double sum = 0;
+    for (const Vec3d& d : attack_host(detector, host, black, settings).gradient.texels) sum += d.sum();
+    return sum;
+  };
+  const double exact = gradient(0), noisy = gradient(0.01);
+  ASSERT_NE(exact, 0);
+  // Half of the draws are below 0, and black pixels clip there; the detector's slope is the same everywhere.
+  EXPECT_NEAR(noisy / exact, 0.5, 0.1);
 }
 
 TEST(AttackStep, StagesAddUpToTheHostsTime) {

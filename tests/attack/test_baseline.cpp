@@ -39,6 +39,9 @@ TEST(Baseline, WordsAreReadAndOthersRefused) {
   EXPECT_EQ(parse_baselines("all").size(), 4u);
   EXPECT_TRUE(parse_baselines("none").empty());
   EXPECT_TRUE(parse_baselines("").empty());
+  for (const char* bad : {"none,start", "sized,all"})
+    EXPECT_THAT(test::error_text<InputError>([&] { parse_baselines(bad); }),
+                testing::AllOf(testing::StartsWith("baseline: "), testing::HasSubstr("and others")));
   for (const Baseline kind : parse_baselines("all"))
     EXPECT_THAT(parse_baselines(to_word(kind)), testing::ElementsAre(kind));
   EXPECT_THAT(test::error_text<InputError>([] { parse_baselines("start,sphere"); }),

@@ -203,5 +203,33 @@ TEST(BlackBox, WhatDoesNotGoWithItIsRefusedInALine) {
                 testing::AllOf(HasSubstr("gives no gradient"), HasSubstr("--attack black-box")));
 }
 
+/// Reads the sweep alone.
+class ReadsNoPicture : public test::Everywhere {
+ public:
+  Capabilities capabilities() const override { return {false, true, true, false}; }
+};
+
+TEST(SeesColours, ColoursThatReachNothingAreNotLearned) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 5, true);
+  const Capabilities blind = ReadsNoPicture().capabilities(), both = test::Everywhere().capabilities();
+  AttackSettings settings = black_box_settings(folder, "bad", 330);
+  settings.parts = AttackParts::texture;
+  EXPECT_FALSE(sees_colours(settings, blind));
+  EXPECT_TRUE(sees_colours(settings, both));
+  for (const AttackSearch search : {AttackSearch::plain, AttackSearch::automatic, AttackSearch::black_box}) {
+    settings.attack = search;
+    EXPECT_THAT(error_text<FieldError>([&] { run_attack(settings, test::one_of<ReadsNoPicture>()); }),
+                testing::AllOf(testing::StartsWith("parts: texture"), HasSubstr("reads no picture")));
+  }
+  settings.attack = AttackSearch::plain;
+  settings.target = AttackTarget::lidar;
+  EXPECT_THAT(error_text<FieldError>([&] { run_attack(settings, test::one_of<test::Everywhere>()); }),
+              testing::AllOf(testing::StartsWith("parts: texture"), HasSubstr("the target")));
+  settings.simulation.lidar_effects.albedo = true;  // returns show them
+  EXPECT_TRUE(sees_colours(settings, blind));
+  EXPECT_TRUE(sees_colours(settings, both));
+}
+
 }  // namespace
 }  // namespace mirage

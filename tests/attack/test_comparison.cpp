@@ -2,6 +2,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cstdio>
 #include <numeric>
 #include <random>
@@ -128,6 +130,40 @@ TEST(Comparison, CountsVehiclesThatBothFindOnce) {
   EXPECT_DOUBLE_EQ(result.own->difference.value, 0.5);
   second[0].clean_iou = second[1].clean_iou = 0;
   EXPECT_EQ(compare_outcomes(first, second, kObjects, false).parts.front().vehicles, 1);
+}
+
+// The second's lost vehicles are the same in both rows, and so is what is known of them.
+TEST(Comparison, ARowOfTheOwnObjectsIsAsSureAsTheRowOfEachObject) {
+  const auto first = outcomes(40, 8), second = changed(first, 0.2, 0.05, 9);
+  const Comparison result = compare_outcomes(first, second, kObjects, true);
+  const auto row = [&](const std::string& object) {
+    return *std::ranges::find_if(
+        result.parts, [&](const ComparedPart& part) { return part.by == "object" && part.name == object; });
+  };
+  ASSERT_TRUE(result.own);
+  const ComparedPart a = row("a.glb"), b = row("b.glb");
+  EXPECT_EQ(to_json(result.own->first), to_json(a.first));
+  EXPECT_EQ(to_json(result.own->second), to_json(b.second));
+  EXPECT_EQ(result.own->vehicles, result.parts.front().vehicles);
+}
+
+TEST(Comparison, TellsThatADetectorFindsFewOrNone) {
+  const auto first = outcomes(40, 8);
+  std::vector<HostOutcome> blind = first;
+  for (HostOutcome& host : blind) host.clean_iou = host.attacked_iou = 0;
+  const Comparison none = compare_outcomes(first, blind, kObjects, false);
+  EXPECT_GT(none.found[0], 30);
+  EXPECT_EQ(none.found[1], 0);
+  EXPECT_TRUE(none.few());
+  EXPECT_FALSE(compare_outcomes(first, first, kObjects, false).few());
+  for (HostOutcome& host : blind)
+    if (host.id.frame == "frame0") host.clean_iou = 0.9;
+  const Comparison tenth = compare_outcomes(blind, blind, kObjects, false);  // 4 of 40 are enough
+  EXPECT_EQ(tenth.found, (std::array<int, 2>{4, 4}));
+  EXPECT_FALSE(tenth.few());
+  for (HostOutcome& host : blind)
+    if (host.id == HostId{"frame0", 0}) host.clean_iou = 0;
+  EXPECT_TRUE(compare_outcomes(blind, first, kObjects, false).few());
 }
 
 // Of few clusters the interval is Student's of few degrees of freedom, and so is p.

@@ -197,6 +197,24 @@ TEST(EotSettings, WordsSwitchWhatVaries) {
               AllOf(HasSubstr("expectation: "), HasSubstr("moon")));
 }
 
+TEST(EotSettings, AListThatContradictsItselfIsRefusedAndItsOptionNamed) {
+  for (const char* wrong : {"none,all", "roof,none", "shape:0.02,shape:0.03", "shape,shape:0.02",
+                            "worst:2,roof,worst:4", "sun,sun", "all,all"})
+    try {
+      parse_expectation(wrong);
+      ADD_FAILURE() << wrong;
+    } catch (const FieldError& error) {  // which the command line knows by its option
+      EXPECT_EQ(error.field, "expectation") << wrong;
+      EXPECT_EQ(error.value, wrong);
+    }
+  for (const char* wrong : {"shape:0", "worst:1", "paints:1"})
+    EXPECT_THROW(parse_expectation(wrong), FieldError) << wrong;
+  EXPECT_THROW(require_judged(parse_expectation("roof,worst:4")), FieldError);
+  EXPECT_THROW(require_built(parse_expectation("sun")), FieldError);
+  EXPECT_EQ(parse_expectation("shape:0.02,all").shape, 0.02);  // in any order
+  EXPECT_EQ(parse_expectation("all,shape:0.02").shape, 0.02);
+}
+
 TEST(EotSettings, TheWorstOfDrawsIsOfSomeThatVary) {
   const EotSettings e = parse_expectation("worst:4,shape:0.02");
   EXPECT_EQ(e.draws(), 4);
@@ -431,6 +449,49 @@ TEST(EotSettings, LightTurnsBrightensAndStaysAboveTheGround) {
   EXPECT_GT(angle, 0.1);
   EXPECT_EQ(SampledEnvironment(parse_expectation("roof"), 9, 1).frame(known).frame.image.data,
             known.frame.image.data);
+}
+
+TEST(EotSettings, CameraNoiseHasNoGradientWhereItClips) {
+  const SampledEnvironment draw(parse_expectation("noise"), 2, 3);
+  constexpr int kWidth = 16, kHeight = 12;
+  ImageF noise(kWidth, kHeight, 3, 0.5f);  // far from both ends: what is drawn shows itself
+  draw.add_noise(noise);
+  RandomStream random(4, "weights");
+  std::vector<double> x, w;
+  for (std::size_t i = 0; i < noise.data.size(); ++i) {
+    double value = i % 2 ? 0.004 : 0.996;
+    const double noisy = value + noise.data[i] - 0.5;
+    if (std::min(std::abs(noisy), std::abs(1 - noisy)) < 1e-3) value = 0.5;  // no difference across an end
+    x.push_back(value);
+    w.push_back(random.normal());
+  }
+  const auto noisy_of = [&](const std::vector<double>& at) {
+    ImageF image(kWidth, kHeight, 3);
+    for (std::size_t i = 0; i < at.size(); ++i) image.data[i] = static_cast<float>(at[i]);
+    draw.add_noise(image);
+    return image;
+  };
+  const auto f = [&](const std::vector<double>& at) {
+    const ImageF image = noisy_of(at);
+    double sum = 0;
+    for (std::size_t i = 0; i < at.size(); ++i) sum += w[i] * static_cast<double>(image.data[i]);
+    return sum;
+  };
+  const ImageF noisy = noisy_of(x);
+  ImageF gradient(kWidth, kHeight, 3);
+  for (std::size_t i = 0; i < w.size(); ++i) gradient.data[i] = static_cast<float>(w[i]);
+  draw.noise_vjp(noisy, gradient);
+  const std::vector<double> d(gradient.data.begin(), gradient.data.end());
+  EXPECT_GT(std::ranges::count(d, 0.0), 100);
+  EXPECT_LT(std::ranges::count(d, 0.0), std::ssize(d) / 2);
+  // Pixels are of single precision: 6e-8 near 1, over a difference of 1e-3.
+  test::check_gradient(f, x, d, 5e-4, 1e-3, 1);
+  ImageF none;
+  draw.noise_vjp(noisy, none);  // of a detector that reads no picture
+  EXPECT_TRUE(none.empty());
+  ImageF whole(kWidth, kHeight, 3, 1);
+  SampledEnvironment(parse_expectation("roof"), 2, 3).noise_vjp(noisy, whole);
+  EXPECT_EQ(std::ranges::count(whole.data, 1.0f), std::ssize(d));
 }
 
 TEST(EotSettings, CameraNoiseStaysInRange) {

@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "exchange/gltf.h"
+#include "frames/frame_provenance.h"
 #include "support/files.h"
 
 namespace mirage {
@@ -96,6 +97,15 @@ TEST(EvaluateRun, FramesThatTheRunLearnedOnAreKnownAtAnotherPlace) {
   EXPECT_EQ(evaluate_run(request).trained_on, 1);
   request.hosts = "train";
   EXPECT_THAT(error_text<InputError>([&] { evaluate_run(request); }), testing::StartsWith("hosts: train: "));
+  // Whatever a frame is called.
+  test::write_tiny_data(folder / "renamed", 1);
+  for (const auto& [kind, end] : {std::pair("velodyne", ".bin"), std::pair("image_2", ".png"),
+                                  std::pair("calib", ".txt"), std::pair("label_2", ".txt")}) {
+    const auto part = folder / "renamed" / "training" / kind;
+    std::filesystem::rename(part / (std::string("000000") + end), part / (std::string("000100") + end));
+  }
+  EXPECT_THAT(frames_learned_on(read_run(folder / "a", TrustRun::yes), folder / "renamed"),
+              testing::ElementsAre("000100"));
   // It cannot be told of a run whose own data are gone.
   std::filesystem::remove_all(folder / "one");
   EXPECT_TRUE(frames_learned_on(read_run(folder / "a", TrustRun::yes), folder / "more").empty());
@@ -105,8 +115,43 @@ TEST(EvaluateRun, FramesThatTheRunLearnedOnAreKnownAtAnotherPlace) {
   request.overrides["data"] = folder / "copy";
   EXPECT_THAT(error_text<InputError>([&] { evaluate_run(request); }),
               testing::HasSubstr("only frames that the run was learned on"));
+  request.overrides = {{"classes", "Van"}};
+  EXPECT_THAT(error_text<InputError>([&] { evaluate_run(request); }), testing::StartsWith("classes: Van: "));
   request.overrides = {{"min_view", "0.9"}};
   EXPECT_THAT(error_text<InputError>([&] { evaluate_run(request); }), testing::StartsWith("min_view: 0.9: "));
+}
+
+// The vehicles of a run are numbers of labels: in other label files these are other cars.
+TEST(EvaluateRun, FramesThatHaveChangedSinceTheAttackAreRefused) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "one", 3);
+  EvaluationRequest request = request_for(tiny_run(folder, "a", "one", {{"000000", 0}}, {{"000001", 0}}));
+  request.random_meshes = 0;
+  nlohmann::json run = read_json(folder / "a" / "run.json");
+  const std::vector<std::string> test = {"000001"};
+  run[kTestFrames] = frames_hash(folder / "one", test, Cameras::first);
+  write_json(folder / "a" / "run.json", run);
+  EXPECT_EQ(evaluate_run(request).hosts.size(), 1u);
+  const auto labels = folder / "one/training/label_2/000001.txt";
+  const std::string before = read_file(labels);
+  write_file(labels, "Car 0 0 0 10 20 30 40 1.5 1.6 3.9 5 1.7 30 0\n" + before);
+  EXPECT_THAT(error_text<InputError>([&] { evaluate_run(request); }),
+              testing::AllOf(testing::HasSubstr("one"), testing::HasSubstr("have changed since")));
+  write_file(labels, before);
+  write_file(folder / "one/training/label_2/000002.txt", "");  // none of its frames
+  EXPECT_EQ(evaluate_run(request).hosts.size(), 1u);
+}
+
+TEST(EvaluateRun, AVehicleThatWasLearnedOnInAnotherFrameIsNoUnseenOne) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "one", 3);
+  for (const char* id : {"000000", "000001", "000002"})
+    write_file(folder / "one/training/track_2" / (std::string(id) + ".txt"),
+               std::string(id) == "000002" ? "8\n" : "7\n");
+  EvaluationRequest request =
+      request_for(tiny_run(folder, "a", "one", {{"000000", 0}}, {{"000001", 0}, {"000002", 0}}));
+  request.random_meshes = 0;
+  EXPECT_EQ(evaluate_run(request).trained_on, 1);
 }
 
 TEST(EvaluateRun, OptionsThatContradictAnotherRunsHosts) {

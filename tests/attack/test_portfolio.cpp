@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <map>
 #include <set>
 
 #include "attack/attack.h"
@@ -164,6 +165,25 @@ TEST(Auto, TheCandidateThatMustWinWins) {
   const auto texels = read_run(folder / "right").adversary.atlas.texels;
   ASSERT_EQ(held.size(), 3 * texels.size());
   for (std::size_t i = 0; i < texels.size(); ++i) EXPECT_EQ(texels[i].x(), held[3 * i]);
+}
+
+// Each candidate has a seed of its own, but no easier worlds.
+TEST(Auto, CandidatesAreJudgedInTheSameWorlds) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 6, true);
+  auto settings = auto_settings(folder, "run", 60);
+  settings.parts = AttackParts::texture;
+  settings.expectation = parse_expectation("shape:0.05,colour");
+  const AutoReport report = run_attack(settings, one_of<Everywhere>()).automatic.value();
+  std::map<std::string, double> starts;
+  for (const AutoReport::Start& start : report.starts) starts[start.name] = start.held_out;
+  ASSERT_GT(report.candidates.size(), 2u);
+  EXPECT_NE(report.candidates[0].seed, report.candidates[1].seed);
+  for (std::size_t i = 0; i < report.candidates.size(); ++i) {
+    const auto file = folder / ("run/auto/candidate-" + std::to_string(i) + ".json");
+    const auto values = read_json(file).at("held_out").at("values").get<std::vector<double>>();
+    EXPECT_EQ(values.front(), starts.at(report.candidates[i].start)) << i;  // before any step of its own
+  }
 }
 
 /// Dies in the middle of its work, as a killed program does.

@@ -333,6 +333,13 @@ class Validate(unittest.TestCase):
         self.assertEqual(tuple(bpy.data.images["Mirage difference"].size), (320, 120))
         self.assertEqual(scene.render.engine, "MIRAGE")  # the user's scene is as it was
 
+    def test_a_view_of_nothing_is_no_success(self):
+        scene = imported()
+        scene.camera.location = (0, 0, 5000)  # above all that there is
+        with self.assertRaisesRegex(RuntimeError, "sees no surface, so nothing was compared"):
+            bpy.ops.mirage.validate(output=path("none.json"), timeout=200)
+        self.assertFalse(os.path.exists(path("none.json")))
+
     def test_a_scene_made_in_blender(self):
         """Base colours, an 8-bit texture on quadrangles, smooth faces, normals of its own, a mirrored thing, a world
         colour."""

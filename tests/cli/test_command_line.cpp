@@ -4,10 +4,12 @@
 #include <sys/mount.h>
 
 #include <chrono>
+#include <cmath>
 #include <sstream>
 #include <thread>
 #include <vector>
 
+#include "base/image.h"
 #include "program.h"
 
 namespace mirage {
@@ -87,6 +89,7 @@ TEST_F(CommandLine, AValueOutOfItsRangeIsToldTheRange) {
   while (path.size() < 4200) path += "/" + std::string(100, 'p');
   for (const auto& [arguments, said] : std::vector<std::pair<std::string, std::string>>{
            {"export --run r --frames -1", "--frames: -1 is out of range; use at least 0"},
+           {"reproduce table1 --quick --kitti64 " + at("none") + " --out " + at("tables"), at("none")},
            {"reproduce --judge-frames -1", "--judge-frames: -1 is out of range; use at least 0"},
            {"detect --data d --frames -1", "--frames"},
            {"generate --frames many", "--frames: many is no such number"},
@@ -103,6 +106,12 @@ TEST_F(CommandLine, AValueOutOfItsRangeIsToldTheRange) {
            {"attack --data d --sigma 5", "--sigma"},
            {"detect --data d --check 0", "--check: 0 is out of range; use 1 to 1000"},
            {"export --run r --bed 20,0.3,0.3", "--bed: 20 is out of range; use 0.05 to 10"},
+           {"export --run r --bed 0.2,0.3,0.3", "--bed requires --kit"},
+           {"export --run r --sheet A3", "--sheet requires --kit"},
+           {"export --run r --cameras first", "--cameras"},
+           {"validate --run r --budget-of score", "--budget-of requires --budget"},
+           {"validate --run r --budget-confidence 0.95", "--budget-confidence requires --budget"},
+           {"view d --detector lidar", "--detector requires --run"},
            {"attack --data d --gamma 1e9", "--gamma"},
            {"attack --data d --checkpoint-every 0", "--checkpoint-every"},
            {"attack --data d --checkpoint-seconds -1", "--checkpoint-seconds"},
@@ -128,6 +137,15 @@ TEST_F(CommandLine, AValueOutOfItsRangeIsToldTheRange) {
            {"export --run " + std::string(256, 'n'), "--run"},
            {"attack --data " + path, "--data"}})
     EXPECT_THAT(refused(arguments), HasSubstr(said)) << arguments;
+}
+
+TEST_F(CommandLine, AReproductionWithAFailedStepEndsWithOne) {
+  write_file(folder_ / "tables/runs/kitti64-lidar-lidar", "no folder");
+  const Outcome outcome = run("reproduce table1 --quick --quiet --only kitti64-lidar-lidar --kitti64 " +
+                              frames_ + " --out " + at("tables"));
+  EXPECT_EQ(outcome.code, 1);
+  EXPECT_THAT(outcome.err, HasSubstr("steps failed; runs/kitti64-lidar-lidar: "));
+  EXPECT_EQ(json("tables/result.json").at("steps").at("runs/kitti64-lidar-lidar").at("status"), "failed");
 }
 
 TEST_F(CommandLine, HelpIsNarrowGroupedAndWithAnExampleThatHolds) {
@@ -222,12 +240,20 @@ TEST_F(CommandLine, WhatCannotBeIsOneLine) {
       {"defend --method armour" + data, "use adversarial, denoising, depth-gate"},
       {"defend --method denoising --detector lidar" + data, "sees the picture"},
       {"defend --attacked 2" + data, "--attacked"},
+      {"defend --method depth-gate --attacked 0.2" + data, "--attacked: decides nothing with the method"},
+      {"defend --method roof-objects --vertex-rate 0.1" + data, "--vertex-rate: decides nothing"},
+      {"defend --detector camera" + data, "--detector: camera: finds boxes in the picture alone"},
+      {"train --detector lidar --joint" + data, "--joint: has no effect on the detector lidar"},
       {"defend --weights " + at("none.weights") + data, "none.weights"},
       {"detect --defense jpeg:0" + data, "jpeg:1 to jpeg:100"},
       {"detect --defense stone-wall" + data, "with the defence stone-wall"},
       {"detect --defense adversariel" + data, "did you mean adversarial? use"},
       {"detect --defense jpeg" + data, "did you mean jpeg:QUALITY? use"},
       {"detect --detector /no/such/plugin.so" + data, "/no/such/plugin.so"},
+      {"detect --detector clusters --precision double" + data,
+       "--precision: double: has no effect on the detector clusters"},
+      {"detect --locality 3" + data, "--locality: 3: has no effect here"},
+      {"audit --locality 3" + data, "--locality: 3: has no effect here"},
       {"attack" + none, "none"},
       {"detect" + none, "none"},
       {"attack --data " + at("empty"), "empty"},
@@ -296,6 +322,26 @@ TEST_F(CommandLine, SimulateStandsOnTheFittedRoofOrTheBoxsAndSaysWhich) {
   EXPECT_EQ(by_box.at("from_box"), true);
   EXPECT_NEAR(by_box.at("over_box_m").get<double>(), 0, 1e-9);
   EXPECT_NE(by_box.at("velo"), fitted.at("velo"));
+  // The mask's levels are shares, the depth is the object's; what an earlier simulation of another vehicle
+  // left is gone.
+  const auto result = json("s/result.json");
+  const ImageF mask = read_srgb(folder_ / "s/mask.png"), depth = read_exr(folder_ / "s/depth.exr");
+  int covered = 0, on_object = 0;
+  const double there = by_box.at("velo").at(0);
+  for (int v = 0; v < mask.height; ++v)
+    for (int u = 0; u < mask.width; ++u)
+      if (std::lround(255 * srgb_from_linear(mask.at(u, v))) > 127)
+        ++covered, on_object += std::abs(depth.at(u, v) - there) < 1.5;
+  EXPECT_EQ(covered, result.at("adversary_pixels"));
+  EXPECT_GT(on_object, 0.9 * covered);  // rays through some of the outline's pixels miss it
+  auto earlier = result;
+  earlier["cameras"]["CAM_LEFT"] = nullptr;
+  write_json(folder_ / "s/result.json", earlier);
+  for (const char* left : {"s/image-CAM_LEFT.png", "s/mask-CAM_LEFT.png", "s/depth-CAM_LEFT.exr"})
+    write_file(folder_ / left, "of another vehicle");
+  simulated("");
+  for (const char* left : {"s/image-CAM_LEFT.png", "s/mask-CAM_LEFT.png", "s/depth-CAM_LEFT.exr"})
+    EXPECT_FALSE(exists(left)) << left;
   // The frame's own sun, and one of another direction.
   const auto to_sun = [&] { return json("s/result.json").at("sun").at("to_sun_velo"); };
   EXPECT_EQ(simulated(" --sun frame").second, one);
@@ -400,6 +446,7 @@ TEST_F(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   EXPECT_THAT(outcome.out, HasSubstr(fmt::format("already done: {0} of {0} iterations", reached + 1)));
   EXPECT_THAT(outcome.out, Not(HasSubstr("seconds an iteration")));
   EXPECT_THAT(outcome.err, Not(HasSubstr("resuming")));
+  EXPECT_EQ(json("run/result.json").at("provenance").at("settings").at("iterations"), reached + 1);
 
   // A run on fitted roofs does not go on with boxes, nor under another sun.
   EXPECT_THAT(refused(attack(reached + 2) + " --quiet --rooftop box"), HasSubstr("rooftop"));
@@ -432,6 +479,20 @@ TEST_F(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   EXPECT_EQ(everything.at("scenes"), split.at("test").size() + split.at("train").size());
   EXPECT_EQ(everything.at("learned_on"), split.at("train").size());
   EXPECT_THAT(outcome.out, HasSubstr(fmt::format("({} of vehicles learned on)", split.at("train").size())));
+  // What an earlier export into the folder wrote and this one does not is gone; other files stay.
+  write_file(folder_ / "i/own.obj", "the user's");
+  auto listed = everything;
+  listed["files"].push_back("../run/adversary.glb");  // no name of ours
+  write_json(folder_ / "i/result.json", listed);
+  const auto fewer = exported("i", 1);
+  EXPECT_LT(fewer.at("files").size(), everything.at("files").size());
+  for (const auto& file : everything.at("files")) {
+    const auto& names = fewer.at("files");
+    EXPECT_EQ(exists("i/" + file.get<std::string>()),
+              std::find(names.begin(), names.end(), file) != names.end())
+        << file;
+  }
+  EXPECT_TRUE(exists("i/own.obj") && exists("run/adversary.glb"));
 
   // The quality's values, but for what a config file or the command line gives.
   write_file(folder_ / "quality.toml", "quality = \"draft\"\ngamma = 0.02\n");
@@ -467,8 +528,11 @@ TEST_F(CommandLine, AModelFromPyTorchIsRunAndScored) {
     EXPECT_TRUE(result.at("kitti_ap").at("bev").contains(level)) << level;
   for (const char* key : {"frames", "vehicles", "ap50", "ap70", "recall50"})
     EXPECT_TRUE(result.at(key).is_number()) << key;
-  for (const char* key : {"0_20_m", "20_40_m", "40_70_m", "0_40_m", "easy", "moderate", "hard"})
-    EXPECT_TRUE(result.at("strata").at(key).at("ap70").is_number()) << key;
+  for (const char* key : {"0_20_m", "20_40_m", "40_70_m", "0_40_m", "easy", "moderate", "hard"}) {
+    const auto part = result.at("strata").at(key);
+    for (const char* figure : {"ap50", "ap70", "recall50", "recall70"})  // of no vehicle there is none
+      EXPECT_TRUE(part.at("vehicles") > 0 ? part.at(figure).is_number() : part.at(figure).is_null()) << key;
+  }
   EXPECT_TRUE(exists("o/precision_recall.json"));
   for (const auto& plot : result.at("plots")) EXPECT_TRUE(exists("o/" + plot.get<std::string>()));
   EXPECT_EQ(result.at("plane"), "bev");

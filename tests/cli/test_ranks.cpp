@@ -142,7 +142,8 @@ TEST_F(Ranks, StepsOfAReproductionAreTakenSideBySide) {
   ASSERT_EQ(mirage(reproduce("one")), 0) << said();
   // What cannot be run fails on every process, and nobody waits for it.
   write_file(folder_ / "two/runs/kitti64-fusion-lidar", "no folder");
-  ASSERT_EQ(mirage_on(2, reproduce("two")), 0) << said();
+  ASSERT_EQ(mirage_on(2, reproduce("two")), 1) << said();
+  EXPECT_THAT(said(), HasSubstr("steps failed; runs/kitti64-fusion-lidar: "));
   const auto steps = json("two/result.json").at("steps");
   EXPECT_EQ(steps.at("runs/kitti64-fusion-lidar").at("status"), "failed");
   EXPECT_THAT(steps.at("evaluations/kitti64-fusion-lidar").at("error"),

@@ -57,7 +57,37 @@ TEST(Defense, SettingsOutOfRangeAreOneLine) {
   EXPECT_THAT(error_text<InputError>([&] { train_defended(settings); }), ::testing::StartsWith("steps: 0: "));
 }
 
+TEST(Defense, AShareThatRoundsToNoneOrAllOfABatchIsRefused) {
+  const auto text = [](double attacked, int batch) {
+    DefenseSettings settings;
+    settings.attacked = attacked;
+    settings.batch = batch;
+    return error_text<FieldError>([&] { train_defended(settings); });
+  };
+  EXPECT_THAT(text(0.2, 2), ::testing::StartsWith("attacked: 0.2: rounds to none of a batch of 2; "));
+  EXPECT_THAT(text(0.8, 2), ::testing::StartsWith("attacked: 0.8: rounds to all of a batch of 2; "));
+}
+
+TEST(Defense, AMethodSaysWhichSettingsItLeavesUnused) {
+  EXPECT_THAT(unused_fields("adversarial"), ::testing::IsEmpty());
+  EXPECT_THAT(unused_fields("denoising"), ::testing::IsEmpty());
+  for (const char* clean : {"depth-gate", "picture-dropout"})
+    EXPECT_THAT(unused_fields(clean),
+                ::testing::UnorderedElementsAre("attacked", "adversary_updates", "adversary_batch",
+                                                "vertex_rate", "texel_rate"));
+  for (const char* random : {"roof-objects", "ceiling"})
+    EXPECT_THAT(unused_fields(random), ::testing::UnorderedElementsAre("adversary_updates", "adversary_batch",
+                                                                       "vertex_rate", "texel_rate"));
+}
+
 #ifdef MIRAGE_HAS_FUSION
+
+TEST(Defense, ADetectorOfPicturesIsRefused) {
+  DefenseSettings settings;
+  settings.detector.detector = "camera";
+  EXPECT_THAT(error_text<FieldError>([&] { train_defended(settings); }),
+              ::testing::StartsWith("detector: camera: finds boxes in the picture alone"));
+}
 
 TEST(Defense, PartsOfAnImageBranchThatTheDetectorLacksAreOneLine) {
   DefenseSettings settings;
@@ -122,6 +152,38 @@ TEST(Defense, ResumesToTheSameBits) {
   settings.learning_rate *= 2;
   EXPECT_THAT(error_text<InputError>([&] { train_defended(settings); }),
               ::testing::HasSubstr("other options"));
+}
+
+TEST(Defense, OtherFramesOrAnotherUnitAreAnotherRun) {
+  TemporaryFolder folder;
+  DefenseSettings settings = tiny(folder, "out");
+  settings.steps = 1;
+  settings.adversary_updates = 0;
+  TrainingOptions training;
+  training.data = settings.data;
+  training.detector = "lidar";
+  training.out = folder / "lidar";
+  training.steps = 1;
+  training.quiet = true;
+  train_defended(settings);
+  train_detector(training);
+  EXPECT_NO_THROW(train_defended(settings));
+  EXPECT_NO_THROW(train_detector(training));
+  const auto expect_refused = [&] {
+    EXPECT_THAT(error_text<InputError>([&] { train_defended(settings); }),
+                ::testing::HasSubstr("other options"));
+    EXPECT_THAT(error_text<InputError>([&] { train_detector(training); }),
+                ::testing::HasSubstr("other options"));
+  };
+  const auto sweep = folder / "data/training/velodyne/000001.bin";
+  const std::string bytes = read_file(sweep);
+  write_file(sweep, bytes.substr(16));  // a return less
+  expect_refused();
+  write_file(sweep, bytes);
+  std::string unit = read_file(shipped_file("scenes/rigs/kitti64.toml"));
+  unit.replace(unit.find("height = 1.73"), 13, "height = 1.83");
+  write_file(folder / "data/rig.toml", unit);
+  expect_refused();
 }
 
 TEST(Defense, WithoutAdversaryEverySampleIsClean) {

@@ -387,6 +387,32 @@ TEST(PictureTruth, LabelsOfThePictureAloneCountThereAlone) {
   EXPECT_EQ(average_precision(frames, 0.7, {"", 0, 1e9}).boxes, 1);
 }
 
+TEST(PictureTruth, IsOfTheCamerasThatTheDetectorLooksAt) {
+  std::vector<Label> labels(4, seen(50, 0, 0));
+  for (std::size_t i = 0; i < labels.size(); ++i) labels[i].right = 40;
+  labels[1].camera = 1, labels[2].camera = 2, labels[3].camera = 2, labels[3].type = "DontCare";
+  Frame frame = frame_of(labels);
+  for (const char* name : {"LEFT", "BACK"})
+    frame.others.push_back({name, {}, Lazy<ImageF>([] { return ImageF(8, 4, 3); })});
+  frame.measurements.push_back({"radar"});
+  Capabilities can;
+  const TruthBoxes first = ground_truth(frame, {-50, 50, -25, 25}, can).picture;
+  ASSERT_EQ(first.boxes.size(), 1u);
+  EXPECT_TRUE(first.ignore.empty());
+  can.reads = {"BACK", "radar"};
+  const TruthBoxes both = ground_truth(frame, {-50, 50, -25, 25}, can).picture;
+  EXPECT_EQ(both.labels, (std::vector<std::size_t>{0, 2}));
+  ASSERT_EQ(both.boxes.size(), 2u);
+  EXPECT_EQ(both.boxes[0].camera, 0);
+  EXPECT_EQ(both.boxes[1].picture.right, 40);
+  ASSERT_EQ(both.ignore.size(), 1u);
+  // As a detector numbers the camera of a box.
+  const auto all = sensors(view_of(frame), can, "detector");
+  EXPECT_EQ(all.at(static_cast<std::size_t>(both.boxes[1].camera)).name, "BACK");
+  EXPECT_EQ(both.ignore[0].camera, both.boxes[1].camera);
+  EXPECT_EQ(kInPicture.overlap(both.boxes[0], both.boxes[1]), 0);
+}
+
 TEST(Difficulty, FollowsKittisLimits) {
   EXPECT_EQ(easiest_level(seen(40, 0, 0.15)), Difficulty::easy);
   EXPECT_EQ(easiest_level(seen(39, 0, 0)), Difficulty::moderate);

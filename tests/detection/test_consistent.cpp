@@ -151,6 +151,31 @@ TEST(Consistent, GradientIsThatOfTheLogitThatDecides) {
   EXPECT_GT(std::min({by_fusion, by_camera, by_lidar}), 5);
 }
 
+/// Gives its camera beside the first a gradient, too.
+class WithCameraBeside : public Scripted {
+ public:
+  using Scripted::Scripted;
+  SensorGradient backward(std::span<const double> d_logits) override {
+    SensorGradient gradient = Scripted::backward(d_logits);
+    gradient.others["back"] = {static_cast<float>(d_logits[0]), 1};
+    return gradient;
+  }
+};
+
+TEST(Consistent, GradientsToOtherSensorsAreAdded) {
+  Crossing world;
+  world.fused.lines = {{{kSeen, 6}}};
+  world.lidar.lines = {{{kBeside, 1.5}}};
+  const auto detector = with_consistency(std::make_unique<WithCameraBeside>("fusion", kFuses, world.fused),
+                                         std::make_unique<WithCameraBeside>("lidar", kLidar, world.lidar),
+                                         std::make_unique<Scripted>("camera", kCamera, world.camera));
+  ASSERT_EQ(detector->forward(world.view(), 0, true).size(), 1u);
+  const std::vector<float> sum = detector->backward(std::vector<double>{2}).others.at("back");
+  ASSERT_EQ(sum.size(), 2u);
+  EXPECT_NEAR(sum[0], 2, 1e-6);  // the two shares of one logit
+  EXPECT_EQ(sum[1], 2);
+}
+
 TEST(Consistent, SuppressionKeepsTheBestBoxOfThoseWithTheSameVote) {
   Crossing world;
   BevBox poor = kSeen;

@@ -4,10 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numbers>
 
 #include "base/error.h"
 #include "base/random.h"
+#include "base/sizes.h"
 #include "detection/defenses.h"
 #include "support/files.h"
 #include "support/scripted_detector.h"
@@ -19,12 +21,19 @@ namespace {
 struct Given {
   ImageF image, clean_image;
   std::vector<LidarPoint> points, clean_points, watched;
+  std::map<std::string, ImageF> beside;  ///< pictures of cameras beside the first
 };
 
 class Witness : public Detector {
  public:
-  explicit Witness(Given& given) : given_(given) {}
+  explicit Witness(Given& given, std::vector<std::string> reads = {})
+      : given_(given), reads_(std::move(reads)) {}
   std::string name() const override { return "witness"; }
+  Capabilities capabilities() const override {
+    Capabilities can;
+    can.reads = reads_;
+    return can;
+  }
   std::array<double, 4> region() const override { return {0, 70, -40, 40}; }
   std::vector<Detection> forward(const SensorView& input, double, bool) override {
     given_ = {};
@@ -35,6 +44,9 @@ class Witness : public Detector {
       given_.clean_image = *input.clean->image;
       given_.clean_points.assign(input.clean->points.begin(), input.clean->points.end());
     }
+    for (const SensorData& sensor : sensors(input, capabilities(), name()))
+      if (sensor.kind == SensorData::Kind::camera && sensor.name != kFirstCamera)
+        given_.beside[sensor.name] = *sensor.image;
     return {{{10, 0, 4, 2, 0}, 0}};
   }
   SensorGradient backward(std::span<const double> d_logits) override {
@@ -42,6 +54,9 @@ class Witness : public Detector {
     gradient.image = ImageF(given_.image.width, given_.image.height, 3, static_cast<float>(d_logits[0]));
     for (const LidarPoint& p : given_.points) gradient.points.push_back({p.x, p.y, p.z, 1});
     for (const LidarPoint& p : given_.watched) gradient.presence.push_back(p.z);
+    for (const auto& [name, image] : given_.beside)
+      gradient.others[name].assign(image.data.size(), static_cast<float>(d_logits[0]));
+    gradient.others["radar"] = {7};
     return gradient;
   }
   TrainingLoss train_step(std::span<const TrainingSample> samples, double) override {
@@ -49,10 +64,11 @@ class Witness : public Detector {
     return {};
   }
   void save(const std::filesystem::path&, bool) override {}
-  std::unique_ptr<Detector> share() override { return std::make_unique<Witness>(given_); }
+  std::unique_ptr<Detector> share() override { return std::make_unique<Witness>(given_, reads_); }
 
  private:
   Given& given_;
+  std::vector<std::string> reads_;
 };
 
 constexpr float kUnit = 1.73f;
@@ -159,6 +175,56 @@ TEST(Ceiling, TheCleanFrameAndTrainingAreSeenAlike) {
   detector->forward({nullptr, {}, nullptr}, 0, false);
   EXPECT_TRUE(given.image.empty());
   EXPECT_TRUE(given.points.empty());
+}
+
+/// A frame whose second camera, "back", looks the other way from the first's height.
+Frame with_camera_behind(const CeilingScene& scene) {
+  Calibration behind = scene.calibration;
+  behind.camera_from_velo.linear() << 0, 1, 0, 0, 0, -1, -1, 0, 0;
+  Frame frame;
+  frame.others.push_back({"back", behind, Lazy<ImageF>([&scene] { return scene.image; })});
+  return frame;
+}
+
+TEST(Ceiling, HidesAsMuchOfCamerasBesideTheFirst) {
+  const CeilingScene scene;
+  const Frame frame = with_camera_behind(scene);
+  Given given;
+  const auto detector =
+      under_ceiling(std::make_unique<Witness>(given, std::vector<std::string>{"back"}), kCeiling, kUnit);
+  SensorView view = scene.view();
+  view.frame = &frame;
+  ImageF attacked = scene.image;
+  attacked.data[0] = 0.75f;
+  for (const bool is_recorded : {true, false}) {
+    if (!is_recorded) view.others.push_back(sensor_beside(frame, 0, &attacked));
+    detector->forward(view, 0, true);
+    const SensorGradient gradient = detector->backward(std::vector<double>{0.25});
+    ASSERT_EQ(given.beside.at("back").width, 124);
+    ASSERT_EQ(gradient.others.at("back").size(), scene.image.data.size());
+    EXPECT_EQ(gradient.others.at("radar"), std::vector<float>{7});
+    for (int v = 0; v < 60; ++v) {
+      EXPECT_EQ(given.beside["back"].at(10, v, 2), v < 31 ? 0 : 0.5f) << v;
+      EXPECT_EQ(gradient.others.at("back")[as_size(3 * (124 * v + 10) + 2)], v < 31 ? 0 : 0.25f) << v;
+    }
+    EXPECT_EQ(given.beside["back"].data[0], 0);
+  }
+}
+
+TEST(Jpeg, CompressesCamerasBesideTheFirst) {
+  CeilingScene scene;
+  RandomStream random(6, "jpeg beside");
+  for (float& value : scene.image.data) value = static_cast<float>(random.uniform());
+  const Frame frame = with_camera_behind(scene);
+  Given given;
+  const auto detector = behind_jpeg(std::make_unique<Witness>(given, std::vector<std::string>{"back"}), 40);
+  SensorView view = scene.view();
+  view.frame = &frame;
+  detector->forward(view, 0, true);
+  EXPECT_NE(given.image.data, scene.image.data);
+  EXPECT_EQ(given.beside.at("back").data, given.image.data);
+  EXPECT_EQ(detector->backward(std::vector<double>{0.25}).others.at("back"),
+            std::vector<float>(scene.image.data.size(), 0.25f));
 }
 
 }  // namespace

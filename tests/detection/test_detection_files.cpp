@@ -137,6 +137,26 @@ TEST(DetectionFiles, OfAnotherKindAreNamed) {
               HasSubstr("frame 000004, detection 0: the box"));
 }
 
+TEST(DetectionFiles, WhatDetectNeverWritesIsRefused) {
+  const TemporaryFolder folder;
+  const nlohmann::json right = {{"x", 9},   {"y", 2},       {"length", 4},    {"width", 2},
+                                {"yaw", 0}, {"score", 0.5}, {"bottom", -1.7}, {"height", 1.5}};
+  const auto text = [&](const nlohmann::json& frames) {
+    write_json(folder / "d.json", {{"frames", frames}});
+    return error_text<InputError>([&] { DetectionFiles(folder / "d.json"); });
+  };
+  const auto with = [&](const char* field, double value) {
+    nlohmann::json detection = right;
+    detection[field] = value;
+    return text({{{"frame", "000004"}, {"detections", {detection}}}});
+  };
+  EXPECT_THAT(with("score", 5), HasSubstr("detection 0.score: 5 is no score from 0 to 1"));
+  EXPECT_THAT(with("score", -3), HasSubstr("detection 0.score"));
+  EXPECT_THAT(with("height", -2), HasSubstr("detection 0.height: -2 m is no height"));
+  const nlohmann::json frame = {{"frame", "000004"}, {"detections", {right}}};
+  EXPECT_THAT(text({frame, frame}), HasSubstr("frames.1: lists the frame 000004 again"));
+}
+
 TEST(DetectionFiles, NamesOfAnyBytesAreFoundAgain) {
   const TemporaryFolder folder;
   for (const std::string id : {"a\\b", "a\xff\x01z", "\\x41", "plain"}) {
@@ -185,6 +205,15 @@ std::vector<KittiFrame> forty(int missed = 0) {
     frames.push_back(std::move(frame));
   }
   return frames;
+}
+
+TEST(KittiAp, IsOfTheFirstCamera) {
+  std::vector<KittiFrame> frames = forty();
+  const double alone = ap(frames);
+  frames[0].labels.push_back(label(9));
+  frames[0].labels.back().camera = 1;
+  EXPECT_EQ(kitti_average_precision(frames, kInPicture, Difficulty::moderate, 0.7).cars, 40);
+  EXPECT_EQ(ap(frames), alone);
 }
 
 TEST(KittiAp, HasNoEndOfTheCurveWhereCarsAreFewerThanItsThresholds) {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <fstream>
 #include <functional>
 
@@ -189,6 +190,67 @@ TEST(Fusion, TheSameInputGivesTheSameOutput) {
              second = detector->forward(street.view(), -1, true);
   ASSERT_EQ(first.size(), second.size());
   for (std::size_t i = 0; i < first.size(); ++i) ASSERT_EQ(first[i].logit, second[i].logit);
+}
+
+/// The text of what the work throws.
+std::string problem_of(const std::function<void()>& work) {
+  try {
+    work();
+  } catch (const std::exception& problem) {
+    return problem.what();
+  }
+  return "";
+}
+
+TEST(Fusion, ABrokenNetworkIsAnError) {
+  const Street street;
+  const std::filesystem::path file =
+      ::testing::TempDir() + "mirage_broken_" + std::to_string(getpid()) + ".weights";
+  for (const char* name : {"lidar", "camera"}) {
+    fresh(name)->save(file, false);
+    std::string bytes = read_file(file);
+    std::uint64_t header = 0;
+    std::memcpy(&header, bytes.data(), sizeof header);
+    for (std::size_t at = sizeof header + header; at < bytes.size(); at += sizeof(float)) {  // all is F32
+      float value = 0;
+      std::memcpy(&value, bytes.data() + at, sizeof value);
+      value *= 1e30f;
+      std::memcpy(bytes.data() + at, &value, sizeof value);
+    }
+    write_file(file, bytes);
+    DetectorOptions options;
+    options.detector = name;
+    options.weights = file;
+    const auto broken = load_detector(options);
+    EXPECT_THAT(problem_of([&] { broken->forward(street.view(), 0.1, false); }),
+                ::testing::HasSubstr("a logit that is not finite"))
+        << name;
+  }
+  std::filesystem::remove(file);
+}
+
+TEST(Fusion, AStepToWeightsThatAreNotFiniteIsAnError) {
+  const Street street;
+  const std::vector<TrainingSample> samples = {street.sample()};
+  const auto detector = fresh("lidar");
+  EXPECT_THAT(problem_of([&] { detector->train_step(samples, HUGE_VAL); }),
+              ::testing::HasSubstr("the weights are not finite after the step; lower the learning rate"));
+}
+
+TEST(Fusion, ANetworkOfWhichNothingLearnsIsAnError) {
+  const Street street;
+  const std::vector<TrainingSample> samples = {street.sample()};
+  const std::filesystem::path file =
+      ::testing::TempDir() + "mirage_whole_" + std::to_string(getpid()) + ".weights";
+  fresh("lidar")->save(file, false);
+  DetectorOptions options;
+  options.detector = "lidar";
+  options.fresh = true;
+  options.lidar = file;
+  const auto detector = load_detector(options);
+  EXPECT_THAT(problem_of([&] { detector->train_step(samples, 1e-3); }),
+              ::testing::HasSubstr("nothing of the network learns"));
+  std::filesystem::remove(file);
 }
 
 TEST(Fusion, OddInputsGiveFiniteGradients) {

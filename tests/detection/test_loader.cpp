@@ -7,10 +7,12 @@
 
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/files.h"
 #include "base/sizes.h"
 #include "detection/average_precision.h"
 #include "detection/detector.h"
 #include "detection/detector_settings.h"
+#include "scene/frame_source.h"
 #include "support/files.h"
 
 namespace mirage {
@@ -263,6 +265,27 @@ TEST(Loader, AWayOfComparingThatItsBoxesLackIsRefused) {
   options = named();
   options.matching = MatchBy::space;
   EXPECT_EQ(load_detector(options)->capabilities().matching().name(), "3d");
+}
+
+TEST(Loader, ACeilingIsOverTheRoadBelowTheUnitThatRecordedTheData) {
+  const test::TemporaryFolder folder;
+  const std::string shipped = shipped_file("scenes/rigs/kitti64.toml").string();
+  std::string tall = read_file(shipped);
+  tall.replace(tall.find("height = 1.73"), 13, "height = 2.60");
+  write_file(folder / "rig.toml", tall);
+  write_file(folder / "dataset.json", R"({"rig": "tall"})");
+  DetectorOptions options = fake("works");
+  options.defense = "ceiling:1.6";
+  FrameSource source;
+  source.data = folder.path();
+  const DetectorOptions own = for_data(options, source);
+  EXPECT_EQ(unit_height_of(own), 2.6);
+  EXPECT_NO_THROW(load_detector(own));
+  source.rig = shipped;
+  EXPECT_EQ(unit_height_of(for_data(options, source)), 1.73);
+  source.rig = (folder / "rig.toml").string();
+  write_file(folder / "dataset.json", R"({"rig": "kitti64"})");
+  EXPECT_EQ(unit_height_of(for_data(options, source)), 2.6);
 }
 
 TEST(Loader, MissingPlugin) {

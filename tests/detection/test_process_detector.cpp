@@ -200,6 +200,24 @@ TEST_F(ProcessTest, OneThatDiesAtTheGradientIsGivenTheFrameAnew) {
   EXPECT_FLOAT_EQ(gradient.image.data[0], 4);
 }
 
+TEST_F(ProcessTest, OneThatRemembersIsNotStartedAgainInTheMiddleOfASequence) {
+  SensorView first = view(), second = view();
+  second.continues = true;
+  {
+    const auto detector = start(once("dies-first"));
+    EXPECT_TRUE(detector->capabilities().remembers);
+    EXPECT_EQ(detector->forward(first, 0.1, true).size(), 2u);
+    EXPECT_EQ(detector->forward(second, 0.1, true).size(), 2u);
+  }
+  std::filesystem::remove(folder_ / "mark");
+  const auto detector = start(once("dies-second"));
+  EXPECT_EQ(detector->forward(first, 0.1, false).size(), 2u);
+  for (const char* how : {"ended unexpectedly", "was started anew"})
+    EXPECT_THAT(error_text<Failure>([&] { detector->forward(second, 0.1, false); }),
+                AllOf(HasSubstr(how), HasSubstr("in the middle of a sequence"), Not(HasSubstr("\n"))));
+  EXPECT_EQ(detector->forward(first, 0.1, false).size(), 2u);  // a new sequence
+}
+
 TEST_F(ProcessTest, OneThatIsAlwaysLostIsGivenUpInALine) {
   const auto text = [&](const char* what, double seconds) {
     const auto detector = start(what, {60, seconds});
@@ -221,6 +239,7 @@ TEST_F(ProcessTest, WhatItDoesWrongIsALine) {
   };
   EXPECT_THAT(failure("raises"), AllOf(HasSubstr("RuntimeError: no such"), Not(HasSubstr("\n"))));
   EXPECT_THAT(failure("not-finite"), HasSubstr("not finite"));
+  EXPECT_THAT(failure("unnamed-classes"), HasSubstr("are not named"));
   EXPECT_THAT(failure("nan-back"), HasSubstr("d_image that are not finite"));
   const auto without = start("no-gradient");
   EXPECT_EQ(without->forward(view(), 0.1, false).size(), 2u);
@@ -317,8 +336,12 @@ TEST_F(ProcessTest, TheExampleInC) {
   points_.clear();
   for (int i = 0; i < 6; ++i) points_.push_back({10, 1, 0, 0.1f * static_cast<float>(i)});
   points_.push_back({2, 1, 0, 9});  // too near to count
-  for (int frame = 0; frame < 3; ++frame) {
-    const auto found = detector->forward(view(), 0.1, true);
+  for (const char* id : {"000000", "a}b", "{\"camera\":{", "c\\"}) {
+    Frame frame;
+    frame.id = id;
+    SensorView with_id = view();
+    with_id.frame = &frame;
+    const auto found = detector->forward(with_id, 0.1, true);
     ASSERT_EQ(found.size(), 1u);
     EXPECT_NEAR(found[0].logit, 2.5, 1e-5);
     EXPECT_EQ(found[0].box.bev.x, 10);

@@ -1,9 +1,11 @@
 // The host's side of training: augmentation, order, schedule, and going on after a stop.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cstdlib>
+#include <functional>
 #include <set>
 
 #include "base/error.h"
@@ -12,6 +14,9 @@
 #include "base/schedule.h"
 #include "detection/car_in_picture.h"
 #include "detection/training.h"
+#include "scene/data/kitti.h"
+#include "scene/depth/learned_depth.h"
+#include "support/files.h"
 
 namespace mirage {
 namespace {
@@ -99,6 +104,58 @@ TEST(Training, AShareOfNoStartIsRefused) {
   options.out = ::testing::TempDir() + "mirage_no_start_" + std::to_string(getpid());
   options.keep_start = 0.25;
   EXPECT_THROW(train_detector(options), FieldError);
+}
+
+TEST(Training, OptionsThatTheDetectorDoesNotHaveAreRefused) {
+  const auto text = [](const std::string& detector, const std::function<void(TrainingOptions&)>& set) {
+    TrainingOptions options;
+    options.detector = detector;
+    options.start = "start.weights";
+    set(options);
+    return test::error_text<FieldError>([&] { train_detector(options); });
+  };
+  const auto lidar = [](TrainingOptions& o) { o.lidar = "lidar.weights"; };
+  const auto camera = [](TrainingOptions& o) { o.camera = "camera.weights"; };
+  const auto joint = [](TrainingOptions& o) { o.joint = true; };
+  const auto heads = [](TrainingOptions& o) { o.heads = true; };
+  EXPECT_THAT(text("lidar", lidar), testing::StartsWith("lidar: has no effect on the detector lidar; "));
+  EXPECT_THAT(text("lidar", camera), testing::StartsWith("camera: has no effect on the detector lidar; "));
+  EXPECT_THAT(text("lidar", joint), testing::StartsWith("joint: has no effect on the detector lidar; "));
+  EXPECT_THAT(text("camera", camera), testing::StartsWith("camera: has no effect on the detector camera; "));
+  EXPECT_THAT(text("fusion", heads), testing::StartsWith("heads: has no effect on the detector fusion; "));
+  EXPECT_THAT(text("fusion",
+                   [](TrainingOptions& o) {
+                     o.joint = true;
+                     o.start.clear();
+                   }),
+              testing::StartsWith("joint: trains what other weights gave"));
+  EXPECT_THAT(text("camera",
+                   [](TrainingOptions& o) {
+                     o.heads = true;
+                     o.start.clear();
+                   }),
+              testing::StartsWith("heads: trains a part of weights"));
+}
+
+TEST(Training, FramesCountByWhatTheyHold) {
+  const test::TemporaryFolder folder;
+  Frame frame;
+  frame.id = "000000";
+  frame.calibration.camera = {80, 80, 55.5, 30, 112, 64};
+  frame.calibration.camera_from_velo.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  frame.image = ImageF(112, 64, 3, 0.3f);
+  frame.sweep = {{10, 0, 0, 0.5f}};
+  const std::vector<std::string> ids = {frame.id};
+  const auto hash = [&] { return training_frames_hash(folder.path(), ids); };
+  write_frame(folder.path(), frame);
+  const std::string first = hash();
+  EXPECT_EQ(hash(), first);
+  write_depth_png(true_depth_file(folder.path(), frame.id), ImageF(112, 64, 1, 5));
+  const std::string with_depth = hash();
+  EXPECT_NE(with_depth, first);
+  frame.sweep.push_back({11, 0, 0, 0.5f});
+  write_frame(folder.path(), frame);
+  EXPECT_NE(hash(), with_depth);
 }
 
 #ifdef MIRAGE_HAS_FUSION

@@ -170,6 +170,98 @@ TEST(Gltf, AnEditedAdversaryIsReadAsItIsEdited) {
               testing::AllOf(HasSubstr("other triangles"), HasSubstr("extras.mirage")));
 }
 
+/// What stands in the way of reading the file as an object.
+std::string complaint(const fs::path& file) {
+  return test::error_text<InputError>([&] { read_adversary(file); });
+}
+
+// What viewers draw is compared corner by corner: a bounding box stays what it is where an editor smooths.
+TEST(Gltf, AnEditInsideTheBoundsIsNotOverlooked) {
+  const fs::path file = scratch("smoothed.glb");
+  write_adversary(file, noisy_adversary());
+  std::string bytes = read_file(file);
+  const auto [json, data] = parts_of(bytes);
+  const auto& accessor =
+      json["accessors"][json["meshes"][0]["primitives"][0]["attributes"]["POSITION"].get<std::size_t>()];
+  const auto& view = json["bufferViews"][accessor["bufferView"].get<std::size_t>()];
+  for (std::size_t i = 0; i < accessor["count"].get<std::size_t>(); ++i) {
+    char* at = bytes.data() + data + view.value("byteOffset", std::size_t{0}) + 12 * i;
+    float p[3];
+    std::memcpy(p, at, sizeof p);
+    bool inside = true;
+    for (std::size_t k = 0; k < 3; ++k)
+      inside = inside && p[k] > accessor["min"][k].get<float>() + 0.1f &&
+               p[k] < accessor["max"][k].get<float>() - 0.1f;
+    if (!inside) continue;
+    for (float& value : p) value *= 0.9f;
+    std::memcpy(at, p, sizeof p);
+  }
+  write_file(file, bytes);
+  EXPECT_THAT(complaint(file), testing::AllOf(HasSubstr("meshes[0]: has other triangles than extras.mirage"),
+                                              HasSubstr("delete extras.mirage")));
+}
+
+TEST(Gltf, OtherColoursThanItsTexelsAreNotOverlooked) {
+  const TexturedMesh adversary = noisy_adversary();
+  const fs::path file = scratch("painted.glb");
+  TexturedMesh other = adversary;
+  std::swap(other.atlas.texels[0], other.atlas.texels[1]);
+  write_adversary(file, adversary);
+  edit(file, [](nlohmann::json& json) {
+    json["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = {1, 0.2, 0.2, 1};
+  });
+  EXPECT_THAT(complaint(file), HasSubstr("other colours"));
+  // The same size of a picture, other pixels: the exact texels are exchanged under it.
+  write_adversary(file, adversary);
+  std::string bytes = read_file(file);
+  const auto [json, data] = parts_of(bytes);
+  const auto& view = json["bufferViews"][json["meshes"][0]["extras"]["mirage"]["texels"].get<std::size_t>()];
+  std::memcpy(bytes.data() + data + view.value("byteOffset", std::size_t{0}), other.atlas.texels.data(),
+              2 * sizeof(Vec3d));
+  write_file(file, bytes);
+  EXPECT_THAT(complaint(file), HasSubstr("other colours"));
+  write_adversary(file, adversary);
+  edit(file, [](nlohmann::json& whole) {
+    whole["materials"][0]["pbrMetallicRoughness"].erase("baseColorTexture");
+  });
+  EXPECT_THAT(complaint(file), HasSubstr("other colours"));
+}
+
+TEST(Gltf, ACameraOrSunThatWasMovedIsNotOverlooked) {
+  const fs::path file = scratch("moved.glb");
+  const auto node_of = [](nlohmann::json& json, const std::string& role) -> nlohmann::json& {
+    for (auto& node : json["nodes"])
+      if (node["extras"]["mirage_role"] == role) return node;
+    return json["nodes"][0];
+  };
+  const auto edited = [&](const std::function<void(nlohmann::json&)>& change) {
+    write_scene(file, scene());
+    edit(file, change);
+  };
+  const auto refused = [&] { return test::error_text<InputError>([&] { read_scene(file); }); };
+  edited([](nlohmann::json&) {});
+  EXPECT_NO_THROW(read_scene(file));
+  edited([&](nlohmann::json& json) { node_of(json, "camera")["translation"] = {1, 2, 3}; });
+  EXPECT_THAT(refused(),
+              testing::AllOf(HasSubstr("nodes["), HasSubstr("another camera"), HasSubstr("delete")));
+  edited([&](nlohmann::json& json) { node_of(json, "camera")["rotation"] = {0, 0, 0, 1}; });
+  EXPECT_THAT(refused(), HasSubstr("another camera"));
+  edited([](nlohmann::json& json) { json["cameras"][0]["perspective"]["yfov"] = 1.0; });
+  EXPECT_THAT(refused(), HasSubstr("another camera"));
+  edited([&](nlohmann::json& json) { node_of(json, "sun")["rotation"] = {0.6, 0, 0, 0.8}; });
+  EXPECT_THAT(refused(), HasSubstr("another sun"));
+  const auto brighter = [](nlohmann::json& json) {
+    json["extensions"]["KHR_lights_punctual"]["lights"][0]["intensity"] = 50.0;
+  };
+  edited(brighter);
+  EXPECT_THAT(refused(), HasSubstr("another sun"));
+  edited([&](nlohmann::json& json) {
+    brighter(json);
+    json["scenes"][0]["extras"]["mirage"].erase("lighting");
+  });
+  EXPECT_NEAR(read_scene(file).lighting.sun.maxCoeff(), 50 / M_PI, 1e-9);
+}
+
 TEST(Gltf, SameSceneGivesTheSameBytes) {
   write_scene(scratch("once.glb"), scene());
   write_scene(scratch("twice.glb"), scene());

@@ -21,6 +21,7 @@
 #include "frames/frame_provenance.h"
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
+#include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "support/each_field.h"
 #include "support/files.h"
@@ -215,6 +216,12 @@ TEST_F(FrameStoreTest, KeysAreContentAndSettings) {
   FrameStore changed = store();
   changed.get("000000");
   EXPECT_EQ(depths(), 5u);
+  // The light on the object is the frame's own.
+  const std::string before = store().content("000000");
+  Lighting dusk = changed.get("000000")->frame.lighting;
+  dusk.sun *= 0.1;
+  write_json(lighting_file(data_, "000000"), to_json(dusk));
+  EXPECT_NE(store().content("000000"), before);
 }
 
 TEST_F(FrameStoreTest, DamagedEntriesAreComputedAgainWithOneWarning) {

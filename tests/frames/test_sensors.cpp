@@ -162,9 +162,7 @@ test::World with_radar() {
   test::World world = test::make_world(1, {{14, 1.5f, -1, 0.5f}, {30, -4, -1, 0.3f}});
   world.prepared.frame.labels[0].velocity = Vec3d(6, 0, 0);
   world.placement.carrier->label.velocity = Vec3d(6, 0, 0);
-  const auto sensors = load_sensors("radar");
-  record(sensors, "", world.prepared.frame);
-  world.prepared.measured_by.assign(sensors.begin(), sensors.end());
+  world.prepared.measured_by = record(load_sensors("radar"), "", world.prepared.frame);
   return world;
 }
 

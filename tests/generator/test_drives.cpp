@@ -127,6 +127,9 @@ TEST(GenerateDrives, AreReadAsDrivesWithTheirPosesAndIdentities) {
     EXPECT_LT((at.moment.world_from_ego.matrix() - own.matrix()).cwiseAbs().maxCoeff(), 1e-5);
     const Frame frame = read_frame(out, at.id);
     EXPECT_GT(frame.sweep.size(), 3000u);
+    const Lighting light = generator::make_light(5, 1).lighting;
+    EXPECT_LT((frame.lighting.sun - light.sun).norm(), 1e-6);
+    EXPECT_LT((own.linear() * frame.lighting.to_sun_velo - light.to_sun_velo).norm(), 1e-5);
     ASSERT_FALSE(frame.labels.empty());
     for (const Label& label : frame.labels) {
       ASSERT_GE(label.track, 0);

@@ -361,7 +361,7 @@ TEST(RoofLoads, BelongToTheCarButNotToItsBox) {
   EXPECT_LT(loaded, 0.15 * count);
   // A street's true shapes end at their boxes' tops.
   for (std::uint64_t index = 0; index < 6; ++index)
-    for (const auto& vehicle : generator::true_vehicles(4, index, 1.73))
+    for (const auto& vehicle : generator::true_vehicles({.seed = 4}, index, 1.73))
       EXPECT_LT(bounds(vehicle.mesh).max().z(), vehicle.box.bottom + vehicle.box.height + 0.02);
 }
 

@@ -82,7 +82,7 @@ def verdict(names, vacuous=False):
     variants = [{"name": name, "vehicles": 20, "fn_asr": share(0.3), "fp_asr": share(0.1), "asr": share(0.35),
                  "mean_score": 0.61} for name in ("soft", "hard", "bounces 4", "cycles")]
     group = {"frames": 10, "vehicles": 20, "clusters": {"by": "frame", "count": 10}, "variants": variants, "told": "cannot be told", "score_correlation": 0.93, "agree": 0.95,
-             "difference": {key: share(0.02) for key in ("fn_asr", "fp_asr", "asr")}, "score_mean_difference": -0.01}
+             "difference": {key: share(0.02) for key in ("fn_asr", "fp_asr", "asr")}, "score_mean_difference": 0.01}
     pairs = [{"name": name, "frame": name[:6], "split": "test", "detected": True, "clean": 0.95, "soft": 0.4 + 0.3 * k,
               "hard": 0.5, "cycles": 0.5 + 0.2 * k} for k, name in enumerate(names)]
     def against(asr):
@@ -132,7 +132,8 @@ def budget():
             "rule": "made up for this test"}
 
 
-def make(folder, uses_picture=True, vacuous=False):
+def make(folder, uses_picture=True, vacuous=False, **more):
+    """`more`: entries of result.json in place of these."""
     validation, run = os.path.join(folder, "validation"), os.path.join(folder, "run")
     for path in (run, os.path.join(validation, "hosts"), os.path.join(validation, "pictures")):
         os.makedirs(path)
@@ -146,7 +147,8 @@ def make(folder, uses_picture=True, vacuous=False):
                        "seed": 3, "version": "0.1.0", "commit": "ea8efec", "date": "2026-11-27", "command": "mirage validate --run out/attack"},
         "targets": [{"place": place, "target": 0, "met": True} for place in ("matched.mask_iou", "matched.mae",
                     "matched.hit_disagreements", "matched.range_error_m")],
-        "hosts": names, "vehicles": 2, "frames": 2, "test_frames": 1, "reference": {"name": "Blender Cycles", "version": "3.4.1", "losses": []}, "samples": 64, "failed": [],
+        "hosts": names, "vehicles": 2, "frames": 2, "test_frames": 1, "reference": {"name": "Blender Cycles", "version": "3.4.1", "losses": []}, "samples": 64,
+        "samples_used": {"least": 9, "most": 13}, "failed": [], "unseen": [],
         "attack": {"detected_clean": 2, "hidden_raster": 1, "hidden_cycles": 1, "hidden_both": 1, "asr_raster": 0.5,
                    "asr_cycles": 0.5},
         "full": {"relative": 0.1, "ssim": 0.9, "flip": 0.1, "error_plain": 0.13, "floor": 0.05, "error_unbiased": 0.12,
@@ -155,7 +157,7 @@ def make(folder, uses_picture=True, vacuous=False):
                     "hit_disagreements": 0, "range_error_m": 1e-5, "depth_error_m": 1e-5},
         "reliance": reliance(uses_picture), "ladder": ladder(), "verdict": verdict(names, vacuous), "budget": budget(),
         "lidar_ladder": [{"effect": "noise", "returns": 100, "changed": 0.9, "returns_change": 0, "detected": 2, "hidden": 1,
-                          "mean_score": 0.6, "score_change": 0.01, "seconds": 0.02, "vehicles": 2}]})
+                          "mean_score": 0.6, "score_change": 0.01, "seconds": 0.02, "vehicles": 2}], **more})
     with open(os.path.join(run, "loss.csv"), "w", encoding="utf-8") as file:
         file.write("iteration,loss\n" + "".join(f"{k},{2 + math.exp(-k / 10)}\n" for k in range(50)))
     glb(os.path.join(run, "adversary.glb"))

@@ -100,6 +100,18 @@ class OneJudge(unittest.TestCase):
             self.assertFalse(over)
 
 
+class Distances(unittest.TestCase):
+    def test_are_of_every_look_at_a_vehicle(self):
+        """Ten of a hundred in each of two runs are ten of a hundred, not twenty."""
+        sys.path.insert(0, os.path.join(SOURCE, "validation", "paper"))
+        sys.path.insert(0, os.path.join(SOURCE, "validation", "report"))
+        import paper_plots
+        row = {"label": "fusion, both", "vehicles": 100, "meshes": 1, "runs": 2, "false_positives_of": 200, "false_positive_distances": [1.0] * 20}
+        plot = str(paper_plots.distances([row]))
+        self.assertIn(">10</text>", plot)
+        self.assertNotIn(">20</text>", plot.split("distance from the host")[0].split('text-anchor="end"', 1)[1])
+
+
 class WithoutResults(unittest.TestCase):
     def test_a_page_of_errors_alone(self):
         with tempfile.TemporaryDirectory(prefix="mirage-paper-") as folder, browser.Browser() as chromium:

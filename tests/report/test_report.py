@@ -22,8 +22,8 @@ SOURCE, BUILD = (os.path.abspath(path) for path in sys.argv[1:3])
 VIEWER = os.path.join(BUILD, "report", "model-viewer.min.js")
 
 
-def write_report(folder, viewer, uses_picture=True, vacuous=False):
-    validation, run = fixture.make(folder, uses_picture, vacuous)
+def write_report(folder, viewer, uses_picture=True, vacuous=False, **more):
+    validation, run = fixture.make(folder, uses_picture, vacuous, **more)
     arguments = [sys.executable, os.path.join(SOURCE, "validation", "report", "report.py"), "--validation", validation, "--run", run,
                  "--evaluation", os.path.join(folder, "evaluation.json"), "--tradeoff",
                  os.path.join(folder, "tradeoff.json")]
@@ -117,6 +117,8 @@ class Page(browser.ReportChecks, unittest.TestCase):
         self.assertIn("−13.0 (−18.0 to −8.0) points: less", rate)
         self.assertIn("this object 40.0 % (30.0–50.0 %), a random mesh of its size 10.0 % (0.0–20.0 %), a cuboid that fills the box 5.0 % (", rate)
         self.assertIn("Decision Open", rate)
+        self.assertIn("with 9 to 13 samples a pixel", said(".meta"))
+        self.assertIn("mean absolute difference is 0.010", said("#attack"))
 
     def test_says_what_became_of_a_vehicle(self):
         tags = self.browser.run("[...document.querySelectorAll('article.vehicle .tag')].slice(0, 4).map(t => t.innerText)")
@@ -222,6 +224,42 @@ class OfAnAttackWhoseObjectNobodySees(unittest.TestCase):
             self.assertIn("Vacuous for the camera", text("#verdict"))
             self.assertNotIn("acuous for the LiDAR", chromium.run("document.body.textContent"))
             self.assertEqual(chromium.errors, [])
+
+
+class WhatSpeaksAgainst(unittest.TestCase):
+    """What takes from the figures stands in the report and on the page to sign."""
+
+    def test_is_on_both_pages(self):
+        names, judged = ["000001_0", "000002_1"], fixture.verdict(["000001_0", "000002_1"], vacuous=True)
+        judged["pairs"][0]["split"] = "train"  # the vehicle that vanishes is one that the attack learned on
+        targets = [{"place": place, "target": 0, "met": met} for place, met in
+                   (("matched.mask_iou", None), ("matched.mae", None), ("matched.hit_disagreements", True), ("matched.range_error_m", False))]
+        with tempfile.TemporaryDirectory(prefix="mirage-report-") as folder, browser.Browser() as chromium:
+            path = write_report(folder, None, verdict=judged, targets=targets, unseen=["000003_0"], hosts=names,
+                                failed=[{"name": "000004_2", "problem": "was lost"}],
+                                evaluation_differences=["detector: lidar there, fusion here"])
+            said = lambda: " ".join(chromium.run("document.body.innerText").replace("\u202f", " ").split())
+            chromium.open(path)
+            report = said()
+            chromium.open(path.replace("report.html", "sign-off.html"))
+            page = said()
+            self.assertEqual(chromium.errors, [])
+        for text in (report, page):
+            for part in ("000003_0", "Vacuous for the camera", "made otherwise: detector: lidar there, fusion here", "nothing measured", "missed"):
+                self.assertIn(part, text)
+        self.assertIn("Blender was lost on 1 vehicle;", report)
+        self.assertIn("000001_0 (20 m, misplaced, learned on)", report)
+        self.assertIn("Blender was lost on 1 vehicle, in no figure: 000004_2.", page)
+        self.assertIn("Held-back vehicles by distance", page)
+        self.assertIn("15–30 m 1 0 0", page)  # the held-back one alone
+        self.assertNotIn("Hidden in Cycles", page)
+        self.assertIn("Mask IoU – to reach ≥ 0.9999: nothing measured", page)
+
+    def test_a_ladder_without_any_error_is_drawn(self):
+        sys.path.insert(0, os.path.join(SOURCE, "validation", "report"))
+        import plots
+        nothing = [{**rung, "floor": 0, "error_plain": 0, "interval": {"value": 0, "low": 0, "high": 0}} for rung in fixture.ladder()]
+        self.assertIn("<svg", plots.remaining({"ladder": nothing}))
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <fstream>
+#include <set>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -86,6 +87,9 @@ TEST_P(DataSets, IsKnownByItsFolder) {
   write_file(folder_ / "rig.toml",
              told.replace(told.find("[lidar]"), 7, "[lidar]\nrecorded_effects = \"noise\""));
   EXPECT_EQ(recorded_lidar_effects(folder_.path()), "noise");
+  const TemporaryFolder other;
+  write_file(other / "mine.toml", rig);
+  EXPECT_EQ(recorded_lidar_effects(folder_.path(), other / "mine.toml"), "unit");
   write_file(folder_ / "dataset.json", R"({"rig": "xenith"})");
   EXPECT_EQ(data_rig(folder_.path()), "xenith");
 }
@@ -207,6 +211,37 @@ TEST(KittiTracking, TruncationIsTheObjectBenchmarks) {
   EXPECT_EQ(labels[2].truncated, 0.8);
 }
 
+// Vehicles of two sequences are not one, whatever these are called.
+TEST(KittiTracking, SequencesWithoutANumberHaveVehiclesOfTheirOwn) {
+  const TemporaryFolder folder;
+  test::write_tracking(folder.path(), frames());
+  for (const char* kind : {"image_02", "velodyne", "calib", "label_02"}) {
+    const auto part = folder / "training" / kind;
+    const std::string end = std::filesystem::exists(part / "0000.txt") ? ".txt" : "";
+    for (const char* name : {"alpha", "beta"})
+      std::filesystem::copy(part / ("0000" + end), part / (name + end),
+                            std::filesystem::copy_options::recursive);
+  }
+  std::set<int> groups;
+  for (const char* id : {"0000_000000", "alpha_000000", "beta_000000"})
+    groups.insert(read_tracks(folder.path(), id)->front());
+  EXPECT_EQ(groups.size(), 3u);
+}
+
+TEST(KittiTracking, AVehicleStandsOnceInAFrame) {
+  const TemporaryFolder folder;
+  test::write_tracking(folder.path(), frames());
+  const auto file = folder / "training/label_02/0000.txt";
+  const std::string rows = read_file(file), first = rows.substr(0, rows.find('\n') + 1);
+  const auto error = [&](const std::string& more) {
+    write_file(file, rows + more);
+    return error_text<InputError>([&] { read_frame(folder.path(), "0000_000000"); });
+  };
+  EXPECT_THAT(error(first), AllOf(HasSubstr("0000.txt"), HasSubstr("identity")));
+  EXPECT_THAT(error("0 99" + first.substr(first.find(' ', 2))),
+              AllOf(HasSubstr("0000.txt"), HasSubstr("stands where one of a row before does")));
+}
+
 TEST(KittiRaw, DaysMayLieInOneFolder) {
   const TemporaryFolder folder;
   test::write_raw(folder / "2011_09_26", frames());
@@ -262,6 +297,20 @@ TEST(NuScenes, FieldsAreChecked) {
   bad("sample_data", "sample_token", "a/b");
   bad("sample_annotation", "size", {-1, 2, 3});
   bad("sample_annotation", "instance_token", "nobody");
+  bad("instance", "category_token", "nothing");
+  const auto twice = [&](const char* name, const char* key) {
+    const auto table = folder / "v1.0-mini" / (std::string(name) + ".json");
+    const nlohmann::json good = read_json(table);
+    nlohmann::json edited = good;
+    edited.push_back(good.front());
+    edited.back()["token"] = "another";
+    write_json(table, edited);
+    EXPECT_THAT(error_text<InputError>([&] { read_frame(folder.path(), "sample0"); }),
+                AllOf(HasSubstr(std::string(name) + ".json"), HasSubstr(key), HasSubstr("another")));
+    write_json(table, good);
+  };
+  twice("sample_annotation", "instance_token");
+  twice("sample_data", "sample_token");
   EXPECT_NO_THROW(read_frame(folder.path(), "sample0"));
 }
 

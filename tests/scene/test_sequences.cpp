@@ -371,6 +371,10 @@ TEST(Oxts, RefusesWhatIsNoPoseAndNoTime) {
   EXPECT_THAT(error_text<InputError>([&] { read_sequences(folder.path()); }),
               AllOf(HasSubstr("0000_000002"), HasSubstr("at the time of 0000_000001")));
   EXPECT_NEAR(open_data_set(folder.path())->moment("0000_000001")->time, 0.75, 1e-6);
+  write_file(folder / "training/times/0000.txt",
+             "2011-09-27 00:00:00\n2011-09-27 00:00:02\n2011-09-27 00:00:01\n2011-09-27 00:00:03\n");
+  EXPECT_THAT(error_text<InputError>([&] { read_sequences(folder.path()); }),
+              AllOf(HasSubstr("0000_000002"), HasSubstr("was taken before 0000_000001")));
 }
 
 TEST(SequencesOfASet, WithoutPosesAreRefused) {

@@ -163,7 +163,7 @@ TEST(RoofPoint, BoxWedgeAndEmptyMesh) {
 }
 
 TEST(VehicleTruth, GivesTheBoxesThatTheFrameWasMadeWith) {
-  const auto vehicles = generator::true_vehicles(2, 3, 1.73);
+  const auto vehicles = generator::true_vehicles({.seed = 2}, 3, 1.73);
   ASSERT_FALSE(vehicles.empty());
   int cars = 0;
   for (const auto& v : vehicles) {

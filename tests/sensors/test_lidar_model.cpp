@@ -39,6 +39,17 @@ TEST(LidarModel, ShippedRigIsAnHdl64) {
   }
 }
 
+TEST(LidarModel, AWholeTurnFiresOnceAtItsSeam) {
+  LidarModel lidar;
+  lidar.azimuth_min = -std::numbers::pi, lidar.azimuth_max = std::numbers::pi;
+  lidar.azimuth_step = 0.5 * kDegree;
+  EXPECT_EQ(lidar.azimuth_count(), 720);
+  lidar.azimuth_max = 179.5 * kDegree;
+  EXPECT_EQ(lidar.azimuth_count(), 720);
+  lidar.azimuth_max = 179 * kDegree;
+  EXPECT_EQ(lidar.azimuth_count(), 719);
+}
+
 TEST(LidarModel, RaysStartOffTheAxisAndAreUnit) {
   LidarModel lidar;
   lidar.beams = {{-0.1, 0.2, 0.026, 0.05}};

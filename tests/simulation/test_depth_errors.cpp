@@ -172,6 +172,13 @@ TEST(DepthScores, APostBeforeTheObjectThatWasMissedIsWronglyKept) {
   EXPECT_EQ(scores[0].common.pixels, 0u);
 }
 
+TEST(DepthScores, NothingToScoreOnIsNoPerfectScore) {
+  OneCar scene;
+  write_depth_png(true_depth_file(scene.folder.path(), "000000"), ImageF(320, 120, 1));
+  EXPECT_THAT(test::error_text<InputError>([&] { scene.score({scene.truth}); }),
+              testing::HasSubstr("no pixel has a depth to score on"));
+}
+
 TEST(DepthScores, WithoutTrueDepthTheFixIsNamed) {
   OneCar scene;
   std::filesystem::remove(true_depth_file(scene.folder.path(), "000000"));

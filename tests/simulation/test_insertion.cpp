@@ -302,6 +302,22 @@ TEST(Insertion, VerticesThatNoFaceUsesChangeNothing) {
   }
 }
 
+TEST(Insertion, SensorNoiseIsOfTheFrameAndTheSeed) {
+  World world = make_world(9);
+  SimulationSettings settings = smooth_settings();
+  settings.camera_effects = parse_camera_effects("noise");
+  const auto drawn = [&] {
+    return simulate(world.prepared, world.placement, world.adversary, settings).image.data;
+  };
+  const auto first = drawn();
+  EXPECT_EQ(drawn(), first);
+  settings.camera_effects.seed = 1;
+  EXPECT_NE(drawn(), first);
+  settings.camera_effects.seed = 0;
+  world.prepared.frame.id += "1";
+  EXPECT_NE(drawn(), first);
+}
+
 TEST(RenderScene, VerticesThatNoFaceUsesChangeNothing) {
   const World world = make_world(9);
   const Calibration& calibration = world.prepared.frame.calibration;

@@ -251,6 +251,27 @@ TEST(LidarInsertion, DarkObjectsLoseTheReturnsThatTheirReflectivitySays) {
   }
 }
 
+// Without light the echo has no strength, and the wall behind still gets none.
+TEST(LidarInsertion, ABlackObjectHidesWhatIsBehindIt) {
+  const LidarModel lidar = lidar_of_32();
+  TexturedMesh object = dented_ball(Vec3d(9, 0.6, -0.4), 0.8, 3);
+  SimulationSettings settings;
+  settings.lidar_effects.albedo = true;
+  settings.lidar_effects.divergence = Vec2d(0.002, 0.002);
+  Sweep wall;
+  for (int beam = 0; beam < 32; ++beam)
+    for (int column = 0; column < lidar.azimuth_count(); ++column)
+      wall.push_back(test::point_at(lidar.ray(beam, column), 14));
+  const PreparedFrame before = lidar_frame(lidar, wall);
+  Simulated dark, black;
+  object.atlas.texels.assign(object.atlas.texels.size(), Vec3d::Constant(1e-6));
+  draw_in_lidar(before, object, settings, dark);
+  object.atlas.texels.assign(object.atlas.texels.size(), Vec3d::Zero());
+  draw_in_lidar(before, object, settings, black);
+  EXPECT_GT(dark.removed_points, 100);
+  EXPECT_EQ(black.removed_points, dark.removed_points);
+}
+
 TEST(LidarInsertion, MotionWritesPointsAsTheMovingUnitSawThem) {
   const LidarModel lidar = lidar_of_32(10);
   const TexturedMesh object = dented_ball(Vec3d(9, 5, -0.4), 0.8, 3, 2);

@@ -78,10 +78,10 @@ TEST(ObjectExposure, NoiseHasItsVarianceAndIsOfThePixelAlone) {
     const double count = 3.0 * 96 * 96, sigma = covered * std::sqrt(7e-5 * 0.6 + 1.25e-3 * 1.25e-3);
     EXPECT_NEAR(std::sqrt(squares / count) / sigma, 1, 0.02);
     EXPECT_LT(std::abs(sum / count), 4 * sigma / std::sqrt(count));
-    effects.draw = 1;
+    effects.seed = 1;
     expose_object(effects, photograph, 7, 3, other);
     EXPECT_NE(other.data[0], noisy.data[0]);
-    effects.draw = 0;
+    effects.seed = 0;
     for (std::size_t i = 3; i < shifted.data.size(); i += 4) shifted.data[i] = covered;
     expose_object(effects, ImageF(95, 96, 3, 0.4f), 8, 3, shifted);
     EXPECT_EQ(shifted.at(0, 5, 1), noisy.at(1, 5, 1));

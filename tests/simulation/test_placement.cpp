@@ -151,6 +151,10 @@ TEST(Placement, AGrownBoxHoldsVehicleAndObject) {
   EXPECT_NEAR(grown.height, 2.3, 0.02);
   EXPECT_EQ(grown.bottom, box.bottom);
   EXPECT_EQ(grown.bev.yaw, box.bev.yaw);
+  Mesh more = placed;  // files hold vertices that no face uses
+  more.vertices.emplace_back(-50, 0, 9);
+  EXPECT_NEAR(grown_box(box, more).bev.length, grown.bev.length, 1e-12);
+  EXPECT_NEAR(grown_box(box, more).height, grown.height, 1e-12);
   const Box3 same = grown_box(box, {});
   EXPECT_NEAR(iou(same, box), 1, 1e-12);
 }

@@ -1,7 +1,15 @@
-// Which hosts `mirage evaluate --pictures` draws.
+// Which hosts `mirage evaluate --pictures` draws, and what of them.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <memory>
+
+#include "attack/tiny_world.h"
+#include "base/files.h"
+#include "base/image.h"
+#include "fixture.h"
+#include "scene/data/read_frames.h"
+#include "support/files.h"
 #include "validation/report/pages.h"
 
 namespace mirage {
@@ -36,6 +44,45 @@ TEST(EvaluationPictures, ShowOtherFramesFirstAndTheClearestOnes) {
   EXPECT_THAT(all.false_positives, testing::ElementsAre(2, 3, 1));
   EXPECT_TRUE(pictured_hosts(hosts, 0).hidden.empty());
   EXPECT_TRUE(pictured_hosts({}, 3).false_positives.empty());
+}
+
+TEST(EvaluationPictures, AVehicleIsShownByTheCameraThatItsLabelIsIn) {
+  const test::TemporaryFolder folder;
+  const std::filesystem::path data = folder / "data";
+  test::write_tiny_data(data, 1);
+  Frame frame = read_frame(data, "000000");  // its car is labelled in a camera beside it, which looks back
+  const BevBox& car = frame.labels.at(0).box.bev;
+  Transform velo_from_turned = Transform::Identity();
+  velo_from_turned.linear() = Eigen::AngleAxisd(-M_PI / 2, Vec3d::UnitZ()).toRotationMatrix();
+  velo_from_turned.translation() = Vec3d(car.x, car.y + 9, 0);
+  frame.others = {{"SIDE", frame.calibration, Lazy<ImageF>([] { return ImageF(248, 75, 3, 0.6f); })}};
+  frame.others[0].calibration.camera_from_velo =
+      frame.calibration.camera_from_velo * velo_from_turned.inverse();
+  frame.labels[0].camera = 1;
+  write_frame(data, frame);
+
+  RunEvaluation evaluation;
+  FrameSource source{data, "ip-basic", "box"};
+  source.cameras = Cameras::all;
+  evaluation.store = std::make_unique<FrameStore>(source);
+  evaluation.detectors.push_back(std::make_unique<test::StandInDetector>());
+  evaluation.run.adversary = test::random_mesh(3);
+  evaluation.learned.hosts = {outcome("000000", 0, 0.9, 0)};
+  draw_evaluation_pictures(evaluation, 1, folder / "out");
+
+  const std::filesystem::path drawn = folder / "out/data";
+  const ImageF clean = read_srgb(drawn / "000000_0/clean.png"),
+               attacked = read_srgb(drawn / "000000_0/attacked.png");
+  EXPECT_NEAR(clean.at(0, 0), 0.6, 0.01) << "the first camera's picture";
+  EXPECT_NE(clean.data, attacked.data);
+  const auto host = read_json(drawn / "pictures.json").at("hosts").at(0);
+  EXPECT_EQ(host.at("camera"), "SIDE");
+  double u = 0, v = 0;
+  for (const auto& pixel : host.at("host").at("pixels"))
+    u += pixel.at(0).get<double>() / 8, v += pixel.at(1).get<double>() / 8;
+  EXPECT_NEAR(u, 122, 10);  // the camera looks at the car's middle
+  EXPECT_GT(v, 0);
+  EXPECT_LT(v, 75);
 }
 
 }  // namespace

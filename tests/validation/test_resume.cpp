@@ -163,6 +163,99 @@ TEST(Resume, TheObjectIsAsTheWorkshopMadeItForBothRenderers) {
               testing::HasSubstr("expectation: sun: "));
 }
 
+/// Finds the car while all pictures are as recorded; with anything else in one of them it does not.
+class PhotographFinder : public test::StandInDetector {
+ public:
+  Capabilities capabilities() const override {
+    Capabilities can;
+    can.reads = {"camera", "SIDE", "lidar"};
+    return can;
+  }
+  std::vector<Detection> forward(const SensorView& view, double threshold, bool) override {
+    const bool recorded = view.image->data == view.frame->image.data && view.others.empty();
+    const Detection proposal{{11.5, 0, 4, 1.7, 0}, recorded ? kSure : -kSure};
+    return proposal.score() > threshold ? std::vector{proposal} : std::vector<Detection>();
+  }
+  static constexpr double kSure = 2;  // of a logit: above the least score of a detection, and below it
+};
+
+TEST(VehicleValidation, AControlTakesTheObjectOutOfEveryPicture) {
+  for (const Cameras cameras : {Cameras::first, Cameras::all}) {
+    const test::TemporaryFolder folder;
+    const ValidationSettings settings = tiny_validation(folder, cameras);
+    for (const char* part : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / part);
+    const mirage::Run run = read_run(settings.run, settings.trust);
+    FrameStore store(run.settings);
+    PhotographFinder detector;
+    test::PlainReference renderer;
+    ValidationContext context{settings, run, run.settings.simulation, store, detector, renderer, {}};
+    const VehicleResult vehicle = validate_vehicle(context, {"000000", 0}, false);
+    ASSERT_TRUE(vehicle.seen && vehicle.seen->detected && vehicle.seen->conditions);
+    for (const ConditionResult& shown : vehicle.seen->conditions->conditions)
+      EXPECT_TRUE(shown.outcome.hidden);
+    ASSERT_EQ(vehicle.seen->conditions->controls.size(), 3u);
+    for (const ControlResult& control : vehicle.seen->conditions->controls) {
+      const bool photograph = control.control.control == "photograph";
+      EXPECT_EQ(control.outcome.hidden, !photograph) << control.control.control;
+      if (photograph) {
+        EXPECT_EQ(control.outcome.logit, PhotographFinder::kSure);
+      }
+    }
+  }
+}
+
+TEST(Resume, AnEvaluationIsOfTheSameRunAndItsDifferencesAreNamed) {
+  const test::TemporaryFolder folder;
+  ValidationSettings settings = tiny_validation(folder);
+  settings.evaluation = folder / "evaluation";
+  settings.provenance->input("run", "this run");  // as the command line knows it
+  const auto evaluated = [&](const json& inputs) {
+    write_json(settings.evaluation / "result.json",
+               {{"fn_asr", 0.5},
+                {"provenance", {{"inputs", inputs}, {"detector", "another"}, {"defense", "none"}}}});
+  };
+  evaluated({{"run", "another run"}});
+  EXPECT_THAT(test::error_text<InputError>([&] { validate(settings, plain()); }),
+              testing::AllOf(testing::HasSubstr("provenance.inputs.run: is of another run"),
+                             testing::HasSubstr("evaluation/result.json")));
+  evaluated({{"mesh", "an object"}});
+  EXPECT_THAT(test::error_text<InputError>([&] { validate(settings, plain()); }),
+              testing::HasSubstr("--mesh"));
+  EXPECT_FALSE(fs::exists(settings.out)) << "says so before it starts";
+  evaluated({{"run", "this run"}});
+  const json result = to_json(validate(settings, plain()));
+  ASSERT_EQ(result.at("evaluation_differences").size(), 1u);
+  EXPECT_THAT(result.at("evaluation_differences")[0].get<std::string>(),
+              testing::StartsWith("detector: another there, "));
+}
+
+TEST(Resume, APageToSignIsOfTheLastCallAlone) {
+  const test::TemporaryFolder folder;
+  ValidationSettings settings = tiny_validation(folder);
+  settings.sign_off = true;
+  validated(settings);
+  EXPECT_TRUE(fs::exists(settings.out / "sign-off.html"));
+  settings.sign_off = false;
+  validated(settings);
+  EXPECT_FALSE(fs::exists(settings.out / "sign-off.html"));
+}
+
+TEST(Resume, VehiclesWithNothingInViewAreNamedAndNoneOtherIsAFailure) {
+  const test::TemporaryFolder folder;
+  ValidationSettings settings = tiny_validation(folder);
+  EXPECT_EQ(validated(settings).at("unseen"), json::array());
+  const fs::path stored = settings.out / "hosts/000001_0.json";
+  json vehicle = json::parse(read_file(stored));
+  vehicle.erase("matched");  // as of one on which no camera shows the object
+  write_json(stored, vehicle);
+  const json part = validated(settings);
+  EXPECT_EQ(part.at("unseen"), json({"000001_0"}));
+  EXPECT_EQ(part.at("vehicles"), 1);
+  settings.overrides["placement"] = "world:-20,0,-1.7,0";  // behind the car
+  EXPECT_THAT(test::error_text<Failure>([&] { validate(settings, plain()); }),
+              testing::HasSubstr("in view on none of 2 vehicles"));
+}
+
 TEST(Resume, EachCameraThatSeesTheObjectIsCompared) {
   const test::TemporaryFolder folder;
   const ValidationSettings settings = tiny_validation(folder, Cameras::all);

@@ -15,6 +15,7 @@
 #include "validation/fidelity/budget.h"
 #include "validation/fidelity/ladders.h"
 #include "validation/fidelity/summary.h"
+#include "validation/fidelity/validate.h"
 #include "validation/paper/finding.h"
 
 namespace mirage {
@@ -118,6 +119,25 @@ TEST(Verdict, NoVehiclesAtAll) {
   EXPECT_TRUE(to_json(result).at("all").at("score_correlation").is_null());
   EXPECT_EQ(to_json(result).at("of"), "all");
   EXPECT_EQ(to_json(summarize_vehicles({}, {})).at("vehicles"), 0);
+}
+
+TEST(Summary, ATargetIsOpenWhereNothingWasMeasured) {
+  ValidationSummary summary;
+  summary.cameras.push_back({"SIDE", 1, {}});
+  for (const Target& target : targets_of(summary)) EXPECT_FALSE(target.met.has_value()) << target.place;
+  summary.matched.mask_either = 10;
+  summary.matched.rays = 5;
+  const auto met = [&](const char* place) {
+    for (const Target& target : targets_of(summary))
+      if (target.place == place) return target.met;
+    return std::optional<bool>();
+  };
+  EXPECT_EQ(met("matched.mask_iou"), true);
+  EXPECT_EQ(met("matched.hit_disagreements"), true);
+  EXPECT_FALSE(met("matched.range_error_m").has_value());  // no return
+  Validation validation;
+  EXPECT_NE(headline(validation).find("measured nothing for 4 of 4 targets"), std::string::npos);
+  EXPECT_TRUE(to_json(validation).at("targets").at(0).at("met").is_null());
 }
 
 TEST(Summary, ARungsFiguresStandUnderTheFilesNames) {
@@ -396,6 +416,41 @@ TEST(Verdicts, PValuesAreThoseOfANormalDifference) {
   EXPECT_EQ(p_value(Claim::more, at(0)), 1);
   EXPECT_EQ(p_value(Claim::more, {0.1, -kInf, kInf}), 1);
   EXPECT_EQ(p_value(Claim::more, {0.1, 0.1, 0.1}), 0);
+}
+
+TEST(Verdicts, PValuesOfFewClustersAreThoseOfStudentsT) {
+  // Four degrees of freedom: 95 % lie within 2.776445 standard errors, 99 % within 4.604095, 99.9 % within
+  // 8.610302 (tables of Student's t).
+  const auto at = [](double t) { return Interval{t, t - 2.776445, t + 2.776445}; };
+  EXPECT_NEAR(p_value(Claim::more, at(2.776446), 5), 0.05, 1e-6);
+  EXPECT_NEAR(p_value(Claim::more, at(-4.604095), 5), 0.01, 1e-6);
+  EXPECT_NEAR(p_value(Claim::more, at(8.610302), 5), 0.001, 1e-6);
+  EXPECT_EQ(p_value(Claim::more, at(100), 1), 1);  // of one cluster nothing is known
+  // A family of ten, of which one lies at 4.7 standard errors: a normal tail (p = 0.0009) would tell it.
+  std::vector<Comparison> ten(10, comparison("", {{0, -2.776445, 2.776445}, 5}));
+  ten[0] = comparison("", {at(4.7), 5});
+  EXPECT_EQ(ten[0].verdict, kHolds);
+  std::vector<Comparison*> family;
+  for (Comparison& one : ten) family.push_back(&one);
+  correct(family);
+  EXPECT_EQ(ten[0].verdict, kOpen);
+  EXPECT_NEAR(ten[0].p_family, 0.0933, 1e-3);
+  // (t(1 − 0.005/2) + t(0.8)) / 4.7, with t of four degrees: (5.597568 + 0.940965) / 4.7, squared.
+  EXPECT_EQ(vehicles_needed(ten[0], 100), 200);
+}
+
+TEST(Verdicts, ADifferenceKnowsTheClustersOfItsInterval) {
+  paper::Outcomes a, b;
+  for (int i = 0; i < 12; ++i) {
+    paper::Outcome host;
+    host.id = {"00000" + std::to_string(i % 6), i};
+    host.detected = true;
+    host.hidden = i % 2 == 0;
+    a.hosts.push_back(host);
+    host.hidden = i % 3 == 0;
+    b.hosts.push_back(host);
+  }
+  EXPECT_EQ(paper::difference(a, b, paper::question("fn_asr")).clusters, 6);
 }
 
 TEST(Verdicts, HolmsCorrectionOpensWhatIsTooWeakForTheFamily) {

@@ -308,6 +308,33 @@ class WithDetections(Opened):
         self.assertLess(self.browser.run(count), all_of)
 
 
+class WithLogits(Opened):
+    """A file's scores may be below zero: the slider reaches them."""
+
+    arguments = ("{}/data", "--detections", "{}/logits")
+
+    @classmethod
+    def setUpClass(cls):
+        os.mkdir(at("logits"))
+        with open(at("logits", "000000.txt"), "w", encoding="utf-8") as file:
+            file.write("Car -1 -1 -10 600 180 700 240 1.5 1.6 3.9 1 1.7 15 0 -2.52\n")
+        super().setUpClass()
+
+    def test_score_slider_reaches_the_lowest(self):
+        for _ in range(80):
+            self.key("[")
+        self.settle()
+        self.assertAlmostEqual(self.browser.run("state.score"), -2.55)
+        self.assertAlmostEqual(self.browser.run("+document.querySelector('#score input').value"), -2.55)
+        self.assertEqual(self.browser.run("columns[0].views[1].drawn.filter(d => d.box.kind === 'file').length"), 1)
+
+    def test_an_address_that_is_none_of_ours_shows_a_frame(self):
+        self.browser.run("show(1)")
+        self.shown("000001")
+        self.browser.run("location.hash = '#%'")
+        self.shown("000000")
+
+
 class ByTruth(Opened):
     """The generator's truth about who returned what stands before the labelled boxes."""
 
@@ -644,6 +671,9 @@ class WrongInput(unittest.TestCase):
         for arguments, word in (((), "DIR"), ((at("none"),), "none"), ((at("data"), "--run", at("none")), "none"),
                                 ((at("data"), "--detections", at("none.json")), "none.json"),
                                 ((at("data"), "--detections", at("other.json")), "other.json"),
+                                ((at("data"), "--detector", "lidar"), "--detector"), ((at("data"), "--weights", "real"), "--weights"),
+                                ((at("data"), "--defense", "ceiling"), "--defense"), ((at("data"), "--no-detector"), "--no-detector"),
+                                ((at("data"), "--depth", "ip-basic"), "--depth"), ((at("data"), "--place", "roof"), "--place"),
                                 ((at("data"), "--size", "0.2"), "--size"), ((at("data"), "--size", "0"), "--size")):
             code, said = mirage("view", *arguments, "--out", at("wrong"))
             self.assertEqual(code, 2, said)

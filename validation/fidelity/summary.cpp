@@ -556,13 +556,19 @@ json to_json(const Verdict& verdict) {
 std::vector<Target> targets_of(const ValidationSummary& summary) {
   const MatchedSummary& matched = summary.matched;
   constexpr double kMaskIou = 0.9999, kError = 1e-4, kRange = 1e-4;  // scene-linear; m
-  std::vector<Target> targets = {{"matched.mask_iou", "", kMaskIou, matched.mask_iou >= kMaskIou},
-                                 {"matched.mae", "", kError, matched.mae <= kError},
-                                 {"matched.hit_disagreements", "", 0, matched.hit_disagreements == 0},
-                                 {"matched.range_error_m", "", kRange, matched.range_error <= kRange}};
-  for (std::size_t k = 0; k < summary.cameras.size(); ++k)
+  const auto met = [](int measured, bool reached) {
+    return measured > 0 ? std::optional(reached) : std::nullopt;
+  };
+  std::vector<Target> targets = {
+      {"matched.mask_iou", "", kMaskIou, met(matched.mask_either, matched.mask_iou >= kMaskIou)},
+      {"matched.mae", "", kError, met(matched.mask_either, matched.mae <= kError)},
+      {"matched.hit_disagreements", "", 0, met(matched.rays, matched.hit_disagreements == 0)},
+      {"matched.range_error_m", "", kRange, met(matched.returns, matched.range_error <= kRange)}};
+  for (std::size_t k = 0; k < summary.cameras.size(); ++k) {
+    const MatchedSummary& seen = summary.cameras[k].matched;
     targets.push_back({fmt::format("cameras.{}.mae", k), summary.cameras[k].camera, kError,
-                       summary.cameras[k].matched.mae <= kError});
+                       met(seen.mask_either, seen.mae <= kError)});
+  }
   return targets;
 }
 
@@ -575,6 +581,9 @@ ValidationSummary summarize_vehicles(const std::vector<VehicleResult>& all,
     if (!vehicle.seen) continue;
     vehicles.push_back(&vehicle);
     frames.insert(vehicle.host.frame);
+    const int samples = vehicle.seen->samples;
+    summary.least_samples = vehicles.size() == 1 ? samples : std::min(summary.least_samples, samples);
+    summary.most_samples = std::max(summary.most_samples, samples);
     ++(vehicle.from_box ? summary.rooftops.from_box : summary.rooftops.fitted);
     add(test_frames.contains(vehicle.host.frame) ? summary.attack : summary.attack_train, *vehicle.seen);
   }
@@ -602,6 +611,7 @@ json to_json(const ValidationSummary& summary) {
               {"matched", matched_figures(summary.matched)},
               {"full", full_figures(summary.full)},
               {"noise", summary.noise},
+              {"samples_used", {{"least", summary.least_samples}, {"most", summary.most_samples}}},
               {"ladder", light},
               {"lidar_ladder", lidar},
               {"attack", fooled_figures(summary.attack)},

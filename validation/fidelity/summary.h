@@ -118,7 +118,7 @@ struct Target {
   std::string place;   ///< of the figure in result.json
   std::string camera;  ///< empty: all together
   double bound = 0;
-  bool met = false;
+  std::optional<bool> met;  ///< none where nothing was measured: no pixel, no ray, no return
 };
 
 /// Means of a Change (ladders.h). `psnr`: of the pictures that differ; none where all are equal, or
@@ -185,7 +185,8 @@ struct ValidationSummary {
   MatchedSummary matched;
   std::vector<CameraSummary> cameras;  ///< by name; none of frames with one camera
   FullSummary full;
-  double noise = 0;  ///< of full Cycles, mean share of the object's radiance
+  double noise = 0;                         ///< of full Cycles, mean share of the object's radiance
+  int least_samples = 0, most_samples = 0;  ///< a pixel, that full Cycles took on a vehicle
   std::vector<LightRungSummary> ladder;
   std::vector<LidarRungSummary> lidar_ladder;
   FooledSummary attack, attack_train;  ///< held-back vehicles, and those that the attack saw

@@ -65,6 +65,53 @@ void require_result(fs::path& file, const char* key, const std::string& command)
         "give --" + std::string(command == "evaluate" ? "evaluation" : command) + " the folder of one");
 }
 
+/// Of a result.json that mirage wrote: what it was made of; empty where it does not say.
+json provenance_of(const fs::path& file) {
+  const json result = read_json(file);
+  const json provenance = result.value("provenance", json::object());
+  return provenance.is_object() ? provenance : json::object();
+}
+
+/// The run that a result is of, by content; empty where it tells none.
+std::string run_of(const json& provenance) {
+  const json inputs = provenance.value("inputs", json::object());
+  const json run = inputs.is_object() ? inputs.value("run", json()) : json();
+  return run.is_string() ? run.get<std::string>() : "";
+}
+
+/// Complains now of an evaluation whose object is not `run`'s, for the page calls it this object. Of another
+/// run's trade-off, where no figure is the object's, there is a warning.
+void require_same_run(const ValidationSettings& settings) {
+  const std::string own = settings.provenance->input("run");  // of the command's option; none in a library
+  if (own.empty()) return;
+  if (!settings.evaluation.empty())
+    if (const std::string theirs = run_of(provenance_of(settings.evaluation)); theirs != own)
+      throw InputError(settings.evaluation.string(), "provenance.inputs.run",
+                       theirs.empty() ? "is missing: this is of objects that are no run's (--mesh)"
+                                      : "is of another run than " + settings.run.string(),
+                       "give --evaluation what mirage evaluate --run " + settings.run.string() + " wrote");
+  if (settings.tradeoff.empty()) return;
+  if (const std::string theirs = run_of(provenance_of(settings.tradeoff)); !theirs.empty() && theirs != own)
+    spdlog::warn("{}: the trade-off was measured on another run's object", settings.tradeoff.string());
+}
+
+/// In what the evaluation was made otherwise than this validation: "detector: lidar there, fusion here".
+std::vector<std::string> evaluation_differences(const fs::path& evaluation, const json& own) {
+  std::vector<std::string> differences;
+  if (evaluation.empty()) return differences;
+  const json theirs = provenance_of(evaluation);
+  const std::pair<const char*, const char*> records[] = {
+      {"detector", "detector"}, {"weights_hash", "weights"}, {"defense", "defence"}, {"data", "data"}};
+  for (const auto& [key, name] : records) {
+    const json there = theirs.value(key, json()), here = own.value(key, json());
+    if (!there.is_string() || !here.is_string() || there == here) continue;
+    differences.push_back(
+        fmt::format("{}: {} there, {} here", name, there.get<std::string>(), here.get<std::string>()));
+    spdlog::warn("{}: {}", evaluation.string(), differences.back());
+  }
+  return differences;
+}
+
 /// The hosts' results, kept or made, each stored as it is finished, so that ranks find what others made.
 /// Those that the renderer was lost on go to `failed`.
 std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std::vector<HostId>& hosts,
@@ -206,6 +253,7 @@ Validation validate(const ValidationSettings& requested, const StartReference& s
   run.settings.simulation.camera_effects = {};
   require_result(settings.evaluation, "fn_asr", "evaluate");
   require_result(settings.tradeoff, "recommended", "tradeoff");
+  require_same_run(settings);
   use_detector_of(run, settings.detector);
   const std::vector<HostId> hosts = select_hosts(run, settings.frames);
   if (hosts.empty())
@@ -213,6 +261,8 @@ Validation validate(const ValidationSettings& requested, const StartReference& s
                      "run mirage attack on a data set with cars in view");
   const std::unique_ptr<ReferenceRenderer> renderer = start(settings.out);
   for (const char* folder : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / folder);
+  fs::remove(settings.out /
+             "sign-off.html");  // of an earlier validation: nobody is to sign that for this one
   settings.detector = for_data(settings.detector, run.settings);
   DetectorPool detectors;
   detectors.push_back(load_detector(settings.detector));
@@ -229,6 +279,13 @@ Validation validate(const ValidationSettings& requested, const StartReference& s
                   "look at its log in " + settings.out.string());
   std::error_code ignored;
   fs::remove_all(scratch_folder(settings.out), ignored);
+  for (const VehicleResult& vehicle : results)
+    if (!vehicle.seen) validation.unseen.push_back(vehicle.name);
+  if (validation.unseen.size() == results.size())
+    throw Failure(
+        "the object",
+        fmt::format("is in view on none of {} vehicles: there is nothing to compare", results.size()),
+        "give more --frames, or another --place");
   std::set<std::string> test_frames;
   for (const HostId& id : run.test) test_frames.insert(id.frame);
   validation.summary = summarize_vehicles(results, test_frames);
@@ -249,6 +306,8 @@ Validation validate(const ValidationSettings& requested, const StartReference& s
   settings.provenance->input(validation.reference.key, validation.reference.version);
   add_frames(*settings.provenance, run.settings, hosts);
   add_detector(*settings.provenance, settings.detector);
+  validation.evaluation_differences =
+      evaluation_differences(settings.evaluation, settings.provenance->json());
   return validation;
 }
 
@@ -263,8 +322,13 @@ std::string headline(const Validation& validation) {
       words += "; against what was learned: " + to_string(classify(*condition->difference));
   }
   const std::vector<Target> targets = targets_of(validation.summary);
-  const bool met = std::all_of(targets.begin(), targets.end(), [](const Target& of) { return of.met; });
-  return words + (met ? "." : "; matched light misses a target.");
+  const auto count = [&](std::optional<bool> met) {
+    return std::count_if(targets.begin(), targets.end(), [&](const Target& of) { return of.met == met; });
+  };
+  if (count(false) > 0) return words + "; matched light misses a target.";
+  if (const auto unknown = count(std::nullopt); unknown > 0)
+    words += fmt::format("; matched light measured nothing for {} of {} targets", unknown, targets.size());
+  return words + ".";
 }
 
 json to_json(const Validation& validation) {
@@ -279,7 +343,8 @@ json to_json(const Validation& validation) {
   if (validation.budget) out["budget"] = to_json(*validation.budget);
   const std::vector<Target> targets = targets_of(validation.summary);
   out["targets"] = list_json(targets, [](const Target& target) -> json {
-    json entry = {{"place", target.place}, {"target", target.bound}, {"met", target.met}};
+    json entry = {
+        {"place", target.place}, {"target", target.bound}, {"met", target.met ? json(*target.met) : json()}};
     if (!target.camera.empty()) entry["camera"] = target.camera;
     return entry;
   });
@@ -290,6 +355,7 @@ json to_json(const Validation& validation) {
               {"reliance", to_json(validation.reliance)},
               {"hosts", validation.hosts},
               {"failed", std::move(failed)},
+              {"unseen", validation.unseen},
               {"samples", validation.settings.samples},
               {"reference",
                {{"name", validation.reference.name},
@@ -301,6 +367,8 @@ json to_json(const Validation& validation) {
               {"expect", validation.settings.expect},
               {"clusters", to_json(validation.verdict.judged().clusters)},
               {"report", (validation.settings.out / "report.html").string()}});
+  if (!validation.evaluation_differences.empty())
+    out["evaluation_differences"] = validation.evaluation_differences;
   if (nearest) out["verdict"]["nearest"] = nearest - conditions.data();
   return out;
 }

@@ -35,20 +35,24 @@ struct Validation {
   /// With the vehicle's name; of the stopped runs before this one as well.
   std::vector<std::pair<std::string, ReferenceLoss>> losses;
   std::vector<AbandonedVehicle> failed;
+  std::vector<std::string> unseen;  ///< names of vehicles on which no camera shows the object: in no figure
+  /// In what the evaluation that the report shows was made otherwise: detector, weights, defence, data.
+  std::vector<std::string> evaluation_differences;
   ReferenceIdentity reference;
   ValidationSettings settings;  ///< as asked for
   PlaceChoice placement;        ///< of the object
 };
 
-/// Runs it; writes OUT/{hosts,scenes,pictures}/. InputError for settings, run or data that cannot be used;
-/// Failure if the renderer was lost on every vehicle or a program fails; Interrupted.
+/// Runs it; writes OUT/{hosts,scenes,pictures}/. InputError for settings, run or data that cannot be used,
+/// an evaluation of another run among them; Failure if the object is in view on no vehicle, the renderer was
+/// lost on every one or a program fails; Interrupted. Removes a sign-off.html of an earlier call.
 Validation validate(const ValidationSettings& settings, const StartReference& start);
 /// OUT/report.html from OUT/result.json, which holds to_json(), and the files beside it. InputError without
 /// Python; Failure if report.py fails.
 void write_report(const ValidationSettings& settings);
 
 /// What the page says first: success under the condition nearest to reality, what its difference from the
-/// first tells, and whether matched light misses a target. One sentence.
+/// first tells, and whether matched light misses a target or had nothing to measure. One sentence.
 std::string headline(const Validation& validation);
 
 /// result.json (src/README.md): the summary's fields among its own.

@@ -339,7 +339,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   const auto outcome_of = [&](const Pictures& pictures, const Sweep& sweep) -> Judged {
     const Capabilities can = context.detector.capabilities();
     SensorView view = view_of(prepared, simulated, can);
-    if (pictures[0]) view.image = pictures[0];
+    view.image = pictures[0] ? pictures[0] : &frame.image;  // null: as recorded, not as attacked
     view.points = sweep;
     std::erase_if(view.others,
                   [](const SensorData& other) { return other.kind == SensorData::Kind::camera; });

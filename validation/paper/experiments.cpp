@@ -398,10 +398,9 @@ bool is_repetition(const std::string& name) {
   return name.find('+') != std::string::npos;
 }
 
-void make_quick(ReproduceSettings& settings) {
-  const ReproduceSettings standing;
-  if (settings.frames == standing.frames) settings.frames = 8;
-  if (settings.iterations == standing.iterations) settings.iterations = 4;
+void make_quick(ReproduceSettings& settings, bool fewer_frames, bool fewer_iterations) {
+  if (fewer_frames) settings.frames = 8;
+  if (fewer_iterations) settings.iterations = 4;
   settings.quick = true;
 }
 

@@ -119,9 +119,9 @@ inline Variant of_size(double size) {
 /// "kitti64-fusion-both-jpeg50". `attack`: "RIG-DETECTOR-TARGET".
 std::string run_name(const std::string& attack, const Variant& variant = {});
 
-/// Fewer frames and iterations, as far as they are still at their defaults, and some rows of many alike:
-/// every kind of experiment runs in minutes, and its figures say nothing.
-void make_quick(ReproduceSettings& settings);
+/// Fewer frames and iterations, each unless the user asked for a number, and some rows of many alike: every
+/// kind of experiment runs in minutes, and its figures say nothing.
+void make_quick(ReproduceSettings& settings, bool fewer_frames = true, bool fewer_iterations = true);
 
 /// What `settings.what` asks for. InputError for another word. Each attack and evaluation again for
 /// settings.seeds − 1 more seeds, a whole seed after the other: learned anew, on another split of the frames.

@@ -30,12 +30,17 @@ Above as_above(Claim claim, const Interval& d) {
   return {{-d.value, -d.high, -d.low}, -kMargin};
 }
 
-/// z with P(|N(0, 1)| > z) = p, never above it.
-double two_sided_z(double p) {
-  double low = 0, high = 40;
+/// p of a difference `away` from its bound whose 95 % interval reaches `end` to each side.
+double p_of(double away, double end, int clusters) {
+  return mirage::p_value(Interval{away, away - end, away + end}, clusters);
+}
+
+/// How far a difference must lie from its bound for that p, in reaches of its interval (1 for 0.05).
+double reaches_for(double p, int clusters) {
+  double low = 0, high = 1e6;
   for (int i = 0; i < 100; ++i) {
     const double middle = (low + high) / 2;
-    (std::erfc(middle / std::sqrt(2)) > p ? low : high) = middle;
+    (p_of(middle, 1, clusters) > p ? low : high) = middle;
   }
   return low;
 }
@@ -314,7 +319,7 @@ void size(const Evidence& evidence, const std::string& rig, Checks& checks) {
     used.push_back(&outcomes);
     list += fmt::format("{}{} at L = {:.1f} m", list.empty() ? "" : ", ", asr(outcomes), size);
   }
-  Interval rise = difference(terms, question("asr"));
+  Difference rise = difference(terms, question("asr"));
   for (double* end : {&rise.value, &rise.low, &rise.high}) *end *= 0.1;
   checks.push_back(check(title(rig), used, {comparison("rise of ASR for each 0.1 m of L", rise)},
                          fmt::format("ASR {}; slope {} for each 0.1 m of L", list, points(rise))));
@@ -355,9 +360,10 @@ void harder(const Evidence& evidence, const std::string& rig, Checks& checks) {
           "the undefended detector has no miss or no false positive that could be removed";
       continue;
     }
-    const Interval difference =
-        plain_interval(jackknife(sums, [&](std::span<const double> of) { return left(of, 1) - left(of, 0); }),
-                       1 / std::max(1.0, std::min(all[0], all[1])));
+    const Estimate estimate =
+        jackknife(sums, [&](std::span<const double> of) { return left(of, 1) - left(of, 0); });
+    const Difference difference = {plain_interval(estimate, 1 / std::max(1.0, std::min(all[0], all[1]))),
+                                   clusters_of(estimate)};
     checks.push_back(check(
         where, {none, with}, {comparison("share of the false positives left − of the misses", difference)},
         fmt::format("left are {:.0f} % of the misses (FN ASR {} → {}) and {:.0f} % of the false positives "
@@ -400,7 +406,7 @@ void far(const Evidence& evidence, const std::string& rig, Checks& checks) {
     made.vehicles = both->vehicles;
     made.sentence = "no false positive";
   } else {
-    const Interval more = difference(*both, *random, question("far"));
+    const Difference more = difference(*both, *random, question("far"));
     sentence += fmt::format("; {} of the vehicles get one that far, {} under a {}: {}", asr(*both, "far"),
                             asr(*random, "far"), random->name, points(more));
     made = check(title(rig), {both, random},
@@ -437,21 +443,24 @@ Verdict all_of(const std::vector<Verdict>& verdicts) {
                                                                           : Verdict::holds;
 }
 
-double p_value(Claim claim, const Interval& difference) {
+double p_value(Claim claim, const Interval& difference, int clusters) {
   const Above above = as_above(claim, difference);
   const double away = std::abs(above.difference.value - above.bound), end = reach(above);
-  if (away == 0 || !std::isfinite(end)) return 1;
+  if (away == 0 || !std::isfinite(end) || clusters < 2) return 1;
   if (end <= 0) return 0;
-  return std::erfc(two_sided_z(kAlpha) * away / end / std::sqrt(2));
+  const double p = p_of(away, end, clusters);
+  // Where the interval's end lies on the bound rounding must not tell what judge() does not.
+  return judge(claim, difference) == Verdict::open ? std::max(p, kAlpha)
+                                                   : std::min(p, std::nextafter(kAlpha, 0.0));
 }
 
-Comparison comparison(std::string what, const Interval& difference, Claim claim) {
+Comparison comparison(std::string what, const Difference& difference, Claim claim) {
   Comparison comparison;
   comparison.what = std::move(what);
   comparison.difference = difference;
   comparison.claim = claim;
   comparison.verdict = judge(claim, difference);
-  comparison.p = comparison.p_family = p_value(claim, difference);
+  comparison.p = comparison.p_family = p_value(claim, difference, difference.clusters);
   return comparison;
 }
 
@@ -471,12 +480,13 @@ void correct(const std::vector<Comparison*>& family) {
 
 std::optional<long> vehicles_needed(const Comparison& comparison, int vehicles) {
   const Above above = as_above(comparison.claim, comparison.difference);
-  const double away = std::abs(above.difference.value - above.bound),
-               error = reach(above) / two_sided_z(kAlpha);
-  if (!(away > 0) || !std::isfinite(error) || vehicles <= 0) return std::nullopt;
-  constexpr double kPower = 0.8416;  // a normal variable exceeds −0.8416 with a chance of 80 %
+  const double away = std::abs(above.difference.value - above.bound), end = reach(above);
+  const int clusters = comparison.difference.clusters;
+  if (!(away > 0) || !std::isfinite(end) || vehicles <= 0 || clusters < 2) return std::nullopt;
+  // What an interval of ±0.1 can show with a chance of 80 % is one reach and this much more.
+  const double power = detectable_difference({0, -0.1, 0.1}, clusters) / 0.1 - 1;
   const double threshold = kAlpha / std::max(1, comparison.family - comparison.rank);
-  return sample_size(vehicles, (two_sided_z(threshold) + kPower) * error, away);
+  return sample_size(vehicles, (reaches_for(threshold, clusters) + power) * end, away);
 }
 
 std::string title(const std::string& rig) {

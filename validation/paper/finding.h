@@ -11,8 +11,9 @@
 // A run asks some thirty such questions, of which one or two would be told by chance. Their p-values are
 // corrected together (Holm, Scandinavian Journal of Statistics 6, 1979), the paper's findings as one family,
 // those about our own defences, parts of the object and kinds of fusion as three others: what is not told
-// after that is left open. p comes from the interval: the normal tail that puts the interval's end where it
-// is.
+// after that is left open. p comes from the interval: the tail of Student's t over its clusters that puts the
+// interval's end where it is. A normal tail would be too short: with five clusters one family in three would
+// then tell something where there is nothing.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -41,27 +42,28 @@ Verdict judge(Claim claim, const Interval& difference);
 Verdict all_of(const std::vector<Verdict>& verdicts);
 
 /// Two-sided p of the claim's bound: below 0.05 exactly where judge() tells. 1 for an interval without end.
-double p_value(Claim claim, const Interval& difference);
+/// `clusters`: of the difference.
+double p_value(Claim claim, const Interval& difference, int clusters = kManyClusters);
 
 /// One question of a finding.
 struct Comparison {
   std::string what;
-  Interval difference = {};
+  Difference difference = {};
   Claim claim = Claim::more;
   Verdict verdict = Verdict::open;  ///< alone, and after correct() in its family
   double p = 1, p_family = 1;       ///< alone; adjusted for the family
   int rank = 0, family = 1;         ///< place by p among so many questions, the smallest first
 };
 /// With its verdict alone.
-Comparison comparison(std::string what, const Interval& difference, Claim claim = Claim::more);
+Comparison comparison(std::string what, const Difference& difference, Claim claim = Claim::more);
 
 /// Holm's correction over a family: p_family, and open verdicts where it is not below 0.05.
 void correct(const std::vector<Comparison*>& family);
 
 /// How many vehicles it would take to tell a comparison that `vehicles` left open, if the difference stays
 /// what it is and intervals narrow with the root of the vehicles: with a chance of 80 %, against the family's
-/// threshold at its rank. Rounded up to two digits. None where the difference lies on the bound or a million
-/// is too few.
+/// threshold at its rank, by Student's t over its clusters. Rounded up to two digits. None where the
+/// difference lies on the bound or a million is too few.
 std::optional<long> vehicles_needed(const Comparison& comparison, int vehicles);
 
 // A finding, and the checks of it (findings.toml has the list).

@@ -130,7 +130,7 @@ def distances(rows):
         series.append((row, counts))
     if not series:
         return None
-    rate = lambda row, count: 100 * count / max(1, row["vehicles"] * row["meshes"])
+    rate = lambda row, count: 100 * count / max(1, row["false_positives_of"])
     high = max(rate(row, count) for row, counts in series for count in counts)
     plot = charts.Plot((0, edges[-1]), (0, 1.1 * high or 1), "Distance of false positives", "distance from the host, m",
                        "false positives, 100 vehicles", size=(560, 300))

@@ -77,9 +77,13 @@ void add_outcomes(json& entry, const Table& table, const Row& row, const Outcome
     entry["curve"] = recall_curve(outcomes, row.mesh == "none");
   } else if (!table.matrix) {
     json& list = entry["false_positive_distances"] = json::array();
-    for (const Outcome& host : outcomes.hosts)
-      if (host.detected)
-        for (const double distance : host.distances()) list.push_back(distance);
+    int looks = 0;  // of every mesh and run: a vehicle may be held back in some of these
+    for (const Outcome& host : outcomes.hosts) {
+      if (!host.detected) continue;
+      ++looks;
+      for (const double distance : host.distances()) list.push_back(distance);
+    }
+    entry["false_positives_of"] = looks;
   }
 }
 

@@ -18,10 +18,11 @@ namespace mirage::paper {
 
 /// {name, title, note, matrix, columns: [{key, title}], rows: [{label, rig, case, values: {key: {value, low?,
 /// high?}}, paper: {key: share}, vehicles?, hosts?, frames?, meshes?, runs?, clusters?, minutes?, error?,
-/// note?, curve?, false_positive_distances?, size?, source?, target?}]}. Of a row, vehicles: detected clean;
-/// hosts: of one mesh and run; minutes: of the cases it needs, without data; error: why there are no values,
-/// or no clean AP; note: it is about a picture that its detector does not use; false_positive_distances: m,
-/// of attacks.
+/// note?, curve?, false_positive_distances?, false_positives_of?, size?, source?, target?}]}. Of a row,
+/// vehicles: detected clean; hosts: of one mesh and run; minutes: of the cases it needs, without data; error:
+/// why there are no values, or no clean AP; note: it is about a picture that its detector does not use;
+/// false_positive_distances: m, of attacks, and false_positives_of: the vehicles they come from, once a mesh
+/// and run.
 nlohmann::json table_json(const Table& table, const Experiments& experiments, const Evidence& evidence);
 
 /// A mesh of each evaluation that was judged, in the cases' order; repetitions are pooled. [{name, detector

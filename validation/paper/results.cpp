@@ -4,6 +4,7 @@
 #include <cmath>
 #include <exception>
 #include <set>
+#include <span>
 #include <tuple>
 
 #include "attack/baseline.h"
@@ -171,7 +172,11 @@ bool has_metres(const Outcomes& outcomes) {
                      [](const Outcome& host) { return std::isfinite(host.clean_distance); });
 }
 
-Interval difference(const std::vector<Term>& terms, const Question& question) {
+int clusters_of(const Estimate& estimate) {
+  return 1 + static_cast<int>(std::clamp(std::floor(estimate.freedom), 0.0, kManyClusters - 1.0));
+}
+
+Difference difference(const std::vector<Term>& terms, const Question& question) {
   std::vector<Places> places;
   for (const Term& term : terms) places.push_back(places_of(*term.of));
   const auto in_all = [&](const Outcome& host) {
@@ -184,8 +189,24 @@ Interval difference(const std::vector<Term>& terms, const Question& question) {
     shares.push_back(share_of(*term.of, question, in_all));
     factors.push_back(term.factor);
   }
-  return factors == std::vector<double>{1, -1} ? share_difference(shares[0], shares[1])
-                                               : combined_shares(shares, factors);
+  const Interval interval = factors == std::vector<double>{1, -1} ? share_difference(shares[0], shares[1])
+                                                                  : combined_shares(shares, factors);
+  // As the interval's own jackknife has it.
+  SumsByCrossing all;  // each share's two sums
+  for (std::size_t k = 0; k < shares.size(); ++k)
+    for (const auto& [name, of] : shares[k].sums()) {
+      std::vector<double>& sums = all[name];
+      sums.resize(2 * shares.size());
+      std::copy(of.begin(), of.end(), sums.begin() + static_cast<std::ptrdiff_t>(2 * k));
+    }
+  if (all.empty()) return {interval, 1};
+  const Estimate estimate = jackknife(all, [&](std::span<const double> sums) {
+    double value = 0;
+    for (std::size_t k = 0; k < shares.size(); ++k)
+      value += sums[2 * k + 1] > 1e-9 ? factors[k] * sums[2 * k] / sums[2 * k + 1] : std::nan("");
+    return value;
+  });
+  return {interval, clusters_of(estimate)};
 }
 
 Outcomes shared_hosts(const Outcomes& a, const Outcomes& b) {

@@ -80,10 +80,19 @@ struct Term {
   const Outcomes* of;
   double factor = 1;
 };
+/// So many clusters that Student's t is the normal law.
+inline constexpr int kManyClusters = 1'000'000'000;
+/// Student's t has as many degrees of freedom as there are clusters but one, fewer where runs are crossed
+/// with them: those count by what they are worth, rounded down.
+int clusters_of(const Estimate& estimate);
+/// A difference with the clusters by which its interval was drawn.
+struct Difference : Interval {
+  int clusters = kManyClusters;
+};
 /// Σ factor · share, paired: all are of the same data, only hosts that stand in all count.
-Interval difference(const std::vector<Term>& terms, const Question& question);
+Difference difference(const std::vector<Term>& terms, const Question& question);
 /// share(a) − share(b)
-inline Interval difference(const Outcomes& a, const Outcomes& b, const Question& question) {
+inline Difference difference(const Outcomes& a, const Outcomes& b, const Question& question) {
   return difference({{&a, 1}, {&b, -1}}, question);
 }
 

@@ -48,6 +48,8 @@ class Axis:
     """Values onto a span of the page."""
 
     def __init__(self, low, high, start, end, log=False, marks=None, label=short):
+        if not high > low:  # of values that are all the same, as errors of 0: any span shows them
+            high = 10 * low if log else low + 1
         self.low, self.high, self.start, self.end, self.log, self.label = low, high, start, end, log, label
         self.marks = marks if marks is not None else (log_ticks if log else ticks)(low, high)
 

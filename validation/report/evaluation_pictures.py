@@ -113,7 +113,7 @@ def hidden(data, host, folder, path):
         show_image(whole, image, boxes, host["host"], colour)
         show_image(near, image, boxes, host["host"], colour, window)
         whole.set_title(titles[k], loc="left")
-    figure.text(margin / width, 1 - 0.09 / height, f"{host['name']}: hidden, {host['range']:.0f} m away", va="top", fontsize=12)
+    figure.text(margin / width, 1 - 0.09 / height, f"{host['name']}: hidden, {host['range']:.0f} m away" + (f", {host['camera']}" if host.get("camera") else ""), va="top", fontsize=12)
     legend(figure, [("host, as labelled", HOST, ":", ""), ("detections, clean", CLEAN, "-", ""),
                     ("detections, attacked", ATTACKED, "-", "")])
     note = ("a box around vehicle and object is no miss" if in_picture(data) else
@@ -237,7 +237,8 @@ def features(data, host, folder, path):
             axes.set_title(("image: " if kind == "image" else "bird's-eye view: ") + title, loc="left")
             if kind == "image":
                 shown = axes.imshow(values, interpolation="nearest", aspect="auto", **scale)
-                mark_host(axes, host, "white" if k < 2 else TEXT, about["stride"])
+                if not host.get("camera"):  # else its 2-D box is in another camera than these features
+                    mark_host(axes, host, "white" if k < 2 else TEXT, about["stride"])
                 axes.set_xticks([])
                 axes.set_yticks([])
             else:

@@ -43,7 +43,7 @@ FORMATS = {
     "pct": lambda v: f"{100 * v:.1f}\u202f%", "pct2": lambda v: f"{100 * v:.2f}", "points": lambda v: f"{100 * v:.1f}", "pct0": lambda v: f"{100 * v:.0f}\u202f%", "int": lambda v: f"{v:,.0f}",
     "sci": charts.scientific, "f6": lambda v: f"{v:.6f}", "f4": lambda v: f"{v:.4f}",
     "f3": lambda v: f"{v:.3f}", "f2": lambda v: f"{v:.2f}", "f1": lambda v: f"{v:.1f}",
-    "um": lambda v: f"{1e6 * v:.1f}", "g3": lambda v: charts.short(v, 3), "g2": lambda v: charts.short(v, 2), "text": str, "signed": lambda v: f"{v:+.3f}",
+    "um": lambda v: f"{1e6 * v:.1f}", "g3": lambda v: charts.short(v, 3), "g2": lambda v: charts.short(v, 2), "text": str,
 }
 
 
@@ -147,14 +147,18 @@ def made_of(result):
     return [(what, place) for what, place in rows if place]
 
 
+SAID = {True: ("met", "good"), False: ("missed", "bad"), None: ("nothing measured", "none")}
+
+
 def targets(result):
-    """[{place, met, name, format, target_text}]"""
+    """[{place, met, name, format, target_text, said, tag}]; met None: there was nothing to measure"""
     rows = []
     for target in result.get("targets", []):
         camera = target.get("camera")
         name, form, text = TARGETS.get("matched." + target["place"].split(".")[-1] if camera else target["place"], [None] * 3)
         if name:
-            rows.append({"name": f"{name}, {camera}" if camera else name, "format": form, "target_text": text, **target})
+            said, tag = SAID[target["met"]]
+            rows.append({"name": f"{name}, {camera}" if camera else name, "format": form, "target_text": text, "said": said, "tag": tag, **target})
     return rows
 
 

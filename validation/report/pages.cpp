@@ -80,16 +80,17 @@ json pixels_json(const PictureBox& box) {
   return {{box.left, box.top}, {box.right, box.top}, {box.right, box.bottom}, {box.left, box.bottom}};
 }
 
+/// `camera`: whose pixels the boxes are drawn in.
 json detections_json(const std::vector<Detection>& proposals, const Frame& frame, const Label& host,
-                     Matching matching) {
+                     Matching matching, std::size_t camera) {
   auto list = json::array();
   for (const Detection& d : proposals) {
     const BevBox box = matching.flat(d);
-    list.push_back(
-        {{"score", d.score()},
-         {"outline", bev_json(box)},
-         {"pixels", matching.in_picture() ? pixels_json(d.picture)
-                                          : pixels_json(standing(box, frame, host), frame.calibration)}});
+    list.push_back({{"score", d.score()},
+                    {"outline", bev_json(box)},
+                    {"pixels", matching.in_picture()
+                                   ? pixels_json(d.picture)
+                                   : pixels_json(standing(box, frame, host), frame.calibration_of(camera))}});
   }
   return list;
 }
@@ -139,9 +140,15 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
       simulate(prepared, store.placement(id), mesh, evaluation.target_run.settings.simulation);
   const std::string name = picture_name(evaluation, outcome);
   const fs::path folder = data / name;
-  write_srgb(folder / "clean.png", frame.image);
-  write_srgb(folder / "attacked.png", simulated.image);
-  std::vector<float> points;  // x, y, whether it is a return on the adversary
+  // The camera that the host's label is in; boxes of a detector that is judged in the picture are the
+  // first's.
+  const std::size_t camera = outcome.matching.in_picture() ? 0 : as_size(host.camera);
+  const ImageF& recorded = frame.image_of(camera);
+  const ImageF& seen = simulated.sight(camera).image;
+  write_srgb(folder / "clean.png", recorded);
+  write_srgb(folder / "attacked.png",
+             seen.empty() ? recorded : seen);  // empty: it shows nothing of the object
+  std::vector<float> points;                   // x, y, whether it is a return on the adversary
   const auto first = simulated.sweep.size() - as_size(simulated.adversary_points);
   for (std::size_t i = 0; i < simulated.sweep.size(); ++i)
     points.insert(points.end(), {simulated.sweep[i].x, simulated.sweep[i].y, i >= first ? 1.0f : 0.0f});
@@ -161,6 +168,7 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
   const SensorView clean = view_of(frame), attacked = view_of(prepared, simulated, detector.capabilities());
   return {{"name", name},
           {"folder", folder.filename().string()},
+          {"camera", camera == 0 ? json() : json(frame.name_of(camera))},
           {"range", outcome.range},
           {"clean_score", outcome.clean_score},
           {"clean_iou", outcome.clean_iou},
@@ -172,10 +180,10 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
             {"y", host.box.bev.y},
             {"outline", bev_json(host.box.bev)},
             {"pixels", outcome.matching.in_picture() ? pixels_json(picture_box(host))
-                                                     : pixels_json(host.box, frame.calibration)}}},
+                                                     : pixels_json(host.box, frame.calibration_of(camera))}}},
           {"truth", truth},
-          {"clean", detections_json(outcome.clean, frame, host, outcome.matching)},
-          {"attacked", detections_json(outcome.attacked, frame, host, outcome.matching)},
+          {"clean", detections_json(outcome.clean, frame, host, outcome.matching, camera)},
+          {"attacked", detections_json(outcome.attacked, frame, host, outcome.matching, camera)},
           {"new", new_boxes},
           {"features", features_json(detector, clean, attacked, folder)}};
 }

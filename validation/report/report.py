@@ -81,6 +81,28 @@ def pictured_view(folder, index, host):
             "maps": pictures.in_picture(host, scenes) if seen else pictures.bev(host)}
 
 
+def judged(result, host):
+    """Whether the verdict is on the vehicle: it was held back, or none was."""
+    split = {pair["name"]: pair["split"] for pair in result["verdict"]["pairs"]}
+    return result["verdict"]["of"] != "held_back" or split.get(host["name"]) == "test"
+
+
+def speaks_against(result):
+    """Sentences: what takes from the figures above, in words of the report."""
+    lines = []
+    for key, sentence in (("failed", "Blender was lost on {}, in no figure: {}."), ("unseen", "No camera shows the object on {}, in no figure: {}.")):
+        names = [one["name"] if key == "failed" else one for one in result.get(key, [])]
+        if names:
+            more = f" and {len(names) - NAMED_HIDDEN} more" if len(names) > NAMED_HIDDEN else ""
+            lines.append(sentence.format(f"{len(names)} vehicle{'s' if len(names) != 1 else ''}", ", ".join(names[:NAMED_HIDDEN]) + more))
+    for channel, sensor in (("image", "camera"), ("lidar", "LiDAR")):
+        if result["verdict"]["vacuous"][channel]:
+            lines.append(f"Vacuous for the {sensor}: with the object taken out of it no vehicle's outcome changes, so what it sees says nothing.")
+    if result.get("evaluation_differences"):
+        lines.append(f"The evaluation was made otherwise: {'; '.join(result['evaluation_differences'])}.")
+    return lines
+
+
 def by_distance(hosts):
     """[{name, found, raster, cycles}]: vehicles found clean, and hidden by each way of drawing, a band of distance."""
     rows = []
@@ -106,8 +128,10 @@ def untested(result):
 
 def sign_off(environment, hosts):
     """The page to sign, of the environment that page() filled."""
+    result, known = environment.globals["result"], environment.globals["hidden"]
     return environment.get_template("sign_off.html.j2").render(
-        bands=by_distance(hosts), named=NAMED_HIDDEN, untested=untested(environment.globals["result"]),
+        bands=by_distance([host for host in hosts if judged(result, host)]), hidden=[host for host in known if judged(result, host)],
+        named=NAMED_HIDDEN, untested=untested(result), against=speaks_against(result),
         style=figures.asset(HERE, "a4.css"))
 
 
@@ -119,7 +143,7 @@ def page(environment, result, hosts, folder, model, viewer, origin):
     seen = ["vanished", "misplaced", "found", "not found clean"]
     order = sorted(range(len(hosts)), key=lambda i: ([seen.index(figures.outcome(hosts[i], key)[0])
                                                       for key in ("cycles", "raster")], hosts[i]["range"]))
-    nearest = [host_view(i, hosts[i]) for i in sorted(range(len(hosts)), key=lambda i: hosts[i]["range"])]
+    nearest = [{**host_view(i, hosts[i]), "learned_on": not judged(result, hosts[i])} for i in sorted(range(len(hosts)), key=lambda i: hosts[i]["range"])]
     environment.globals.update(
         result=result, fig=fig, interval=figures.interval_function(result, fig), group=verdict["of"], shown=plots.SHOWN,
         arms=arms(result), checks=figures.targets(result), made_of=figures.made_of(result), objects=objects(result), flips=flips_of(result, folder),

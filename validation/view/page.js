@@ -4,6 +4,7 @@ const told = about();
 const state = {index: 0, camera: 0, colour: "height", show: "both", score: told.judged_at, vehicle: 0, side: "attacked",
                close: !!told.run && !told.drive,
                layers: {label: !told.drive, found: !!told.detector && !told.drive, file: !!told.file, track: !!told.drive}, playing: 0};
+const lowestScore = Math.floor(20 * told.lowest_score) / 20; // a file's may be logits
 let choice = "system"; // of the theme
 let current = null;    // the frame that is shown
 
@@ -237,7 +238,9 @@ function address() {
   }, 250);
 }
 function follow() {
-  const [id, vehicle] = location.hash.slice(1).split(","), index = told.frames.indexOf(decodeURIComponent(id));
+  const [id, vehicle] = location.hash.slice(1).split(",");
+  let index = -1;
+  try { index = told.frames.indexOf(decodeURIComponent(id)); } catch { /* no address of ours: "#%" */ }
   if (index >= 0) return show(index, vehicle > 0 ? vehicle - 1 : undefined);
   return show(...(!drive && AMONG[1].vehicles[0] || [0])); // a hidden vehicle, if there is one
 }
@@ -342,7 +345,7 @@ const KEYS = {
   l: () => toggle(["label"]),
   d: () => toggle(KINDS.slice(1, 3).filter(kind => kind[2]).map(kind => kind[0])),
   k: () => { if (drive) toggle(["track"]); },
-  "[": () => { state.score = Math.max(0, Math.round(20 * state.score - 1) / 20); },
+  "[": () => { state.score = Math.max(lowestScore, Math.round(20 * state.score - 1) / 20); },
   "]": () => { state.score = Math.min(1, Math.round(20 * state.score + 1) / 20); },
   a: () => {
     if (!current.attacks.length) return;
@@ -371,6 +374,7 @@ byId("before").onclick = () => show(state.index - 1);
 byId("after").onclick = () => show(state.index + 1);
 byId("play").onclick = play;
 byId("theme").onclick = KEYS.t;
+byId("score").querySelector("input").min = lowestScore; // before refresh(), which sets its value
 byId("score").querySelector("input").addEventListener("input", event => { state.score = +event.target.value; refresh(); });
 byId("vehicle").querySelector("select").addEventListener("change", event => { state.vehicle = +event.target.value; state.close ? closeUp() : lookAt(state.camera); refresh(); });
 byId("camera").querySelector("select").addEventListener("change", event => { state.camera = +event.target.value; refresh(); });

@@ -181,6 +181,10 @@ json make_view(const ViewSettings& requested) {
   } else {
     if (settings.data.empty())
       throw InputError("view", "DIR", "is missing", "give a data set, --run or --drive");
+    for (const char* of_object : {"depth", "placement"})
+      if (const auto given = settings.overrides.find(of_object); given != settings.overrides.end())
+        throw FieldError(of_object, given->second, "tells of an object, and there is none",
+                         "give --run or --drive with it");
     ids = list_frames(settings.data);
     if (settings.overrides.contains("cameras"))
       cameras = parse_word<Cameras>(settings.overrides.at("cameras"), "cameras");
@@ -212,6 +216,7 @@ json make_view(const ViewSettings& requested) {
   std::string frames;
   PackSettings coarsest;
   double lowest = std::numeric_limits<double>::infinity(), highest = -lowest, brightest = 0;
+  double faintest = 0;  // of the file's scores, which may be logits
   std::size_t points = 0, kept = 0, vehicles = 0, trained_on = 0, hidden = 0;
   json attacks =
       json::array();  // a frame's vehicles each: "hidden", "found", "unfound"; "" without a detector
@@ -243,6 +248,7 @@ json make_view(const ViewSettings& requested) {
       lowest = std::min(lowest, frame.lowest);
       highest = std::max(highest, frame.highest);
       brightest = std::max(brightest, frame.brightest);
+      for (const KittiDetection& found : views[i].from_file.found) faintest = std::min(faintest, found.score);
       points += frame.points;
       kept += frame.kept;
       vehicles += views[i].attacks.size();
@@ -273,6 +279,7 @@ json make_view(const ViewSettings& requested) {
                 {"attacks", attacks},
                 {"judged_at", drive ? drive->score_threshold() : EvaluationSettings{}.score_threshold},
                 {"judged_iou", EvaluationSettings{}.detected_iou},
+                {"lowest_score", faintest},
                 {"height", {lowest, highest}},
                 {"reflectance", brightest},
                 {"step", coarsest.step},

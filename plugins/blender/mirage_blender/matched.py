@@ -114,6 +114,8 @@ def main(out):
     for name, path in (("mirage", mirage_path), ("cycles", cycles_path)):
         pictures[name] = exr.read_image(path, "R", "G", "B", "A")
     figures, difference = compare(pictures["mirage"], pictures["cycles"])
+    if figures["mask_either"] == 0:
+        raise RuntimeError("camera: sees no surface, so nothing was compared; point it at one")
     numpy.save(os.path.join(out, "difference.npy"), difference)
     figures.update(seconds=seconds, faces=faces, width=difference.shape[1],
                    height=difference.shape[0], frame=scene.frame_current)

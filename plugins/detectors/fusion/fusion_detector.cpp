@@ -71,6 +71,12 @@ Network make_network(const Options& options) {
 
 constexpr const char *kCamera = "camera", *kLidar = "lidar", *kTrunk = "trunk";  // words of "frozen"
 
+/// A logit that is none would be a car that is silently not found.
+void require_finite(float logit) {
+  if (!std::isfinite(logit))
+    throw std::runtime_error("the network gave a logit that is not finite; check its weights and the input");
+}
+
 /// In a checkpoint: of the k-th learning weight, what the training started from.
 std::string start_name(std::size_t k) {
   return "start" + std::to_string(k);
@@ -164,6 +170,7 @@ void FusionDetector::propose(const Tensor& output, float score_threshold) {
   const std::int64_t cells = plain.size(1);
   for (std::int64_t k = 0; k < cells; ++k) {
     const float logit = value[k];
+    require_finite(logit);
     if (!(1 / (1 + std::exp(-logit)) > score_threshold)) continue;
     std::array<float, 6> box{};
     for (int c = 0; c < 6; ++c) box[as_size(c)] = value[(kDx + c) * cells + k];
@@ -179,6 +186,7 @@ void FusionDetector::propose(const CameraOutput& seen, float score_threshold) {
                boxes = seen.boxes.detach().to(torch::kFloat).contiguous();
   const float *logit = logits.data_ptr<float>(), *box = boxes.data_ptr<float>();
   for (std::int64_t k = 0; k < logits.numel(); ++k, box += 4) {
+    require_finite(logit[k]);
     if (!(1 / (1 + std::exp(-logit[k])) > score_threshold)) continue;
     proposals_.push_back({{}, {box[0], box[1], box[2], box[3]}, logit[k]});
     proposal_cells_.push_back(k);

@@ -93,6 +93,10 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
   clean_frames_->forget();
   torch::AutoGradMode mode(true);
   const std::vector<Tensor> parameters = learning();
+  if (parameters.empty())
+    throw std::runtime_error(
+        "nothing of the network learns, since all of it was taken over; leave --camera or --lidar out, or "
+        "give --joint");
   const ParameterGradients on(parameters);
   std::vector<Targets> targets;
   double positives = 0, boxed = 0;
@@ -141,6 +145,9 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
   for (auto& group : optimiser_->param_groups())
     static_cast<torch::optim::AdamWOptions&>(group.options()).lr(learning_rate);
   optimiser_->step();
+  const auto is_finite = [](const Tensor& values) { return torch::isfinite(values).all().item<bool>(); };
+  if (!std::ranges::all_of(parameters, is_finite) || !std::ranges::all_of(network_->buffers(), is_finite))
+    throw std::runtime_error("the weights are not finite after the step; lower the learning rate");
   ++steps_;
   return loss;
 }

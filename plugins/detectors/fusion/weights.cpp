@@ -13,6 +13,27 @@ using torch::Tensor;
 constexpr const char* kFormat = "mirage fusion detector 3";
 constexpr const char *kDenoising = "denoising", *kDepthGate = "depth-gate";
 
+/// Of one of the network's tensors. std::runtime_error for another type, and for a variance below 0.
+Tensor network_tensor(const WeightsFile& file, const std::string& name, torch::IntArrayRef sizes) {
+  Tensor value = file.tensor(name, sizes);
+  constexpr const char* kFix = "; restore the file, or train anew with mirage train";
+  if (value.scalar_type() != torch::kFloat && value.scalar_type() != torch::kHalf)
+    throw std::runtime_error("weights of another type: " + name + " is neither F32 nor F16" + kFix);
+  if (name.ends_with("variance") && (value < 0).any().item<bool>())
+    throw std::runtime_error("weights of no network: " + name + " is negative" + kFix);
+  return value;
+}
+
+/// std::runtime_error for a tensor that neither the network nor a training's state has.
+void require_known(const WeightsFile& file, const NetworkImpl& stored) {
+  const auto parameters = stored.named_parameters(), buffers = stored.named_buffers();
+  for (const std::string& name : file.names())
+    if (!parameters.contains(name) && !buffers.contains(name) && !name.starts_with("training.") &&
+        !name.starts_with("optimiser.") && !name.starts_with("start"))
+      throw std::runtime_error("weights of another network: " + name +
+                               " is unknown; restore the file, or train anew with mirage train");
+}
+
 }  // namespace
 
 torch::Device best_device() {
@@ -73,8 +94,9 @@ void copy_network(const std::string& file, NetworkImpl& network) {
   const torch::NoGradGuard guard;
   auto parameters = network.named_parameters(), buffers = network.named_buffers();
   Network stored(parts_of(weights));  // for its tensors' names and shapes
+  require_known(weights, *stored);
   for (const auto& item : stored->named_parameters()) {
-    const Tensor value = weights.tensor(item.key(), item.value().sizes());
+    const Tensor value = network_tensor(weights, item.key(), item.value().sizes());
     Tensor& ours = parameters[item.key()];
     if (value.dim() == 4 && ours.size(1) > value.size(1))
       ours.narrow(1, 0, value.size(1)).copy_(value);
@@ -82,7 +104,7 @@ void copy_network(const std::string& file, NetworkImpl& network) {
       ours.copy_(value);
   }
   for (const auto& item : stored->named_buffers())
-    buffers[item.key()].copy_(weights.tensor(item.key(), item.value().sizes()));
+    buffers[item.key()].copy_(network_tensor(weights, item.key(), item.value().sizes()));
 }
 
 WeightsWriter begin_weights(const NetworkImpl& network) {

@@ -102,10 +102,10 @@ Frame frame_of_arrays(const py::object& image, const py::object& points,
   camera.width = frame.image.width, camera.height = frame.image.height;
   for (const auto& [type, b] : labels) {
     const Box3 box{{b[0], b[1], b[3], b[4], b[6]}, b[2] - b[5] / 2, b[5]};
-    if (const std::string problem = box_problem(box); !problem.empty())
+    if (const std::string problem = label_problem(box); !problem.empty())
       throw InputError("labels", fmt::format("{} at ({:g}, {:g})", type, b[0], b[1]), problem,
                        "give x, y, z of the centre, length, width, height (m), yaw (rad)");
-    const auto label = projected_label(type, box, frame.calibration);
+    const auto label = projected_label(kitti_type(type), box, frame.calibration);
     if (label) frame.labels.push_back(*label);
   }
   frame.lighting = with_road_exposure(frame);
@@ -148,7 +148,7 @@ FrameHandle::FrameHandle(const std::filesystem::path& data, const std::string& i
     : data_(data),
       rig_(rig),
       lidar_(lidar_of(data, rig)),
-      recorded_(recorded_lidar_effects(data)),
+      recorded_(recorded_lidar_effects(data, rig)),
       frame_(read_frame(data, id)) {}
 
 FrameHandle::FrameHandle(Frame frame, const std::string& rig)

@@ -49,9 +49,9 @@ bool rig_is_assumed(const fs::path& data, const std::string& rig) {
          std::string(open_data_set(data)->layout()).starts_with("kitti");
 }
 
-std::string recorded_lidar_effects(const fs::path& data) {
+std::string recorded_lidar_effects(const fs::path& data, const std::string& rig) {
   if (fs::exists(data / "dataset.json")) return "noise,drop-out";
-  return lidar_of(data).recorded_effects;
+  return lidar_of(data, rig).recorded_effects;
 }
 
 }  // namespace mirage

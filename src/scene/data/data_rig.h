@@ -30,9 +30,9 @@ LidarModel lidar_of(const std::filesystem::path& data, const std::string& rig = 
 bool rig_is_assumed(const std::filesystem::path& data, const std::string& rig = "");
 
 /// What returns of the set's own sweeps have, in words of parse_lidar_effects (sensors/lidar_effects.h).
-/// Generated (dataset.json): noise and drop-out, of thin rays (sensors/lidar_sweep.h). Recorded: what the
-/// unit says of its sweeps (LidarModel::recorded_effects). InputError as lidar_of's.
-std::string recorded_lidar_effects(const std::filesystem::path& data);
+/// Generated (dataset.json): noise and drop-out, of thin rays (sensors/lidar_sweep.h). Recorded: what
+/// lidar_of(data, rig) says of its sweeps (LidarModel::recorded_effects). InputError as lidar_of's.
+std::string recorded_lidar_effects(const std::filesystem::path& data, const std::string& rig = "");
 /// The word that asks for them.
 inline constexpr const char* kAsRecorded = "as-recorded";
 

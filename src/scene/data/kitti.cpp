@@ -152,7 +152,7 @@ Surround read_surround(const fs::path& part, const std::string& id) {
     const auto picture = row.numbers("picture", 4, -1e6, 1e6), box = row.numbers("box", 7, -1e4, 1e4);
     label.left = picture[0], label.top = picture[1], label.right = picture[2], label.bottom = picture[3];
     label.box = {{box[0], box[1], box[3], box[4], box[6]}, box[2], box[5]};
-    if (const std::string problem = box_problem(label.box); !problem.empty()) row.fail("box", problem);
+    if (const std::string problem = label_problem(label.box); !problem.empty()) row.fail("box", problem);
   }
   return all;
 }
@@ -228,7 +228,14 @@ class KittiObject : public DataSet {
         throw InputError(track_file(data(), id).string(), fmt::format("{} lines", numbers->size()),
                          fmt::format("{} has {} labels", labels.string(), result.labels.size()),
                          "give each label its line (-1 where the vehicle is unknown)");
-      for (std::size_t i = 0; i < numbers->size(); ++i) result.labels[i].track = (*numbers)[i];
+      for (std::size_t i = 0; i < numbers->size(); ++i) {
+        const int number = result.labels[i].track = (*numbers)[i];
+        if (number >= 0 && std::find(numbers->begin(), numbers->begin() + static_cast<std::ptrdiff_t>(i),
+                                     number) != numbers->begin() + static_cast<std::ptrdiff_t>(i))
+          throw InputError(track_file(data(), id).string(), fmt::format("label {}", i),
+                           fmt::format("has the identity {} of a label before", number),
+                           "give each vehicle of a frame its own number");
+      }
     }
     if (cameras_ == Cameras::all)
       for (Label& label : read_surround(part_, id).labels) result.labels.push_back(std::move(label));
@@ -236,8 +243,7 @@ class KittiObject : public DataSet {
   }
 
   std::optional<Lighting> lighting(const std::string& id) const override {
-    const fs::path file = part(data(), "lighting", id, ".json");
-    return fs::exists(file) ? std::optional(read_lighting(file)) : std::nullopt;
+    return generated_lighting(data(), id);
   }
 
   std::optional<std::vector<int>> tracks(const std::string& id) const override {
@@ -424,6 +430,10 @@ void write_sweep(const fs::path& file, const Sweep& sweep) {
   write_file(file, {reinterpret_cast<const char*>(sweep.data()), sweep.size() * sizeof(LidarPoint)});
 }
 
+fs::path lighting_file(const fs::path& data, const std::string& id) {
+  return part(data, "lighting", id, ".json");
+}
+
 Lighting read_lighting(const fs::path& file) {
   const nlohmann::json json = read_json(file, kMaxTextBytes);
   const JsonFields from(file, json, "write it as three numbers, e.g. [0.5, 0.5, 0.7]");
@@ -439,6 +449,11 @@ Lighting read_lighting(const fs::path& file) {
   lighting.ambient = triple("ambient", 0);
   lighting.hemisphere = triple("hemisphere", 0);
   return lighting;
+}
+
+std::optional<Lighting> generated_lighting(const fs::path& data, const std::string& id) {
+  const fs::path file = lighting_file(data, id);
+  return fs::exists(file) ? std::optional(read_lighting(file)) : std::nullopt;
 }
 
 nlohmann::json to_json(const Lighting& lighting) {
@@ -496,7 +511,7 @@ void write_frame(const fs::path& data, const Frame& frame) {
   std::copy_if(frame.labels.begin(), frame.labels.end(), std::back_inserter(first),
                [](const Label& label) { return label.camera == 0; });
   write_labels(part(data, "label_2", frame.id, ".txt"), first, frame.calibration);
-  write_json(part(data, "lighting", frame.id, ".json"), to_json(frame.lighting));
+  write_json(lighting_file(data, frame.id), to_json(frame.lighting));
   if (std::any_of(frame.labels.begin(), frame.labels.end(), [](const Label& l) { return l.track >= 0; })) {
     std::string tracks;
     for (const Label& label : first) tracks += fmt::format("{}\n", label.track);
@@ -655,12 +670,21 @@ Label label_of(const KittiRow& row, const Calibration& calibration, LabelNotes& 
   return label;
 }
 
+void add_label(const KittiRow& row, Label label, std::vector<Label>& labels) {
+  const auto repeats = [&](const Label& other) {
+    return other.in_space && in_one_place(other.box.bev, label.box.bev);
+  };
+  row.demand(!label.in_space || std::ranges::none_of(labels, repeats), 0,
+             "stands where one of a row before does");
+  labels.push_back(std::move(label));
+}
+
 std::vector<Label> read_labels(const fs::path& file, const Calibration& calibration, LabelNotes* notes) {
   constexpr RowAdvice kAdvice{"15", "complete the row", "correct the label or delete its row"};
   std::vector<Label> labels;
   LabelNotes counted;
   for_each_row(file, kAdvice,
-               [&](const KittiRow& row) { labels.push_back(label_of(row, calibration, counted)); });
+               [&](const KittiRow& row) { add_label(row, label_of(row, calibration, counted), labels); });
   if (notes != nullptr) *notes = counted;
   return labels;
 }

@@ -69,6 +69,10 @@ void write_point_labels(const std::filesystem::path& file, const std::vector<std
 /// InputError if the file can't be read or does not hold `points` words.
 std::vector<std::uint32_t> read_point_labels(const std::filesystem::path& file, std::size_t points);
 
+/// DIR/training/lighting/ID.json: the light of a generated frame.
+std::filesystem::path lighting_file(const std::filesystem::path& data, const std::string& id);
+/// What the file says, where it is there.
+std::optional<Lighting> generated_lighting(const std::filesystem::path& data, const std::string& id);
 /// {"to_sun_velo": [x, y, z], "sun": [r, g, b], "ambient": …, "hemisphere": …}
 Lighting read_lighting(const std::filesystem::path& file);
 /// What read_lighting reads.

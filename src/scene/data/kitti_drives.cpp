@@ -8,6 +8,7 @@
 #include <charconv>
 #include <chrono>
 #include <cmath>
+#include <mutex>
 #include <numbers>
 
 #include "base/error.h"
@@ -59,6 +60,9 @@ OxtsRow oxts_row(const fs::path& file, std::size_t row) {
   for (std::size_t i = 0; i < 6; ++i)
     value[i] = to_number(words[i], file, fmt::format("{}, number {}", row_name(row), i + 1));
   const OxtsRow pose{value[0], value[1], value[2], value[3], value[4], value[5]};
+  if (!(std::max({std::abs(pose.roll), std::abs(pose.pitch), std::abs(pose.yaw)}) <= 2 * std::numbers::pi))
+    throw InputError(file.string(), row_name(row), "roll, pitch or yaw is more than a full turn",
+                     "write the angles in radians");
   if (!(std::abs(pose.latitude) < 89 && std::abs(pose.longitude) <= 360 && std::abs(pose.altitude) < 1e5))
     throw InputError(file.string(), row_name(row),
                      "is no place on a road: latitude and longitude in degrees, altitude in metres",
@@ -347,6 +351,10 @@ class KittiTracking : public KittiDrives {
     return result;
   }
 
+  std::optional<Lighting> lighting(const std::string& id) const override {
+    return generated_lighting(data(), id);
+  }
+
   std::optional<Moment> moment(const std::string& id) const override {
     const Place at = place(id);
     const fs::path poses = part_ / "oxts" / (at.sequence + ".txt"),
@@ -365,12 +373,32 @@ class KittiTracking : public KittiDrives {
       throw InputError(data().string(), "frame \"" + id + "\"", "is no SEQUENCE_FRAME",
                        "give its sequence and number, as 0003_000012");
     const auto& [sequence, frame] = *parts;
-    const bool number = !sequence.empty() && sequence.size() < 7 &&
-                        sequence.find_first_not_of("0123456789") == std::string::npos;
-    return {sequence, id.substr(sequence.size() + 1), frame, number ? std::stoul(sequence) : 0, {}};
+    return {sequence, id.substr(sequence.size() + 1), frame, group_of(sequence), {}};
   }
 
-  fs::path part_;  ///< DATA/training or DATA/testing
+  /// Of its tracks: the sequence's number as the benchmark writes it; others follow, as they lie in the
+  /// folder.
+  std::size_t group_of(const std::string& sequence) const {
+    constexpr std::size_t kDigits = 4, kOthers = 10000;
+    const auto is_number = [](const std::string& name) {
+      return name.size() == kDigits && name.find_first_not_of("0123456789") == std::string::npos;
+    };
+    if (is_number(sequence)) return std::stoul(sequence);
+    const std::scoped_lock lock(mutex_);
+    if (others_.empty()) {
+      std::error_code error;
+      for (fs::directory_iterator entry(part_ / "velodyne", error), end; !error && entry != end;
+           entry.increment(error))
+        if (const std::string name = entry->path().filename().string(); !is_number(name))
+          others_.push_back(name);
+      std::ranges::sort(others_);
+    }
+    return kOthers + as_size(std::ranges::lower_bound(others_, sequence) - others_.begin());
+  }
+
+  fs::path part_;                            ///< DATA/training or DATA/testing
+  mutable std::mutex mutex_;                 // of what follows
+  mutable std::vector<std::string> others_;  // sequences that have no number
 };
 
 }  // namespace
@@ -407,7 +435,7 @@ std::vector<Label> read_tracklets(const fs::path& file, int frame, std::size_t d
          tracklets.number(*item, "w"), tracklets.number(*pose, "rz")},
         tracklets.number(*pose, "tz"),
         tracklets.number(*item, "h")};
-    if (const std::string problem = box_problem(box); !problem.empty())
+    if (const std::string problem = label_problem(box); !problem.empty())
       throw tracklets.wrong(*pose, "tx", "the box " + problem);
     const std::string category = tracklets.text(*item, "objectType");
     auto label = projected_label(kitti_type(category), box, calibration);
@@ -445,7 +473,11 @@ std::vector<Label> read_tracking_labels(const fs::path& file, int frame, std::si
     const double track = row.before[1];
     if (track >= 0 && track < static_cast<double>(kMaxVehicles) && track == std::floor(track))
       label.track = track_number(sequence, static_cast<std::size_t>(track));
-    labels.push_back(std::move(label));
+    if (label.track >= 0 && std::ranges::count(labels, label.track, &Label::track) > 0)
+      throw InputError(file.string(), fmt::format("row {}", row.number),
+                       fmt::format("has the identity {} of a row before, in frame {}", track, frame),
+                       kAdvice.fix_value);
+    add_label(row, std::move(label), labels);
   });
   return labels;
 }

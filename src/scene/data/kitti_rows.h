@@ -78,6 +78,9 @@ void for_each_row(const std::filesystem::path& file, const RowAdvice& advice,
 /// the box in space; `notes` counts both. Zeros or -1 for the sizes: labelled in the picture alone.
 /// InputError, at row and column, for what no label can be.
 Label label_of(const KittiRow& row, const Calibration& calibration, LabelNotes& notes);
+/// Adds the row's label to those of its frame. InputError, at the row, where one of these stands in its
+/// place.
+void add_label(const KittiRow& row, Label label, std::vector<Label>& labels);
 
 /// A row of a calibration file, and where it stands.
 struct MatrixRow {

@@ -6,6 +6,7 @@
 #include <charconv>
 #include <cmath>
 #include <initializer_list>
+#include <numbers>
 
 #include "base/names.h"
 #include "scene/data/kitti_rows.h"
@@ -29,6 +30,12 @@ std::string box_problem(const Box3& box) {
   if (!(size.minCoeff() > 0 && size.maxCoeff() <= 50)) return "has no size of a road user (0 to 50 m)";
   if (!(at.cwiseAbs().maxCoeff() <= 1000)) return "is further than 1 km away";
   return std::isfinite(box.bev.yaw) ? "" : "has no heading";
+}
+
+std::string label_problem(const Box3& box) {
+  const std::string problem = box_problem(box);
+  if (!problem.empty() || std::abs(box.bev.yaw) <= 2 * std::numbers::pi) return problem;
+  return "has a heading of more than a full turn (rad)";
 }
 
 int track_number(std::size_t group, std::size_t index) {

@@ -35,6 +35,8 @@ bool are_labels_of(const std::filesystem::path& folder, const std::filesystem::p
 std::optional<Label> projected_label(std::string type, const Box3& box, const Calibration& calibration);
 /// Why the box can be no road user's; empty if it can.
 std::string box_problem(const Box3& box);
+/// The same of a labelled box, whose heading must be radians, too: at most a full turn.
+std::string label_problem(const Box3& box);
 /// Vehicles of a drive, scene or sequence at most.
 inline constexpr std::size_t kMaxVehicles = 100000;
 /// The number that stands for the `index`-th vehicle (below kMaxVehicles) of the `group`-th drive, scene or

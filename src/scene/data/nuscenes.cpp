@@ -21,6 +21,7 @@
 #include <map>
 #include <mutex>
 #include <numbers>
+#include <set>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -130,14 +131,18 @@ void add_scenes(const fs::path& folder, Tables& tables) {
   for (const char* name : kSceneTables)
     if (!fs::exists(folder / name)) return;
   std::map<std::string, std::string> names;
-  for_each_row_of(folder / "scene.json",
-                  [&](const JsonFields& row) { names[row.text("token")] = row.text("name"); });
+  std::set<std::string> given;
+  for_each_row_of(folder / "scene.json", [&](const JsonFields& row) {
+    if (!given.insert(names[row.text("token")] = row.text("name")).second)
+      row.fail("name", "another scene has it");
+  });
   for_each_row_of(folder / "sample.json", [&](const JsonFields& row) {
     const auto scene = names.find(row.text("scene_token"));
     if (scene == names.end()) row.fail("scene_token", "no such scene");
     const std::string token = row.text("token");
     const std::int64_t time = row.integer("timestamp", 0, std::int64_t{1} << 60);
-    if (tables.samples.contains(token)) tables.scenes[scene->second][time] = token;
+    if (tables.samples.contains(token) && !tables.scenes[scene->second].emplace(time, token).second)
+      row.fail("timestamp", "another sample of the scene has it");
   });
   for (const auto& [name, samples] : tables.scenes) {
     Sample* before = nullptr;
@@ -257,7 +262,11 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder, bool between) 
     }
     if (!key) return;
     Sample& sample = tables->samples[token];
-    fill(channel == kLidar ? sample.lidar : channel == kCamera ? sample.camera : sample.others[channel]);
+    Shot& shot = channel == kLidar    ? sample.lidar
+                 : channel == kCamera ? sample.camera
+                                      : sample.others[channel];
+    if (!shot.file.empty()) row.fail("sample_token", "the sample has another key frame of " + channel);
+    fill(shot);
   });
   for_each_row_of(folder / "ego_pose.json", [&](const JsonFields& row) {
     const auto shots = waiting.find(row.text("token"));
@@ -283,10 +292,12 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder, bool between) 
   for_each_row_of(folder / "category.json",
                   [&](const JsonFields& row) { category_of[row.text("token")] = row.text("name"); });
   for_each_row_of(folder / "instance.json", [&](const JsonFields& row) {
-    const std::string category = category_of[row.text("category_token")];
-    instances[row.text("token")] = {kitti_type(category), category};
+    const auto category = category_of.find(row.text("category_token"));
+    if (category == category_of.end()) row.fail("category_token", "no such category");
+    instances[row.text("token")] = {kitti_type(category->second), category->second};
   });
   std::size_t number = 0;
+  std::set<std::pair<std::string, std::string>> annotated;  // samples and instances
   for (auto& [token, instance] : instances) instance.track = track_number(0, number++);
   for_each_row_of(folder / "sample_annotation.json", [&](const JsonFields& row) {
     tables->labelled = true;
@@ -294,6 +305,8 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder, bool between) 
     if (sample == tables->samples.end()) return;
     const auto instance = instances.find(row.text("instance_token"));
     if (instance == instances.end()) row.fail("instance_token", "no such instance");
+    if (!annotated.emplace(sample->first, instance->first).second)
+      row.fail("instance_token", "the sample has another annotation of it");
     const Transform pose = pose_of(row);
     const auto size = row.numbers("size", 3, 0, 100);
     const std::string visibility = row.text("visibility_token");

@@ -178,6 +178,13 @@ std::vector<Sequence> read_sequences(const std::filesystem::path& data, const Se
     if (twice != frames.end())
       throw InputError(data.string(), "frame " + std::next(twice)->id,
                        "was taken at the time of " + twice->id, "restore the recording's times");
+    const auto back = std::adjacent_find(frames.begin(), frames.end(), [](const auto& a, const auto& b) {
+      return a.moment.index > b.moment.index;
+    });
+    if (back != frames.end())
+      throw InputError(data.string(), "frame " + back->id,
+                       "was taken before " + std::next(back)->id + ", which has the smaller number",
+                       "restore the recording's times");
     if (!frames.empty()) all.push_back(std::move(sequence));
   }
   if (all.empty())

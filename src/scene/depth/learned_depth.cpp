@@ -12,6 +12,7 @@
 #include "base/image.h"
 #include "base/json_fields.h"
 #include "base/logging.h"
+#include "base/names.h"
 #include "base/parallel.h"
 #include "base/plugins.h"
 #include "base/random.h"
@@ -240,7 +241,7 @@ class DepthData {
     if (options.frames > 0 && ids_.size() > options.frames) ids_.resize(options.frames);
     frames_.resize(ids_.size());
   }
-  std::size_t size() const { return ids_.size(); }
+  const std::vector<std::string>& ids() const { return ids_; }
 
   std::vector<DepthSample> prepare(std::int64_t step) {
     std::vector<DepthSample> samples;
@@ -280,14 +281,28 @@ class DepthData {
 };
 
 /// What must agree for a run to go on.
-RunIdentity identity(const DepthTrainingOptions& options, std::size_t frames) {
-  nlohmann::json json = fields_json(options);
+RunIdentity identity(const DepthTrainingOptions& options, std::span<const std::string> frames) {
+  nlohmann::json json = fields_json(options), lacking = lacking_json<DepthTrainingOptions>();
   json["start"] = options.start.empty() ? "" : file_hash(options.start);
-  json["frames"] = frames;
-  return {json, lacking_json<DepthTrainingOptions>()};
+  json["frames"] = frames.size();
+  json["frames_hash"] = training_frames_hash(options.data, frames);
+  lacking["frames_hash"] = json["frames_hash"];  // runs of earlier programs do not say
+  return {json, lacking};
 }
 
 }  // namespace
+
+std::string training_frames_hash(const fs::path& data, std::span<const std::string> ids) {
+  const auto set = open_data_set(data);
+  std::vector<std::string> hashes(ids.size());
+  parallel_for(ids.size(), [&](std::size_t i) {
+    hashes[i] = escape_name(ids[i]) + "\n" + set->hash(ids[i]);
+    for (const fs::path& truth :
+         {true_depth_file(data, ids[i]), instance_file(data, ids[i]), point_label_file(data, ids[i])})
+      hashes[i].append("\n").append(fs::exists(truth) ? file_hash(truth) : "");
+  });
+  return content_hash(nlohmann::json(hashes).dump());
+}
 
 bool is_shipped_depth(const std::string& backend) {
   return shipped_plugin(kDepthPlugins, backend) != nullptr || classical(backend) != nullptr;
@@ -364,7 +379,7 @@ DepthTrainingResult train_depth(const DepthTrainingOptions& options) {
   check_fields(options);
   make_output_folder(options.out);
   DepthData data(options);
-  TrainingLoop loop(options, identity(options, data.size()));
+  TrainingLoop loop(options, identity(options, data.ids()));
   const std::filesystem::path weights = loop.goes_on() ? loop.state().weights : options.start;
   const auto model =
       load_learned_depth({options.backend, weights, weights.empty(), options.seed, options.threads});

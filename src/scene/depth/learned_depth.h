@@ -106,6 +106,10 @@ void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, as_base<DepthLearning>(s));
 }
 
+/// Hash of what a training reads of those frames: DataSet::hash() of each, and its true depth, instances and
+/// point labels where it has them. InputError for a missing file. Uses several threads.
+std::string training_frames_hash(const std::filesystem::path& data, std::span<const std::string> ids);
+
 /// What such a training ends with, beside the weights in DepthTrainingOptions::out.
 struct DepthTrainingResult {
   std::int64_t steps = 0;
@@ -114,10 +118,10 @@ struct DepthTrainingResult {
   std::filesystem::path weights;  ///< out/BACKEND-depth.weights
 };
 
-/// Trains from scratch, or goes on from the checkpoint in `out` (which must be of the same options, or
-/// InputError; FieldError for options out of range). What step s sees depends on (seed, s) alone: not on
-/// threads, nor on interruptions. A checkpoint is written every checkpoint.steps steps and on Ctrl-C (then
-/// Interrupted is thrown).
+/// Trains from scratch, or goes on from the checkpoint in `out` (which must be of the same options and
+/// frames, or InputError; FieldError for options out of range). What step s sees depends on (seed, s) alone:
+/// not on threads, nor on interruptions. A checkpoint is written every checkpoint.steps steps and on Ctrl-C
+/// (then Interrupted is thrown).
 DepthTrainingResult train_depth(const DepthTrainingOptions& options);
 
 /// A whole frame. InputError where the frame has no true depth, or one of another size.

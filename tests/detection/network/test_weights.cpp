@@ -5,6 +5,7 @@
 
 #include <cstdlib>
 #include <filesystem>
+#include <functional>
 
 #include "base/files.h"
 #include "fusion_detector.h"
@@ -132,6 +133,78 @@ TEST_F(Weights, AreRefusedInWordsForTheUser) {
   refused(tensor_file_bytes({{"format", "of somebody else"}}, {}), "weights of another program or version");
   refused(tensor_file_bytes({{"format", "mirage fusion detector 3"}, {"detector", "radar"}}, {}),
           "modality: unknown value 'radar'");
+}
+
+TEST_F(Weights, OfNoNetworkAreRefused) {
+  const auto refusal = [&](const std::function<void(WeightsWriter&)>& change) -> std::string {
+    Network lidar = network_of("lidar", 13);
+    WeightsWriter writer = begin_weights(*lidar);
+    change(writer);
+    writer.write(folder / "a.weights");
+    try {
+      copy_network((folder / "a.weights").string(), *lidar);
+    } catch (const std::exception& problem) {
+      return problem.what();
+    }
+    return "";
+  };
+  const auto buffers = network_of("lidar", 13)->named_buffers();
+  std::string variance;
+  for (const auto& item : buffers)
+    if (item.key().ends_with("variance")) variance = item.key();
+  ASSERT_FALSE(variance.empty());
+  EXPECT_EQ(refusal([](WeightsWriter&) {}), "");
+  EXPECT_EQ(refusal([](WeightsWriter& w) { w.add("training.steps", torch::tensor(3, torch::kLong)); }), "");
+  EXPECT_NE(refusal([](WeightsWriter& w) { w.add("more", torch::zeros({2})); }).find("more is unknown"),
+            std::string::npos);
+  for (const auto type : {torch::kDouble, torch::kLong})
+    EXPECT_NE(refusal([&](WeightsWriter& w) {
+                w.add(variance, buffers[variance].to(type));
+              }).find(variance + " is neither F32 nor F16"),
+              std::string::npos);
+  EXPECT_NE(refusal([&](WeightsWriter& w) { w.add(variance, -buffers[variance]); }).find("is negative"),
+            std::string::npos);
+}
+
+TEST_F(Weights, AHeaderWithAKeyTwiceIsRefused) {
+  const std::string data(8, '\0');
+  const auto refusal = [&](std::string header) -> std::string {
+    const std::uint64_t length = header.size();
+    try {
+      parse_tensor_file(std::string(reinterpret_cast<const char*>(&length), sizeof length) + header + data);
+    } catch (const std::exception& problem) {
+      return problem.what();
+    }
+    return "";
+  };
+  const std::string one = R"({"dtype":"F32","shape":[2],"data_offsets":[0,8]})";
+  EXPECT_EQ(refusal(R"({"a":)" + one + "}"), "");
+  EXPECT_NE(refusal(R"({"a":)" + one + R"(,"a":)" + one + "}").find("a key twice"), std::string::npos);
+  EXPECT_NE(refusal(R"({"a":{"dtype":"F64","dtype":"F32","shape":[2],"data_offsets":[0,8]}})").find("twice"),
+            std::string::npos);
+}
+
+TEST_F(Weights, TheConverterRefusesAnotherPartAndADamagedHeader) {
+  Network lidar = network_of("lidar", 14);
+  begin_weights(*lidar).write(folder / "part.weights");
+  begin_weights(*lidar).write(folder / "whole.weights");
+  convert("--part part.weights whole.weights small.weights");
+  convert("small.weights again.weights");
+  std::string bytes = read_file(folder / "part.weights");
+  bytes[bytes.size() - 3] ^= 1;
+  write_file(folder / "part.weights", bytes);
+  write_file(folder / "damaged.weights", std::string(7, '\xff') + "\x7f{");
+  for (const auto& [file, said] :
+       {std::pair("small", "needs part.weights of SHA-256"), {"damaged", "does not begin with a header"}}) {
+    const std::string command = "/usr/bin/python3 '" MIRAGE_SOURCE "/plugins/convert_weights.py' '" +
+                                (folder / file).string() + ".weights' '" + (folder / "new.weights").string() +
+                                "' 2> '" + (folder / "said").string() + "'";
+    EXPECT_NE(std::system(command.c_str()), 0);
+    const std::string text = read_file(folder / "said");
+    EXPECT_NE(text.find(said), std::string::npos) << text;
+    EXPECT_EQ(text.find("Traceback"), std::string::npos) << text;
+    EXPECT_FALSE(fs::exists(folder / "new.weights"));
+  }
 }
 
 // The shipped files: whole, and small enough to lie in a repository.

@@ -51,6 +51,8 @@ class Detector:
             boxes = np.concatenate([boxes, [[3, 1]] * 3], 1).astype(np.float32)
         if what == "classes":
             return boxes, logits + 9, np.array([1, 0, 1])
+        if what == "unnamed-classes":
+            return boxes, logits, np.array([1, 1, 1])
         return boxes, logits
 
     def backward(self, d_logits):
@@ -110,6 +112,19 @@ class Local(Detector):
         return boxes, np.array([total + added[:, 0].sum(), looked, *corner], np.float32)
 
 
+class Remembering(Detector):
+    """Dies at the frame of its sequence that its name says, once."""
+
+    def new_sequence(self):
+        self.frames = 0
+
+    def __call__(self, image, points, pixel_from_velo):
+        self.frames += 1
+        if self.frames == {"dies-first": 1, "dies-second": 2}[what] and once():
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().__call__(image, points, pixel_from_velo)
+
+
 class Tracker:
     """Gives each box that it is told of the number of the frames of its sequence so far, times ten, plus its place."""
 
@@ -125,7 +140,8 @@ class Tracker:
         return rows[:, :7], rows[:, 7], None, identities.astype(np.int32)
 
 
-detector = {"others": ByName, "local": Local, "tracker": Tracker, "few-identities": Tracker}.get(what, Detector)()
+detector = {"others": ByName, "local": Local, "tracker": Tracker, "few-identities": Tracker, "dies-first": Remembering,
+            "dies-second": Remembering}.get(what, Detector)()
 detector.out = os.dup(1)
 if what == "early":
     sys.exit("no weights")
