@@ -99,7 +99,9 @@ EotSettings parse_expectation(const std::string& words) {
   const std::vector<std::string> listed = listed_words(words);
   std::set<std::string> names;
   for (const std::string& word : listed) {
-    if (word == "none" && listed.size() > 1)
+    if (word == "none" && std::ranges::any_of(listed, [](const std::string& other) {
+          return other != "none" && !other.starts_with("worst:");  // of which check_settings says why
+        }))
       throw FieldError("expectation", words, "is none and something", "leave none out, or the others");
     if (!names.insert(word.substr(0, word.find(':'))).second)
       throw FieldError("expectation", words, "names " + word.substr(0, word.find(':')) + " twice",

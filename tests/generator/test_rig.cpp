@@ -106,7 +106,7 @@ TEST(Rig, AUnitOfTooManyRaysIsRefusedBeforeAnyIsMade) {
                  rows + "]\n");
   EXPECT_THAT(
       test::error_text<InputError>([&] { with_lidar(read_rig(shipped_rig()), folder / "unit.toml"); }),
-      AllOf(HasSubstr("unit.toml: lidar.beams, azimuth_step"), HasSubstr("400 beams of 36001 firings"),
+      AllOf(HasSubstr("unit.toml: lidar.beams, azimuth_step"), HasSubstr("400 beams of 36000 firings"),
             HasSubstr("8388608")));
 }
 

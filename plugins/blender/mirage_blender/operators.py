@@ -84,8 +84,9 @@ class Validation:
         """The line of the log that says what went wrong."""
         with open(self.log, encoding="utf-8", errors="replace") as file:
             lines = [line.strip() for line in file if line.strip()]
-        # Said when the copy is opened, before the add-on is there.
-        lines = [line for line in lines if "Engine 'MIRAGE' not available" not in line]
+        # Said when the copy is opened, before the add-on is there, and of any error of a script.
+        said_anyway = ("Error: Engine 'MIRAGE' not available", "Error: Python: Traceback")
+        lines = [line for line in lines if not line.startswith(said_anyway)]
         for mark in ("Error: ", "RuntimeError: "):
             found = [line for line in lines if line.startswith(mark)]
             if found:
