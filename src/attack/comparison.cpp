@@ -266,6 +266,7 @@ Comparison compare(const ComparisonRequest& request, Provenance* provenance) {
   warn_of_labels(census);
   FrameStore store(request);
   std::vector<DetectorPool> pools;
+  pools.reserve(detectors.size());
   for (const DetectorOptions& options : detectors)
     pools.push_back(load_detector_pool(options, static_cast<int>(frames.size())));
   SkippedHosts left_out;

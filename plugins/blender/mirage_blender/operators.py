@@ -85,7 +85,7 @@ class Validation:
         with open(self.log, encoding="utf-8", errors="replace") as file:
             lines = [line.strip() for line in file if line.strip()]
         # Said when the copy is opened, before the add-on is there, and of any error of a script.
-        said_anyway = ("Error: Engine 'MIRAGE' not available", "Error: Python: Traceback")
+        said_anyway = ("Error: Engine 'MIRAGE' not available", "Error: Python: Traceback", "Error: script failed")
         lines = [line for line in lines if not line.startswith(said_anyway)]
         for mark in ("Error: ", "RuntimeError: "):
             found = [line for line in lines if line.startswith(mark)]
