@@ -244,11 +244,11 @@ void GltfModel::check_unchanged(const TexturedMesh& exact, const tinygltf::Node&
   const double tolerance = 1e-5 * reach;  // m; positions are float32, and an editor may have turned them
   const std::vector<AtlasTriangle> parts = atlas_triangles(whole ? 1 : atlas.resolution);
   for (std::size_t i = 0; i < triangles; ++i) {
-    const auto [v0, v1, v2] = mesh.corners(mesh.faces[i / parts.size()]);
+    const std::array<Vec3d, 3> v = mesh.corners(mesh.faces[i / parts.size()]);
     const Face& is = drawn.mesh.faces[i];
     const auto corner = [&](std::size_t k) -> Vec3d {
       const Vec2d& b = parts[i % parts.size()].corners[k];
-      return b.x() * v0 + b.y() * v1 + (1 - b.x() - b.y()) * v2;
+      return b.x() * v[0] + b.y() * v[1] + (1 - b.x() - b.y()) * v[2];
     };
     bool same = false;
     for (std::size_t first = 0; first < 3 && !same; ++first) {  // the same triangle may begin elsewhere

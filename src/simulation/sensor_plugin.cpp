@@ -232,6 +232,7 @@ bool is_shipped_sensor(const std::string& word) {
 std::vector<std::shared_ptr<const SensorPass>> record(
     const std::vector<std::shared_ptr<const PluginSensor>>& sensors, const fs::path& data, Frame& frame) {
   std::vector<std::shared_ptr<const SensorPass>> passes;
+  passes.reserve(sensors.size());
   for (const auto& sensor : sensors) passes.push_back(sensor->record(frame, data));
   return passes;
 }
