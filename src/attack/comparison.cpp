@@ -110,6 +110,10 @@ SimulationSettings without_draws(SimulationSettings simulation) {
 /// is put now, or as another simulation shows it than that of the first.
 void check_runs(const std::vector<Run>& runs, const PlaceChoice& place) {
   std::set<std::filesystem::path> folders;
+  const auto shown_by = [](const Run& run) {
+    return to_json(without_draws(run.settings.simulation)).flatten();
+  };
+  const nlohmann::json of_first = runs.empty() ? nlohmann::json() : shown_by(runs.front());
   for (const Run& run : runs) {
     const std::string folder = run.folder.string();
     if (!folders.insert(std::filesystem::weakly_canonical(run.folder)).second)
@@ -118,8 +122,7 @@ void check_runs(const std::vector<Run>& runs, const PlaceChoice& place) {
       throw FieldError("placement", text_of(place),
                        fmt::format("is not where {} was learned, which is {}", folder, text_of(own)),
                        "give --place " + text_of(own) + ", and runs that were learned there");
-    const nlohmann::json of_first = to_json(without_draws(runs.front().settings.simulation)).flatten();
-    const nlohmann::json of_run = to_json(without_draws(run.settings.simulation)).flatten();
+    const nlohmann::json of_run = shown_by(run);
     for (const nlohmann::json* either : {&of_run, &of_first})
       for (const auto& [key, value] : either->items()) {
         const nlohmann::json here = of_run.value(key, nlohmann::json());

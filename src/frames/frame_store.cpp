@@ -68,7 +68,7 @@ std::string FrameContents::of(const std::string& id) const {
   std::string hash = set->hash(id);
   if (const auto light = set->lighting(id)) hash = content_hash(hash + to_json(*light).dump());
   if (!sensors_.empty()) {
-    hash = content_hash(hash + sensors_);
+    hash += sensors_;
     for (const Label& label : set->read(id).labels)  // what these hear of a label depends on other frames'
       for (const double v : label.velocity.value_or(Vec3d::Zero())) hash += fmt::format(" {:.9g}", v);
     hash = content_hash(hash);
