@@ -137,18 +137,19 @@ system-test:
 # The simulator without detectors, and its tests. With ARCH and CROSS (arm64, aarch64-linux-gnu) for that processor, by this machine's
 # cross compiler; then its programs must run here, as qemu lets them.
 PORTABLE := base geometry sensors
+PORTABLE_BUILD = build/portable$(ARCH:%=-%)
 ANY_PROCESSOR := cmake ninja-build libeigen3-dev nlohmann-json3-dev librandom123-dev libcli11-dev
 PORTABLE_PACKAGES := $(filter-out g++ ccache blender libtorch-dev python3-%,$(DEMO_PACKAGES)) libgtest-dev libgmock-dev librapidcheck-dev
 portable: NEWER_PACKAGES :=
 portable: PACKAGES = $(filter $(ANY_PROCESSOR),$(PORTABLE_PACKAGES)) g++$(CROSS:%=-%) \
   $(patsubst %,%$(ARCH:%=:%),$(filter-out $(ANY_PROCESSOR) $(CROSS:%=libopenmpi-dev),$(PORTABLE_PACKAGES)))
 portable: setup
-	cmake --preset release -DMIRAGE_DETECTORS=OFF -DMIRAGE_PYTHON=OFF -DMIRAGE_BENCHMARKS=OFF $(if $(CROSS),\
+	cmake --preset portable -B $(PORTABLE_BUILD) $(if $(CROSS),\
 	  -DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=$(firstword $(subst -, ,$(CROSS))) -DCMAKE_C_COMPILER=$(CROSS)-gcc \
 	  -DCMAKE_CXX_COMPILER=$(CROSS)-g++ -DMPI_SKIP_COMPILER_WRAPPER=ON -DMPI_C_HEADER_DIR=/usr/lib/$(CROSS)/openmpi/include \
 	  -DMPI_C_LIB_NAMES=mpi -DMPI_mpi_LIBRARY=/usr/lib/$(CROSS)/openmpi/lib/libmpi.so)
-	cmake --build --preset release --target mirage $(PORTABLE:%=test_%)
-	for layer in $(PORTABLE); do MIRAGE_CACHE=off build/release/test_$$layer || exit; done
+	cmake --build $(PORTABLE_BUILD) --target mirage $(PORTABLE:%=test_%)
+	for layer in $(PORTABLE); do MIRAGE_CACHE=off $(PORTABLE_BUILD)/test_$$layer || exit; done
 
 # Pages for `man`, from --help; the API's pages, from the public headers.
 manual: build

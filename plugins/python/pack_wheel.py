@@ -23,7 +23,7 @@ import zipfile
 from wheel.wheelfile import WheelFile
 
 SOURCE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
-CODE = ("*.py", "*.pyi", "py.typed", "_core{suffix}", "plugins/process/*")
+CODE = ("*.py", "*.pyi", "py.typed", "_core{suffix}", "plugins/process/*", "report/*.js", "mirage.commit")
 # Of the project, what commands read as they run: as src/packaging/install.cmake installs it.
 SHIPPED = re.compile(r"(scenes/.*\.(toml|shape|glb|ti3)|scenes/objects/zoo\.json|plugins/blender/mirage_blender/.*\.py|"
                      r"validation/(?!benchmarks|studies).*\.(py|toml|j2|html|css|js))")
@@ -125,7 +125,7 @@ def main():
 
     def files(patterns):
         found = [path for pattern in patterns
-                 for path in glob.glob(os.path.join(asked.built, "mirage", pattern.format(suffix=suffix)))]
+                 for path in glob.glob(os.path.join(asked.built, "mirage", pattern.format(suffix=suffix))) if os.path.isfile(path)]
         return {os.path.relpath(path, asked.built): path for path in found}
 
     with tempfile.TemporaryDirectory() as folder:

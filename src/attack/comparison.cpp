@@ -215,7 +215,9 @@ Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const 
   const ComparedPart& all = result.parts.front();
   result.detectable = detectable_difference(all.difference, result.clusters.count);
   for (const double difference : {0.02, 0.05, 0.1})
-    result.needed.push_back({difference, sample_size(all.vehicles, result.detectable, difference)});
+    result.needed.push_back({difference, result.detectable < 1
+                                             ? sample_size(all.vehicles, result.detectable, difference)
+                                             : std::nullopt});  // so few tell nothing
   result.bounds = {hidden_bound(first), hidden_bound(second)};
   result.worse = worse_of(pairs, objects);
   return result;

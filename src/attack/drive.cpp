@@ -108,9 +108,10 @@ struct TrackedVehicle {
   std::vector<std::size_t> frames;  ///< by place in the sequence
   std::vector<int> labels;          ///< by place in that frame
 
-  const BevBox& box(const DriveScene& scene, std::size_t i) const {
-    return scene.frames()[frames[i]].labels[as_size(labels[i])].box.bev;
+  const Label& label(const DriveScene& scene, std::size_t i) const {
+    return scene.frames()[frames[i]].labels[as_size(labels[i])];
   }
+  const BevBox& box(const DriveScene& scene, std::size_t i) const { return label(scene, i).box.bev; }
 };
 
 /// Labels of these types inside the detector's region (x_min, x_max, y_min, y_max; m).
@@ -182,7 +183,9 @@ bool is_phantom(const Box3& box, const DriveScene& scene, std::size_t at, DriveV
   const auto touches = [&](const Box3& other) { return iou(box.bev, other.bev) > 0; };
   return would_be_labelled(box, frame) &&
          std::none_of(frame.labels.begin(), frame.labels.end(),
-                      [&](const Label& label) { return has_box(label) && touches(label.box); }) &&
+                      [&](const Label& label) {
+                        return is_road_user(label) && has_box(label) && touches(label.box);
+                      }) &&
          (version == DriveVersion::clean ||
           std::none_of(scene.clean()[at].begin(), scene.clean()[at].end(),
                        [&](const Detection& detection) { return touches(detection.box); }));
@@ -205,12 +208,15 @@ void set_observations(DriveVersion version, const DriveScene& scene, const Track
   std::map<int, int> hits;  // of tracks on the vehicle, since it carries the object
   for (std::size_t i = 0; i < followed.frames.size(); ++i) {
     const std::size_t at = followed.frames[i];
-    const BevBox& box = followed.box(scene, i);
+    const ObjectBoxes truth = boxes_of(followed.label(scene, i));
+    const auto is_on_it = [&](const ObjectBoxes& boxes) {
+      return scene.matching().overlap(boxes, truth) > rule.iou;
+    };
     DriveObservation& observation = vehicle.frames[i].observations[version] = {};
     for (const Detection& detection : scene_detections[at])
-      observation.found = observation.found || iou(detection.box.bev, box) > rule.iou;
+      observation.found = observation.found || is_on_it(detection);
     for (const TrackState& track : tracks[at]) {
-      if (iou(track.box.bev, box) > rule.iou) {
+      if (is_on_it({track.box, {}})) {
         hits[track.id] += track.detection >= 0;
         if (!track.confirmed || hits[track.id] < birth) continue;
         if (track.detection >= 0)
@@ -300,14 +306,22 @@ VehicleDrive unseen_drive(const DriveScene& scene, const TrackedVehicle& followe
   return vehicle;
 }
 
-/// Where a finished vehicle is kept; empty: nowhere.
+/// For Interrupted.
+const char* how_to_go_on(const DriveRequest& request) {
+  return request.goes_on ? "finished vehicles are kept; run the same command again to go on"
+                         : "nothing is kept of a detector or tracker without a version; run it again";
+}
+
+/// Where a finished vehicle is written; empty: nowhere.
 fs::path file_of(const DriveRequest& request, const DriveScene& scene, int track) {
   if (request.folder.empty()) return {};
   return request.folder / (vehicle_name(scene.name(), track) + ".json");
 }
 
-/// The vehicle's stored result if it is of the same key and whole; none otherwise.
-std::optional<VehicleDrive> stored_vehicle(const fs::path& file, const std::string& key) {
+/// The vehicle's stored result if it may be read, is of the same key and whole; none otherwise.
+std::optional<VehicleDrive> stored_vehicle(const DriveRequest& request, const fs::path& file,
+                                           const std::string& key) {
+  if (!request.goes_on) return std::nullopt;
   return read_cached(file, key,
                      [](const JsonFields& fields) { return std::optional(read_vehicle_drive(fields)); });
 }
@@ -468,7 +482,7 @@ std::vector<SceneDetections> DriveScene::see(const std::vector<Pass>& passes,
       scene_detections[p][i] = clean_[i];
       return;
     }
-    throw_if_interrupted(kVehiclesKept);
+    throw_if_interrupted(how_to_go_on(request_));
     scene_detections[p][i] = seen(detector, i, passes[p], sweeps[p], pictures ? &*pictures : nullptr);
     if ((*passes[p].carriers)[i].carrier) frame_done();
   };
@@ -568,6 +582,10 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
     throw InputError("--detector", detectors.front()->name(),
                      "finds boxes in the picture alone, which have no place in the world",
                      "use a detector of boxes in space: lidar, fusion, …");
+  if (can.matching().in_picture())
+    throw FieldError("matching", can.matching().name(),
+                     "compares boxes in the picture, and a drive follows them in the world",
+                     "use bev, 3d or centre");
   if (request.tracker) check_tracker(*request.tracker);
   const Sought sought{request.types, detectors.front()->region()};
   DriveResult result;
@@ -596,11 +614,11 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
   Progress progress("drive", 2 * frames, request.evaluation.quiet);
   const auto frame_done = [&] { progress.add(); };
   for (const std::size_t g : order_among_ranks(groups.size())) {
-    throw_if_interrupted(kVehiclesKept);
+    throw_if_interrupted(how_to_go_on(request));
     auto& [scene, of_group] = groups[g];
     std::vector<Judged*> fresh;
     for (Judged& judged : of_group) {
-      if (auto stored = stored_vehicle(file_of(request, *scene, judged.followed.track), key)) {
+      if (auto stored = stored_vehicle(request, file_of(request, *scene, judged.followed.track), key)) {
         progress.add(2 * judged.followed.frames.size());
         judged.vehicle = std::move(*stored);
       } else {

@@ -51,10 +51,6 @@ void visit_fields(Visitor& visit, S& s) {
 /// width, height, yaw (m, rad, ego frame), score.
 inline constexpr const char* kDetections = "detections";
 
-/// What Interrupted says after Ctrl-C.
-inline constexpr const char* kVehiclesKept =
-    "finished vehicles are kept; run the same command again to go on";
-
 /// A drive to be judged.
 struct DriveRequest {
   std::filesystem::path data;
@@ -68,18 +64,21 @@ struct DriveRequest {
   Detector* tracker = nullptr;         ///< reads kDetections, in place of settings.tracker; null: that
   ObjectRenderer* renderer = nullptr;  ///< draws both objects for the detector; null: the rasteriser
   std::optional<DriveVehicles> only;   ///< these alone are judged; none: all
-  /// Finished vehicles are kept here, as SEQUENCE_TRACK.json, and read again while `provenance` says the
-  /// same; empty: they are not. Such a file also holds what the vehicle's frames showed: by version, a list a
-  /// frame of boxes [x, y, bottom, length, width, height, yaw, score] and of confirmed tracks [identity, x,
-  /// y, bottom, length, width, height, yaw, whether it has a detection] (m, rad, `velo`).
+  /// Finished vehicles are written here, as SEQUENCE_TRACK.json; empty: they are not. Such a file also holds
+  /// what the vehicle's frames showed: by version, a list a frame of boxes [x, y, bottom, length, width,
+  /// height, yaw, score] and of confirmed tracks [identity, x, y, bottom, length, width, height, yaw, whether
+  /// it has a detection] (m, rad, `velo`).
   std::filesystem::path folder;
   Provenance provenance;
+  /// Finished vehicles are read again while `provenance` says the same. Not so where it cannot say all: of a
+  /// detector without a detector_identity(), or of a tracker that tells no version.
+  bool goes_on = true;
 };
 
-/// InputError if the detector finds boxes in the picture alone, if no vehicle has frames enough, and for a
-/// tracker that does not read kDetections alone, remembers nothing or gives a box no identity. After Ctrl-C,
-/// Interrupted: finished vehicles are kept. Ranks share the vehicles. Results do not depend on the number of
-/// detectors or ranks.
+/// InputError if the detector finds boxes in the picture alone or is judged there, if no vehicle has frames
+/// enough, and for a tracker that does not read kDetections alone, remembers nothing or gives a box no
+/// identity. After Ctrl-C, Interrupted: finished vehicles are kept. Ranks share the vehicles. Results do not
+/// depend on the number of detectors or ranks.
 DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request);
 
 // One sequence of a drive, as all its vehicles share it: its frames before anything is inserted, what a
@@ -147,6 +146,8 @@ class DriveScene {
 
   /// `own` by the detector itself, the user's tracker, or ours.
   VersionTracks follow(const SceneDetections& scene_detections) const;
+  /// How boxes are compared with the vehicle's label.
+  Matching matching() const { return can_.matching(); }
   /// Detections that confirm a track on a vehicle: a tracker of the user's confirms by its own rule.
   int birth() const { return request_.tracker || can_.remembers ? 1 : request_.settings.tracker.birth; }
   /// The detection's box; one from above is given a height.

@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <iterator>
 
 #include "attack/host_outcome.h"
 #include "base/disk_cache.h"
@@ -63,40 +64,49 @@ Reliance cached_reliance(const DetectorPool& detectors, const std::string& ident
   return reliance;
 }
 
-namespace {
-
-/// InputError if they are not as the run found them: other vehicles would be judged than it chose.
-const std::vector<HostId>& require_unchanged(const Run& run, const std::vector<HostId>& hosts,
-                                             const std::string& frames) {
-  if (!frames.empty() && frames != frames_hash(run.settings.data, host_frames(hosts), run.settings.cameras))
-    throw InputError(run.settings.data.string(), "frames",
-                     "have changed since " + run.folder.string() + " chose its vehicles in them",
-                     "restore them, or attack again");
-  return hosts;
+void require_unchanged(const Run& run, std::span<const HostId> hosts) {
+  const std::set<HostId> asked(hosts.begin(), hosts.end());
+  const auto require = [&](const std::vector<HostId>& split, const std::string& hash) {
+    if (hash.empty() || std::ranges::none_of(split, [&](const HostId& id) { return asked.contains(id); }))
+      return;
+    const std::vector<std::string> frames = host_frames(split);
+    const auto as_chosen = [&](Cameras cameras) {
+      return frames_hash(run.settings.data, frames, cameras) == hash;
+    };
+    // What is asked for may look at other cameras than the run chose its vehicles with.
+    const Cameras own = run.settings.cameras;
+    if (!as_chosen(own) && !as_chosen(own == Cameras::all ? Cameras::first : Cameras::all))
+      throw InputError(run.settings.data.string(), "frames",
+                       "have changed since " + run.folder.string() + " chose its vehicles in them",
+                       "restore them, or attack again");
+  };
+  require(run.train, run.train_frames);
+  require(run.test, run.test_frames);
 }
+
+std::vector<HostId> hosts_learned_on(const Run& run, const FrameSource& source,
+                                     const std::vector<HostId>& hosts, const std::set<std::string>& frames) {
+  std::set<int> tracks;
+  if (!is_other_data(run, source.data))
+    for (const HostId& id : run.train) tracks.insert(track_of(source, id));
+  tracks.erase(-1);
+  std::vector<HostId> learned;
+  std::ranges::copy_if(hosts, std::back_inserter(learned), [&](const HostId& id) {
+    return frames.contains(id.frame) || (!tracks.empty() && tracks.contains(track_of(source, id)));
+  });
+  return learned;
+}
+
+namespace {
 
 std::vector<HostId> hosts_of_split(const Run& run, const std::string& which) {
   if (!which.empty() && which != "test" && which != "train" && which != "all")
     throw unknown_word("hosts", which, {"test", "train", "all"});
   std::vector<HostId> hosts;
-  if (which == "train" || which == "all") hosts = require_unchanged(run, run.train, run.train_frames);
-  if (which != "train") {
-    const auto& test = require_unchanged(run, run.test, run.test_frames);
-    hosts.insert(hosts.end(), test.begin(), test.end());
-  }
+  if (which == "train" || which == "all") hosts = run.train;
+  if (which != "train") hosts.insert(hosts.end(), run.test.begin(), run.test.end());
+  require_unchanged(run, hosts);
   return hosts;
-}
-
-/// How many of the hosts the run was learned on: in the same frames, or, of its own data, in others.
-std::size_t count_learned(const Run& run, const FrameSource& source, const std::vector<HostId>& hosts,
-                          const std::set<std::string>& frames) {
-  std::set<int> tracks;
-  if (!is_other_data(run, source.data))
-    for (const HostId& id : run.train) tracks.insert(track_of(source, id));
-  tracks.erase(-1);
-  return as_size(std::ranges::count_if(hosts, [&](const HostId& id) {
-    return frames.contains(id.frame) || (!tracks.empty() && tracks.contains(track_of(source, id)));
-  }));
 }
 
 void check_labels(const FrameSource& source, const std::vector<std::string>& frames) {
@@ -261,7 +271,8 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
                      request.hosts.empty() ? "test" : request.hosts, "has no host vehicles",
                      "use --hosts all or a larger data set");
   if (rank() == 0) warn_of_left_out(target_run.settings.placement, result.left_out);
-  result.trained_on = static_cast<int>(count_learned(result.run, target_run.settings, result.hosts, learned));
+  result.trained_on =
+      static_cast<int>(hosts_learned_on(result.run, target_run.settings, result.hosts, learned).size());
   if (result.trained_on > 0 && request.hosts != "train" && request.hosts != "all" && rank() == 0)
     spdlog::warn("the adversary was learned on {} of the {} vehicles, some of them in other frames",
                  result.trained_on, result.hosts.size());

@@ -4,7 +4,10 @@
 
 #include <filesystem>
 #include <memory>
+#include <set>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "attack/baseline.h"
 #include "attack/detector_pool.h"
@@ -22,6 +25,18 @@ namespace mirage {
 /// result.
 Reliance cached_reliance(const DetectorPool& detectors, const std::string& identity,
                          const FrameSource& source, bool quiet = true, CleanDetections* seen = nullptr);
+
+// The vehicles that a run has chosen, to be judged or shown.
+
+/// InputError where the frames of a split of the run that `hosts` belong to are not as the run chose its
+/// vehicles in them: the numbers of labels would lead to other vehicles. Of runs that say no
+/// Run::train_frames or Run::test_frames nothing is known.
+void require_unchanged(const Run& run, std::span<const HostId> hosts);
+
+/// Those of the hosts, labels of `source`, that the run was learned on: in `frames`, which are
+/// frames_learned_on() of these data, or, of the run's own data, in other frames of their track.
+std::vector<HostId> hosts_learned_on(const Run& run, const FrameSource& source,
+                                     const std::vector<HostId>& hosts, const std::set<std::string>& frames);
 
 // What `mirage evaluate` does: a run's adversary or objects of the user's, and controls beside them
 // (attack/baseline.h), on the hosts that its options name.

@@ -168,11 +168,8 @@ class Attacked {
 
  private:
   AttackedDetections drawn(Detector& detector, const HostId& id, const TexturedMesh& mesh, bool local) const {
-    const auto recorded = store_.get(id.frame);
-    const SampledEnvironment draw(settings_.expectation, settings_.expectation_seed, draw_of(id));
-    const StepHost host{
-        *recorded, id, store_.placement(id), {}, settings_.expectation.any() ? &draw : nullptr};
-    Observation seen(host, mesh, simulation_);
+    JudgedScene scene(store_, id, mesh, simulation_, settings_);
+    Observation& seen = scene.observation();
     const SensorView view = seen.view(detector.capabilities(), local && !seen.changes_picture());
     return {detections(detector, view, settings_),
             settings_.matching.in_picture() ? carried_box(seen.simulated(), seen.placement()) : std::nullopt};
@@ -189,6 +186,13 @@ std::uint64_t draw_of(const HostId& vehicle) {
   return fnv1a(host_name(vehicle));
 }
 
+JudgedScene::JudgedScene(FrameStore& store, const HostId& id, const TexturedMesh& mesh,
+                         const SimulationSettings& simulation, const EvaluationSettings& settings)
+    : recorded_(store.get(id.frame)),
+      draw_(settings.expectation, settings.expectation_seed, draw_of(id)),
+      host_{*recorded_, id, store.placement(id), {}, settings.expectation.any() ? &draw_ : nullptr},
+      observation_(host_, mesh, simulation) {}
+
 std::vector<Detection> detections(Detector& detector, const SensorView& view,
                                   const EvaluationSettings& settings) {
   return suppress(detector.forward(view, settings.score_threshold, false),
@@ -204,6 +208,15 @@ EvaluationLabels labelled_boxes(const Placement& placement, const Mesh& placed,
     boxes.plain = own_label(placement, place(plain_object(placement), placement).mesh, calibration);
   }
   return boxes;
+}
+
+Label in_a_camera(Label own, const Simulated& simulated) {
+  for (std::size_t k = 1; k <= simulated.others.size() && own.right <= own.left; ++k)
+    if (const PixelRect& rect = simulated.sight(k).rect; !rect.empty()) {
+      own.camera = static_cast<int>(k);
+      own.left = rect.u0, own.top = rect.v0, own.right = rect.u1, own.bottom = rect.v1;
+    }
+  return own;
 }
 
 TexturedMesh plain_object(const Placement& placement) {

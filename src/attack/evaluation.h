@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <functional>
 #include <map>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
@@ -13,6 +14,7 @@
 #include "attack/detector_pool.h"
 #include "attack/eot.h"
 #include "attack/host_outcome.h"
+#include "attack/observation.h"
 #include "base/intervals.h"
 #include "base/json_fields.h"
 #include "frames/hosts.h"
@@ -125,6 +127,28 @@ std::string hash_of(const TexturedMesh& textured);
 /// Which draw of the world every object on the vehicle meets.
 std::uint64_t draw_of(const HostId& vehicle);
 
+/// An object on a host as an evaluation shows it to a detector: in EvaluationSettings::expectation's draw for
+/// the vehicle, or as recorded where nothing is drawn. What it is made of outlives it.
+class JudgedScene {
+ public:
+  /// Draws and simulates. Errors as FrameStore::placement's.
+  JudgedScene(FrameStore& store, const HostId& id, const TexturedMesh& mesh,
+              const SimulationSettings& simulation, const EvaluationSettings& settings);
+  JudgedScene(const JudgedScene&) = delete;
+  JudgedScene& operator=(const JudgedScene&) = delete;
+
+  /// What the sensors see.
+  Observation& observation() { return observation_; }
+  /// The frame as recorded, without the object.
+  const PreparedFrame& recorded() const { return *recorded_; }
+
+ private:
+  std::shared_ptr<const PreparedFrame> recorded_;
+  SampledEnvironment draw_;
+  StepHost host_;
+  Observation observation_;
+};
+
 /// Detections of one view: proposals over the threshold after suppression.
 std::vector<Detection> detections(Detector& detector, const SensorView& view,
                                   const EvaluationSettings& settings);
@@ -144,6 +168,9 @@ struct EvaluationLabels {
 /// victim.
 EvaluationLabels labelled_boxes(const Placement& placement, const Mesh& placed,
                                 const Calibration& calibration, const std::optional<PictureBox>& object);
+
+/// An own_label() whose 2-D box, where the first camera shows nothing of it, is that of the first that does.
+Label in_a_camera(Label own, const Simulated& simulated);
 
 /// Victim::object: what stands there in the frame that counts as clean, a mid-grey cuboid that fills the
 /// placement's volume.

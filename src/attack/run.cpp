@@ -35,7 +35,22 @@ constexpr const char* kGamutColours = "gamut_colours";  // of the run's gamut wh
 constexpr const char* kAgain = "restore the file, or run mirage attack again into an empty folder";
 
 bool is_plugin(const std::string& name) {
-  return fs::path(name).extension() == ".so" || is_program(name);
+  return is_plugin_path(name) || is_program(name);
+}
+
+/// Hashes of the plugins that the user brought, and of what they read, by their keys in run.json. Shipped
+/// ones are the program's: a run goes on with a newer program.
+nlohmann::json plugin_hashes(const AttackSettings& settings) {
+  nlohmann::json hashes = nlohmann::json::object();
+  if (is_plugin_path(settings.detector.detector))
+    hashes["plugin_hash"] = file_hash(plugin_file(settings.detector));
+  if (is_plugin_path(settings.depth))  // with however many threads
+    hashes["depth_hash"] = content_hash(depth_identity({.backend = settings.depth, .threads = 1}));
+  std::string sensors;
+  for (const std::string& word : listed_words(settings.sensors))
+    if (is_plugin_path(word)) sensors += (sensors.empty() ? "" : ",") + word;
+  if (!sensors.empty()) hashes["sensors_hash"] = content_hash(sensors_identity(sensors));
+  return hashes;
 }
 
 [[noreturn]] void refuse(const Run& run, const char* field, const char* what, const fs::path& file,
@@ -120,6 +135,8 @@ RunIdentity identity(const AttackSettings& settings) {
   const PrintGamut& gamut = settings.buildable.gamut;
   if (!gamut.is_box() && (settings.buildable.on || gamut.name() != kDefaultGamut))
     id[kGamutColours] = to_json(gamut);
+  const nlohmann::json plugins = plugin_hashes(settings);
+  id.update(plugins), lacking.update(plugins);  // runs of earlier programs do not say
   return {id, lacking};
 }
 

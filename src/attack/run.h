@@ -93,8 +93,9 @@ nlohmann::json to_json(const std::vector<HostId>& hosts);
 /// What a run says of how it simulated.
 nlohmann::json to_json(const SimulationSettings& settings);
 /// What a run says of itself, and what a checkpoint must agree with: its settings that decide the result,
-/// and the content of the shape model that finds its roofs and of its placement's file. Iterations are not in
-/// it: a finished run can be prolonged.
+/// and the content of the shape model that finds its roofs, of its placement's file and of the plugins that
+/// the user brought (*.so). Iterations are not in it: a finished run can be prolonged. InputError for a
+/// plugin that is not there.
 RunIdentity identity(const AttackSettings& settings);
 
 }  // namespace mirage

@@ -155,24 +155,21 @@ std::string rig_of(const ScoreRequest& request) {
   return fs::exists(own) ? own.string() : data_rig(data->second);
 }
 
-LearnedObject learn(const ScoreRequest& request, double size, const fs::path& data, const fs::path& out,
-                    bool has_gradients) {
-  LearnedObject object{size, {}, {}};
-  AttackSettings& settings = object.settings;
+/// Of every attack on those frames; each has its own folder and limits.
+AttackSettings learning_settings(const ScoreRequest& request, const fs::path& data) {
+  AttackSettings settings;
   apply_quality("draft", settings.simulation);
   Overrides overrides = request.overrides;
   overrides["data"] = data.string();
   override_settings(settings, overrides, request.seed);
-  settings.out = out;
   settings.detector = for_data(request.detector, settings);
-  settings.attack = has_gradients ? AttackSearch::plain : AttackSearch::black_box;
+  settings.attack = load_detector(settings.detector)->capabilities().has_gradients ? AttackSearch::plain
+                                                                                   : AttackSearch::black_box;
   settings.iterations = request.iterations;
   settings.queries = request.queries;
-  settings.limits = limits_of_size(size);
   settings.seed = request.seed;
   settings.quiet = request.quiet;
-  object.result = run_attack(settings);
-  return object;
+  return settings;
 }
 
 /// Files of the zoo's objects that are judged on a rig's frames: "load", "shape" or "learned". Of the
@@ -278,7 +275,8 @@ ScoreResult score(const ScoreRequest& request) {
     evaluation.overrides["data"] = judged.string();
   }
   const fs::path data = evaluation.overrides.at("data");
-  const auto kinds = zoo_kinds(data_rig(data));
+  const auto named = request.overrides.find("rig");
+  const auto kinds = zoo_kinds(data_rig(data, named == request.overrides.end() ? "" : named->second));
   for (const fs::path& mesh : request.meshes)
     if (mesh != kZoo)
       evaluation.meshes.push_back(mesh);
@@ -298,14 +296,15 @@ ScoreResult score(const ScoreRequest& request) {
             "learn_data", learn_data.string(),
             fmt::format("holds {} of the frames that are judged, {} first", shared.size(), *shared.begin()),
             "give frames of other drives, or the same folder, whose test frames are judged");
-    DetectorOptions options = request.detector;
-    options.rig = data_rig(learn_data);
-    const bool has_gradients = load_detector(options)->capabilities().has_gradients;
+    AttackSettings settings = learning_settings(request, learn_data);
     for (const double size : request.sizes) {
-      const fs::path run = request.out / fmt::format("learned-{:g}", size);
-      result.learned.push_back(learn(request, size, learn_data, run, has_gradients));
-      evaluation.meshes.push_back(run / "adversary.glb");
-      if (own) evaluation.hosts_of = run;
+      settings.out = request.out / fmt::format("learned-{:g}", size);
+      settings.limits = limits_of_size(size);
+      result.learned.push_back({size, settings, run_attack(settings)});
+      evaluation.meshes.push_back(settings.out / "adversary.glb");
+      if (!own) continue;
+      evaluation.hosts_of = settings.out;
+      evaluation.overrides.emplace("quality", "default");  // not that of learning
     }
   }
   result.evaluation = evaluate_run(evaluation);

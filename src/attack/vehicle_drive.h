@@ -67,7 +67,7 @@ RoofTrack roof_track(FrameStore& store, std::span<const std::pair<Moment, HostId
 //              frame, and its distance there
 //   reserve    with d the distance to the nearest corner of its box at that moment and v the speed at which
 //              it comes nearer: d − v² / (2 a) for brakes of a m/s²; below zero: metres short of a stop
-//   phantom    a confirmed track on no labelled box and, but for the clean version, on no clean detection,
+//   phantom    a confirmed track on no road user and, but for the clean version, on no clean detection,
 //              where a thing would have a label: in the picture and in no DontCare region
 
 /// See above.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "attack/evaluation.h"
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
@@ -125,7 +126,7 @@ void add_objects(Provenance& provenance, const std::vector<NamedObject>& objects
   std::string hashes;
   for (const NamedObject& object : objects) {
     names.push_back(escape_name(object.file.stem().string()));
-    hashes += file_hash(object.file);
+    hashes += hash_of(object.mesh);  // not the file: a glTF's geometry may lie in another
   }
   provenance.set("mesh", names);
   provenance.input("mesh", content_hash(hashes));

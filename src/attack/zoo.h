@@ -26,7 +26,7 @@ struct NamedObject {
 /// FieldError of "mesh" for an object that is named twice, or where none ship; errors as read_object's.
 std::vector<NamedObject> read_objects(const std::vector<std::filesystem::path>& words);
 
-/// Their names and contents as "mesh".
+/// Their names and meshes as "mesh".
 void add_objects(Provenance& provenance, const std::vector<NamedObject>& objects);
 
 /// The mesh with `resolution`² texels a face, each the mean of what it covers (64 samples).

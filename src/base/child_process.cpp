@@ -120,16 +120,22 @@ std::string quoted_line(const std::string& line) {
   return "'" + text + (line.size() > 60 ? "…'" : "'");
 }
 
-/// Whether a line is the protocol's answer to job `id`.
-bool is_answer(const std::string& line, long id, nlohmann::json& answer) {
+/// Whether a line is meant as an answer of the protocol: an object with both of its keys.
+bool is_meant_as_answer(const std::string& line, nlohmann::json& answer) {
   try {
     check_json_depth(line, "answer");
   } catch (const InputError&) {
     return false;
   }
   answer = nlohmann::json::parse(line, nullptr, false);
-  if (!answer.is_object() || !answer.contains("id") || !answer.contains("ok")) return false;
-  return answer["id"].is_number_integer() && answer["id"].get<long>() == id && answer["ok"].is_boolean();
+  return answer.is_object() && answer.contains("id") && answer.contains("ok");
+}
+
+/// Why that is no answer to job `id`; empty for one.
+std::string answer_problem(const nlohmann::json& answer, long id) {
+  if (!answer["id"].is_number_integer() || answer["id"] != id)
+    return fmt::format("id is not {}, the job's", id);
+  return answer["ok"].is_boolean() ? "" : "ok is neither true nor false";
 }
 
 /// The last line of what is read until the end; closes the file.
@@ -269,6 +275,7 @@ std::string text_of(const nlohmann::json& answer, const char* key, const std::st
 bool JsonWorker::exchange(nlohmann::json job, double timeout, nlohmann::json& answer, bool starting) {
   job["id"] = ++next_id_;
   end_.reset();
+  misspoke_ = false;
   const auto lost_by_its_end = [&] {
     constexpr double kReaped = 1;  // s, for a child that has closed its socket to be gone
     end_ = child_.stop(kReaped);
@@ -293,7 +300,13 @@ bool JsonWorker::exchange(nlohmann::json job, double timeout, nlohmann::json& an
       default:
         return lost_by_its_end();
     }
-    if (is_answer(line, next_id_, answer)) return true;
+    if (is_meant_as_answer(line, answer)) {
+      const std::string problem = answer_problem(answer, next_id_);
+      if (problem.empty()) return true;
+      lost_ = fmt::format("gave a malformed answer ({}), whose {}", quoted_line(line), problem);
+      misspoke_ = true;
+      return false;
+    }
     if (!starting) {
       lost_ = fmt::format("gave a malformed answer ({})", quoted_line(line));
       return false;

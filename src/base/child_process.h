@@ -66,13 +66,16 @@ class JsonWorker {
       : child_(arguments, log), busy_(std::move(busy)), patience_(patience) {}
 
   /// Sends the job and waits for its answer, `timeout` seconds, whatever else the child says meanwhile.
-  /// False, with how it was lost, if there is none. `starting`: what it prints before is passed over.
-  /// Interrupted after Ctrl-C.
+  /// False, with how it was lost, if there is none. `starting`: what it prints before is passed over, but for
+  /// an object with "id" and "ok", which is an answer. Interrupted after Ctrl-C.
   bool exchange(nlohmann::json job, double timeout, nlohmann::json& answer, bool starting = false);
   /// "ended unexpectedly", "gave no answer in 900 s", "gave a malformed answer ('…')", …
   const std::string& lost() const { return lost_; }
   /// How it ended, if it was lost by that: ChildProcess::stop's word.
   const std::optional<std::string>& end() const { return end_; }
+  /// Whether it was lost by an answer with another "id", or with an "ok" that is no boolean: one that is
+  /// started again would give the same.
+  bool misspoke() const { return misspoke_; }
 
   /// ChildProcess::pid.
   pid_t pid() const { return child_.pid(); }
@@ -86,6 +89,7 @@ class JsonWorker {
   long next_id_ = 0;
   std::string lost_;
   std::optional<std::string> end_;
+  bool misspoke_ = false;
 };
 
 /// The text in that field of an answer; another one where it has none.

@@ -164,25 +164,31 @@ Interval ClusteredShare::mean_interval() const {
   return sums_.empty() ? Interval{0, -kUnknown, kUnknown} : plain_interval(jackknife(sums_, ratio));
 }
 
-Interval combined_shares(std::span<const ClusteredShare> shares, std::span<const double> factors) {
+Estimate combined_estimate(std::span<const ClusteredShare> shares, std::span<const double> factors) {
   SumsByCrossing all;
-  double least = 0;  // one trial more of each share, in the mean of square
   for (std::size_t k = 0; k < shares.size(); ++k) {
-    if (shares[k].sums().empty()) return {0, -kUnknown, kUnknown};
+    if (shares[k].sums().empty()) return {};
     for (const auto& [name, of] : shares[k].sums()) {
       std::vector<double>& sums = all[name];
       sums.resize(2 * shares.size());
       std::copy(of.begin(), of.end(), sums.begin() + static_cast<std::ptrdiff_t>(2 * k));
     }
-    const double one = factors[k] / shares[k].trials().independent();
-    least += one * one / 2;
   }
-  const auto figure = [&](std::span<const double> sums) {
+  return jackknife(all, [&](std::span<const double> sums) {
     double value = 0;
     for (std::size_t k = 0; k < shares.size(); ++k) value += factors[k] * ratio(sums.subspan(2 * k, 2));
     return value;
-  };
-  return plain_interval(jackknife(all, figure), std::sqrt(least));
+  });
+}
+
+Interval combined_shares(std::span<const ClusteredShare> shares, std::span<const double> factors) {
+  double least = 0;  // one trial more of each share, in the mean of square
+  for (std::size_t k = 0; k < shares.size(); ++k) {
+    if (shares[k].sums().empty()) return {0, -kUnknown, kUnknown};
+    const double one = factors[k] / shares[k].trials().independent();
+    least += one * one / 2;
+  }
+  return plain_interval(combined_estimate(shares, factors), std::sqrt(least));
 }
 
 Interval share_difference(const ClusteredShare& a, const ClusteredShare& b) {

@@ -128,7 +128,9 @@ double detectable_difference(const Interval& difference, int clusters);
 /// Holm's adjusted p values, in the order of `p` (Scandinavian Journal of Statistics 6, 1979).
 std::vector<double> holm(std::span<const double> p);
 
-/// Σ factor · share, paired by cluster and run. Not cut; reaches to infinity where a share has no trial.
+/// Σ factor · share, paired by cluster and run. Of no freedom where a share has no trial.
+Estimate combined_estimate(std::span<const ClusteredShare> shares, std::span<const double> factors);
+/// Its interval. Not cut; reaches to infinity where a share has no trial.
 Interval combined_shares(std::span<const ClusteredShare> shares, std::span<const double> factors);
 /// share(a) − share(b), as above but in [-1, 1]. 0 in [-1, 1] where either has no trial.
 Interval share_difference(const ClusteredShare& a, const ClusteredShare& b);

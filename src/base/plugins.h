@@ -30,6 +30,10 @@ struct ShippedPlugin {
 const std::vector<ShippedPlugin>& shipped_plugins(const std::string& kind);
 /// The one that the word asks for; null if none does.
 const ShippedPlugin* shipped_plugin(const std::string& kind, const std::string& word);
+/// Whether a word names a plugin of the user's: a path *.so.
+inline bool is_plugin_path(const std::string& word) {
+  return std::filesystem::path(word).extension() == ".so";
+}
 /// The descriptions in a folder, of any kind; `kind` chooses.
 std::vector<ShippedPlugin> read_shipped_plugins(const std::filesystem::path& folder, const std::string& kind);
 

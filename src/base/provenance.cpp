@@ -5,36 +5,29 @@
 #include "base/files.h"
 
 namespace mirage {
-namespace {
-
-// Version and commit are by src/CMakeLists.txt. The commit has a place of its own, which program_identity()
-// leaves out: the same program built from another commit is the same.
-constexpr std::size_t kMark = 14, kPlace = 64;  // bytes of what marks the place, and of all of it
-volatile const char commit_place[kPlace] = "mirage-commit:" MIRAGE_COMMIT;
-
-}  // namespace
 
 std::string program_version() {
   return MIRAGE_VERSION;
 }
 
 std::string program_commit() {
-  std::string text;
-  for (std::size_t i = kMark; i < kPlace && commit_place[i] != 0; ++i) text += commit_place[i];
-  return text;
+  // Once: a build may write it anew while this program runs.
+  static const std::string commit = [] {
+    const std::filesystem::path file = built_file("mirage.commit");
+    const std::string text = std::filesystem::exists(file) ? read_text(file, kMaxRecordBytes) : "";
+    return text.substr(0, text.find('\n'));
+  }();
+  return commit;
 }
 
 std::string program_identity(const std::filesystem::path& file) {
-  std::string program = read_file(file);
-  std::string place;
-  for (const volatile char& c : commit_place) place += c;
-  for (std::size_t at = 0; (at = program.find(place, at)) != std::string::npos; at += kPlace)
-    program.replace(at, kPlace, kPlace, '-');
+  const std::filesystem::path pictures = built_file("plugins/pictures.so");
+  const std::string decodes = std::filesystem::exists(pictures) ? file_hash(pictures) : "";
   std::ifstream processor("/proc/cpuinfo");
   std::string line;
   while (std::getline(processor, line) && line.rfind("flags", 0) != 0 && line.rfind("Features", 0) != 0) {
   }
-  return content_hash(program) + " " + content_hash(line);
+  return file_hash(file) + " " + decodes + " " + content_hash(line);
 }
 
 std::string program_identity() {

@@ -12,15 +12,17 @@
 
 namespace mirage {
 
-/// Tells programs apart whose results may differ: hash of the running executable, but for the commit in it,
-/// and of what the processor can do (libraries choose their instructions by it). Shared libraries of the
-/// system are not in it.
+/// Tells programs apart whose results may differ: hashes of the running executable, of the plugin beside it
+/// that decodes pictures ("" without one), and of what the processor can do (libraries choose their
+/// instructions by it). Shared libraries of the system are not in it, nor is the commit: the same program
+/// built from another commit is the same. Plugins that a setting names are inputs.
 std::string program_identity();
-/// The same of another file.
+/// The same of another executable.
 std::string program_identity(const std::filesystem::path& file);
 /// "0.1.0".
 std::string program_version();
-/// "ea8efec"; empty for sources without their history.
+/// What stands in `mirage.commit` beside the program, which every build writes (packaging/commit.cmake):
+/// "ea8efec", or "ea8efec-dirty" of sources that were changed since. "" for sources without their history.
 std::string program_commit();
 
 /// Collects what a result is made of. What is added twice under one name is what was added last.

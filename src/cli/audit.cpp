@@ -98,10 +98,15 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
   add_data(*common.provenance, options.data, ids, options.cameras);
   const Reliance reliance = can.reads_image ? reliance_of(audit) : no_camera();
   if (!options.claim.empty()) write_claim(options.claim, detector_options, options.data, reliance);
-  nlohmann::json result = to_json(audit);
+  nlohmann::json result = nlohmann::json::object();
+  if (!changes.empty()) result = to_json(audit);
   result["detector"] = detectors.front()->name();
   result["reliance"] = to_json(reliance);
   if (common.quiet) return result;
+  if (changes.empty()) {  // the gate of a detector without a camera: nothing was looked at
+    print_table(picture_rows(reliance));
+    return result;
+  }
   Rows rows = {{"frames", std::to_string(audit.frames)},
                {"cars", fmt::format("{}, AP 0.7 {}", audit.vehicles, percent(audit.ap70))}};
   if (audit.vehicles > 0) rows.push_back({"intervals over", to_string(audit.clusters)});
@@ -120,7 +125,10 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
 }
 
 void afterwards(const AuditOptions& options, const Common& common) {
-  if (!options.gate) write_page(common.out);
+  if (options.gate)
+    remove_pages(common.out);  // the gate's answer has none
+  else
+    write_page(common.out);
 }
 
 }  // namespace

@@ -22,6 +22,7 @@
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/provenance.h"
+#include "base/ranks.h"
 #include "base/schedule.h"
 #include "base/sizes.h"
 #include "detection/reliance.h"
@@ -56,15 +57,57 @@ struct Command {
   std::string page = {}, one_file = "the page";
 };
 
+/// What the folder's result.json holds before this command writes its own; null without one that can be read.
+inline nlohmann::json earlier_result(const std::filesystem::path& out) {
+  try {
+    return std::filesystem::exists(out / "result.json") ? read_json(out / "result.json") : nlohmann::json();
+  } catch (const InputError&) {
+    return {};
+  }
+}
+
+/// What a result lists under that key, texts of a list or keys of an object, but for what is no file's name.
+inline std::vector<std::string> listed_names(const nlohmann::json& result, const char* key) {
+  std::vector<std::string> names;
+  const auto add = [&](const std::string& name) {
+    if (std::filesystem::path(name).filename() == name) names.push_back(name);
+  };
+  if (!result.is_object() || !result.contains(key)) return names;
+  for (const auto& item : result.at(key).items())
+    if (result.at(key).is_object())
+      add(item.key());
+    else if (item.value().is_string())
+      add(item.value().get<std::string>());
+  return names;
+}
+
+/// Removes the pictures that the folder's earlier result lists and `result`, the one to be written, does not:
+/// they would pass for its own. Names under `plots` are of files in `out`, under `pictures` in the folder of
+/// that name.
+inline void remove_unlisted_pictures(const std::filesystem::path& out, const nlohmann::json& result) {
+  const nlohmann::json before = earlier_result(out);
+  for (const auto& [list, folder] : {std::pair("plots", out), std::pair("pictures", out / "pictures")}) {
+    const std::vector<std::string> kept = listed_names(result, list);
+    for (const std::string& name : listed_names(before, list))
+      if (std::find(kept.begin(), kept.end(), name) == kept.end() &&
+          std::filesystem::is_regular_file(folder / name))
+        std::filesystem::remove(folder / name);
+  }
+}
+
 /// A command whose options are a struct. Beside that stand add_options(CLI::App&, Options&), run(Options&,
 /// const Common&) and, where there is one, afterwards(const Options&, const Common&): overloads, in a unity
-/// build.
+/// build. Of the pictures in --out those stay that run()'s answer lists (remove_unlisted_pictures).
 template <class Options>
 Command command_of(Command command) {
   const auto options = std::make_shared<Options>();  // lives as long as the command
   if (command.default_out.empty()) command.default_out = "out/" + command.name;
   command.options = [options](CLI::App& app) { add_options(app, *options); };
-  command.run = [options](const Common& common) -> nlohmann::json { return run(*options, common); };
+  command.run = [options](const Common& common) {
+    nlohmann::json result = run(*options, common);
+    if (rank() == 0) remove_unlisted_pictures(common.out, result);
+    return result;
+  };
   if constexpr (requires(const Common& common) { afterwards(*options, common); })
     command.afterwards = [options](const Common& common) { afterwards(*options, common); };
   return command;
@@ -180,18 +223,18 @@ inline Rows picture_rows(const Reliance& reliance) {
   return rows;
 }
 
-/// What the folder's result.json holds before this command writes its own; null without one that can be read.
-inline nlohmann::json earlier_result(const std::filesystem::path& out) {
-  try {
-    return std::filesystem::exists(out / "result.json") ? read_json(out / "result.json") : nlohmann::json();
-  } catch (const InputError&) {
-    return {};
-  }
+/// Removes the pages that validation/report/command_page.py made in this folder: beside a result that they do
+/// not show they would pass for its own.
+inline void remove_pages(const std::filesystem::path& out) {
+  for (const char* page : {"audit.html", "compare.html", "drive.html", "score.html", "board.html"})
+    std::filesystem::remove(out / page);
 }
 
 /// The page that a Python program makes beside OUT/result.json, one self-contained file
-/// (validation/report/command_page.py). A warning in its place where Python or jinja2 is missing.
+/// (validation/report/command_page.py). Where Python fails, a warning that says why, and no page of an
+/// earlier result either.
 inline void write_page(const std::filesystem::path& out) {
+  remove_pages(out);
   std::string output;
   if (run_script("validation/report/command_page.py", out, &output) != 0)
     spdlog::warn("no page beside {}: {}", (out / "result.json").string(),

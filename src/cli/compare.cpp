@@ -46,12 +46,15 @@ void print_comparison(const Comparison& result) {
   for (const ComparedPart& part : result.parts) show(part);
   if (result.own) show(*result.own);
   print_columns(parts);
-  Rows rows = {{"second is easier to fool", to_string(classify(all.difference))},
-               {"smallest difference that would show",
-                fmt::format("{:.1f} points, in 80 % of such sets", 100 * result.detectable)}};
+  Rows rows = {
+      {"second is easier to fool", to_string(classify(all.difference))},
+      {"smallest difference that would show",
+       result.detectable < 1 ? fmt::format("{:.1f} points, in 80 % of such sets", 100 * result.detectable)
+                             : "none: too few vehicles"}};
   for (const auto& [difference, vehicles] : result.needed)
-    rows.push_back({fmt::format("vehicles that would show {:g} points", 100 * difference),
-                    vehicles ? fmt::format("about {}", *vehicles) : "more than a million"});
+    if (result.detectable < 1)
+      rows.push_back({fmt::format("vehicles that would show {:g} points", 100 * difference),
+                      vehicles ? fmt::format("about {}", *vehicles) : "more than a million"});
   const char* any = result.objects.size() > 1 ? ", any object" : "";
   rows.push_back({std::string("first") + any, describe(result.bounds[0])});
   rows.push_back({std::string("second") + any, describe(result.bounds[1])});

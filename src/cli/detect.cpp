@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <map>
 
 #include "attack/detector_pool.h"
 #include "attack/glue_check.h"
@@ -36,36 +37,47 @@ nlohmann::json box_json(const BevBox& box) {
   return {{"x", box.x}, {"y", box.y}, {"length", box.length}, {"width", box.width}, {"yaw", box.yaw}};
 }
 
-nlohmann::json box_json(const PictureBox& box) {
-  return {{"left", box.left}, {"top", box.top}, {"right", box.right}, {"bottom", box.bottom}};
+/// Names of a frame's cameras beside the first, by ObjectBoxes::camera.
+using CameraNames = std::map<int, std::string>;
+
+/// In the picture of the camera that it names, or of the first.
+nlohmann::json picture_json(const ObjectBoxes& boxes, const CameraNames& cameras) {
+  const PictureBox& box = boxes.picture;
+  nlohmann::json json = {{"left", box.left}, {"top", box.top}, {"right", box.right}, {"bottom", box.bottom}};
+  if (const auto name = cameras.find(boxes.camera); name != cameras.end())
+    json["camera"] = escape_name(name->second);
+  return json;
 }
 
 /// The box that is compared, and with its height where that is known of detections.
-nlohmann::json box_json(const ObjectBoxes& boxes, Matching matching, bool heights) {
-  if (matching.in_picture()) return box_json(boxes.picture);
+nlohmann::json box_json(const ObjectBoxes& boxes, Matching matching, bool heights,
+                        const CameraNames& cameras) {
+  if (matching.in_picture()) return picture_json(boxes, cameras);
   nlohmann::json json = box_json(boxes.box.bev);
   if (heights && boxes.box.height > 0) json["bottom"] = boxes.box.bottom, json["height"] = boxes.box.height;
   return json;
 }
 
-nlohmann::json detections_json(const DetectionRun& run, const Capabilities& can) {
+/// `cameras`: of each frame.
+nlohmann::json detections_json(const DetectionRun& run, const Capabilities& can,
+                               const std::vector<CameraNames>& cameras) {
   nlohmann::json frames = nlohmann::json::array();
   for (std::size_t i = 0; i < run.ids.size(); ++i) {
     nlohmann::json detections = nlohmann::json::array(), boxes = nlohmann::json::array();
     for (const Detection& proposal : run.frames[i].detections) {
-      nlohmann::json entry = box_json(proposal, run.matching, can.finds_heights);
+      nlohmann::json entry = box_json(proposal, run.matching, can.finds_heights, cameras[i]);
       if (proposal.velocity)
         entry["velocity"] = {proposal.velocity->x(), proposal.velocity->y(), proposal.velocity->z()};
       if (can.types.size() > 1 || can.types.front() != kCars)
         entry["type"] = can.types.at(as_size(proposal.type));
       if (proposal.identity >= 0) entry["identity"] = proposal.identity;
       if (!run.matching.in_picture() && area(proposal.picture) > 0)
-        entry["picture"] = box_json(proposal.picture);
+        entry["picture"] = picture_json(proposal, cameras[i]);
       entry["score"] = proposal.score();
       detections.push_back(std::move(entry));
     }
     for (const ObjectBoxes& box : run.frames[i].truth.boxes)
-      boxes.push_back(box_json(box, run.matching, can.finds_heights));
+      boxes.push_back(box_json(box, run.matching, can.finds_heights, cameras[i]));
     frames.push_back({{"frame", escape_name(run.ids[i])}, {"detections", detections}, {"vehicles", boxes}});
   }
   return {{"frames", frames}};
@@ -156,6 +168,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   const Capabilities can = detector->capabilities();
   std::vector<KittiFrame> kitti(frames.size());
   std::vector<CleanFrame> clean(frames.size());
+  std::vector<CameraNames> cameras(frames.size());
   const auto seen = [&](std::size_t place, const Frame& frame, const std::vector<Detection>& proposals) {
     CleanFrame& here = clean[place];
     here.scored = scored(proposals, ground_truth(frame, detector->region(), can), frame.calibration.camera.fy,
@@ -165,6 +178,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
     for (const std::size_t label : here.scored.truth.labels)
       here.hosts.emplace_back(frame, frame.labels[label], can.matching());
     kitti[place] = kitti_frame(frame, proposals, can.matching(), can.types);
+    cameras[place] = cameras_by_place(frame, can);
     if (!options.kitti.empty())
       write_results(options.kitti / (frame.id + ".txt"), kitti[place].detections, frame.calibration);
   };
@@ -176,7 +190,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   common.provenance->set("classes", options.classes);
   common.provenance->input("sensors", sensors_identity(options.sensors));
   add_data(*common.provenance, options.data, frames, options.cameras);
-  write_json(common.out / "detections.json", detections_json(run, can));
+  write_json(common.out / "detections.json", detections_json(run, can, cameras));
   std::vector<ScoredStratum> parts(1);
   parts[0].stratum.name = "all";
   parts[0].at50 = run.at50;
@@ -225,7 +239,10 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   result["precision"] = usable_precision(detector_options.precision);
   result["clusters"] = to_json(clusters);
   result["seconds_per_frame"] = run.seconds_per_frame;
-  if (!any_truth) return result;
+  if (!any_truth) {
+    std::filesystem::remove(common.out / "precision_recall.json");  // of an earlier run
+    return result;
+  }
   for (const ScoredStratum& part : run.strata) result["strata"][key(part.stratum.name)] = scores_json(part);
   const std::vector<ScoredFrame> easier = without_look_alikes(run.frames);
   const double easier50 = average_precision(easier, 0.5).average_precision,
@@ -238,7 +255,8 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
         fmt::format("with look-alikes ignored: AP 0.5 {}   AP 0.7 {}\n", percent(easier50), percent(easier70))
             .c_str(),
         stdout);
-  result["plots"] = plot_precision_recall(parts, detector->name(), common.out);
+  result["plots"] =
+      plot_precision_recall(parts, detector->name() + ": " + describe(run.matching), common.out);
   return result;
 }
 

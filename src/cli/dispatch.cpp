@@ -25,6 +25,7 @@
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/help.h"
+#include "exchange/gltf_document.h"
 #include "frames/frame_provenance.h"
 #include "scene/data/read_frames.h"
 
@@ -148,6 +149,15 @@ std::string result_hash(const std::filesystem::path& file) {
                                                                       : file_hash(file);
 }
 
+/// A file by content; of a glTF the files that it names, too.
+std::string whole_hash(const std::filesystem::path& file) {
+  std::string hash = file_hash(file);
+  if (const std::string kind = lower_extension(file); kind == ".gltf" || kind == ".glb")
+    for (const std::string& buffer : open_gltf(file).buffers)
+      if (!buffer.empty()) hash = content_hash(hash + content_hash(buffer));
+  return hash;
+}
+
 constexpr auto kDataOptions =
     std::to_array<const char*>({"data", "validation", "real", "kitti64", "xenith", "meshes"});
 
@@ -168,7 +178,7 @@ void add_options(Provenance& provenance, const CLI::App& command) {
     if (text.empty()) continue;
     try {
       if (std::filesystem::is_regular_file(file, none))
-        provenance.file(name, file);
+        provenance.input(name, whole_hash(file));
       else if (std::filesystem::is_regular_file(file / "run.json", none))
         provenance.input(name, run_hash(file));
       else if (std::ranges::find(kDataOptions, name) !=

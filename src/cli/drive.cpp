@@ -129,12 +129,16 @@ nlohmann::json in_cycles(const DriveOptions& options, const Common& common, cons
   request.folder = common.out / "vehicles-cycles";
   request.provenance.add(physical);
   request.provenance.set("renderer", renderer.identity());
-  return by_renderer(judge_drive(detectors, store, request), result);
+  nlohmann::json judged = by_renderer(judge_drive(detectors, store, request), result);
+  judged["lidar_effects"] = options.effects.words.empty() ? kAsRecorded : options.effects.words;
+  return judged;
 }
 
 nlohmann::json run(const DriveOptions& options, const Common& common) {
   Run run = run_of(options);
   options.effects.check();
+  // By the run's own data set, which the options replace.
+  const std::set<std::string> learned = frames_learned_on(run, options.overrides.at("data"));
   Overrides overrides = options.overrides;
   options.quality.add_to(overrides);
   options.effects.add_to(overrides);
@@ -156,7 +160,8 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   request.object = run.adversary;
   request.random = baseline_meshes(run, Baseline::sized, 1).front();
   request.place = run.settings.placement;
-  if (run.settings.classes != kCars) request.types = classes_of(run.settings.classes);
+  if (overrides.contains("classes") || run.settings.classes != kCars)
+    request.types = classes_of(run.settings.classes);
   request.simulation = run.settings.simulation;
   request.evaluation.score_threshold = options.score;
   request.evaluation.quiet = common.quiet;
@@ -165,7 +170,6 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   std::vector<std::string> frames;
   for (const Sequence& sequence : request.sequences)
     for (const SequenceFrame& frame : sequence.frames) frames.push_back(frame.id);
-  const std::set<std::string> learned = frames_learned_on(run, request.data);
   const auto trained_on =
       std::ranges::count_if(frames, [&](const std::string& id) { return learned.contains(id); });
   if (trained_on > 0 && rank() == 0)
@@ -173,17 +177,23 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
                  trained_on, frames.size());
   FrameStore store(run.settings);
   const DetectorPool detectors = load_detector_pool(detector, static_cast<int>(frames.size()));
-  request.evaluation.detector_identity =
-      detector_identity(detector, detectors.front()->capabilities().version);
+  const std::string version = detectors.front()->capabilities().version;
+  request.evaluation.detector_identity = detector_identity(detector, version);
   common.provenance->add(run.settings);
   common.provenance->add(options.settings);
+  common.provenance->add(options.part);
   add_frames(*common.provenance, run.settings, frames);
   add_detector(*common.provenance, detector);
+  if (is_outside(detector)) common.provenance->input("version", version);
+  common.provenance->input("object", hash_of(request.object));
+  common.provenance->input("random", hash_of(request.random));
   if (options.cycles > 0 && !detectors.front()->capabilities().reads_image)
     throw FieldError("cycles", std::to_string(options.cycles),
                      detector.detector + " does not read the picture", "leave it out");
   const std::unique_ptr<Detector> tracker = tracker_of(options, common);
   request.tracker = tracker.get();
+  request.goes_on =
+      !request.evaluation.detector_identity.empty() && (!tracker || !tracker->capabilities().version.empty());
   request.provenance = *common.provenance;
   const DriveResult result = judge_drive(detectors, store, request);
   nlohmann::json drive = to_json(result);

@@ -36,10 +36,12 @@ void print_head(const RunEvaluation& evaluation) {
 
 /// The headline: whether the box is gone, beside the seed's rule, with every control and net of it.
 void print_arms(const RunEvaluation& evaluation) {
-  const bool picture = evaluation.settings.matching.in_picture();
-  Columns rows = {{"share of vehicles (95 %)", "vanished",
-                   fmt::format("FN ASR, IoU {:.1f}", evaluation.settings.detected_iou),
-                   picture ? "missed at IoU 0.5" : "no box within 2 m", "FP ASR", "ASR (FN or FP)"}};
+  const bool picture = evaluation.settings.matching.in_picture(),
+             by_centre = evaluation.settings.matching.by == MatchBy::centre;
+  Columns rows = {
+      {"share of vehicles (95 %)", "vanished",
+       fmt::format("FN ASR, {} {:g}", by_centre ? "overlap" : "IoU", evaluation.settings.detected_iou),
+       picture ? "missed at IoU 0.5" : "no box within 2 m", "FP ASR", "ASR (FN or FP)"}};
   const auto shares = [&](const std::string& name, const Evaluation& of) {
     const MissRates& hidden = of.hiding;
     rows.push_back({of.meshes > 1 ? fmt::format("{} × {}", of.meshes, name) : name,

@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <optional>
+#include <set>
 
+#include "attack/evaluate_run.h"
 #include "attack/run.h"
 #include "base/child_process.h"
 #include "base/error.h"
@@ -115,6 +117,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     blender.emplace(common.out / "blender.log");
   }
   std::vector<HostId> hosts = shown_hosts(run, options.frames);
+  require_unchanged(run, hosts);
   run.settings.cameras = Cameras::all;  // labels keep their numbers
   FrameStore store(run.settings);
   if (options.overrides.contains("placement")) {
@@ -125,6 +128,8 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
   if (hosts.empty())
     throw InputError((options.run / "run.json").string(), "test", "no test vehicles to export",
                      "give --frames N, which goes on with those that it learned on");
+  const auto known = hosts_learned_on(run, run.settings, hosts, frames_learned_on(run, run.settings.data));
+  const std::set<HostId> learned(known.begin(), known.end());
   common.provenance->add(run.settings);
   add_frames(*common.provenance, run.settings, hosts);
   remove_earlier_scenes(common.out);
@@ -149,7 +154,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     files.push_back("adversary.fbx");
   }
   blender.reset();
-  std::size_t scenes = 0, learned = 0, others = 0;
+  std::size_t scenes = 0, others = 0;
   for (const HostId& id : hosts) {
     throw_if_interrupted("the files written so far are complete");
     const auto frame_handle = store.get(id.frame);
@@ -158,8 +163,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     rooftops.add(placement.carrier->from_box);
     const std::string name = host_name(id);
     ExportScene scene = host_scene(prepared.frame, placement, run.adversary, name);
-    scene.learned_on = learned_on(run, id);
-    if (*scene.learned_on) ++learned;
+    scene.learned_on = learned.contains(id);
     others += scene.others.size();
     write_scene(common.out / (name + ".glb"), scene);
     files.push_back(name + ".glb");
@@ -168,12 +172,12 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
   const auto& [mesh, atlas] = run.adversary;
   print_table({{"adversary", fmt::format("{} vertices, {} faces, {}×{} texels a face", mesh.vertices.size(),
                                          mesh.faces.size(), atlas.resolution, atlas.resolution)},
-               {"scenes", fmt::format("{} ({} of vehicles learned on)", hosts.size(), learned)},
+               {"scenes", fmt::format("{} ({} of vehicles learned on)", hosts.size(), learned.size())},
                {"roofs", roofs(rooftops.fitted, rooftops.from_box)},
                {"folder", common.out.string()}});
   if (!kit.is_null()) print_table(kit_rows(kit));
   nlohmann::json result = {{"scenes", hosts.size()},
-                           {"learned_on", learned},
+                           {"learned_on", learned.size()},
                            {"rooftops", to_json(rooftops)},
                            {"placement", text_of(run.settings.placement)},
                            {"placed", to_json(run.settings.placement)},

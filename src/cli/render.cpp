@@ -22,7 +22,26 @@ struct RenderOptions {
   double sigma = SoftRasterSettings<double>().sigma, gamma = 0;
   std::vector<double> color = {0, 0, 0};
   int samples = 2;
+  const CLI::App* app = nullptr;  ///< knows which options were given
 };
+
+/// InputError for an option of the rasteriser that is given to the ray-traced camera.
+void check_renderer(const RenderOptions& options) {
+  if (options.renderer == "soft") return;
+  for (const char* option : {"--sigma", "--gamma"})
+    if (options.app->count(option) > 0)
+      throw InputError(option, options.app->get_option(option)->results().back(),
+                       "means nothing at --renderer traced, which has no soft edges",
+                       "leave it out, or choose --renderer soft");
+}
+
+/// Removes what the render before drew into this folder of its other cameras.
+void remove_earlier_cameras(const std::filesystem::path& folder) {
+  for (const std::string& name : listed_names(earlier_result(folder), "cameras"))
+    for (const std::string& file :
+         {"image-" + name + ".exr", "image-" + name + ".png", "depth-" + name + ".exr"})
+      std::filesystem::remove(folder / file);
+}
 
 /// "1242x375" or "0,0,64,32" as whole numbers.
 std::vector<int> whole_numbers(const std::string& option, const std::string& text, char separator,
@@ -85,6 +104,7 @@ SceneImage draw(const RenderScene& scene, const ImageF& background, const SceneR
 
 nlohmann::json run(const RenderOptions& options, const Common& common) {
   const auto started = Clock::now();
+  check_renderer(options);
   int width = 0, height = 0;
   if (!options.size.empty()) {
     const auto size = whole_numbers("--size", options.size, 'x', 2, "give WIDTHxHEIGHT, e.g. 1242x375");
@@ -120,6 +140,7 @@ nlohmann::json run(const RenderOptions& options, const Common& common) {
       throw InputError("--window", options.window, "holds no pixels",
                        "give u0,v0,u1,v1 with u0 < u1 and v0 < v1");
   }
+  remove_earlier_cameras(common.out);
   const auto drawing = Clock::now();
   const SceneImage image = draw(scene, background, settings, common.out);
   nlohmann::json covered = {{scene.name, image.covered}};
@@ -158,6 +179,7 @@ nlohmann::json run(const RenderOptions& options, const Common& common) {
 }
 
 void add_options(CLI::App& app, RenderOptions& options) {
+  options.app = &app;
   app.add_option("--scene", options.scene, "scene as mirage export writes it (.glb)")->required();
   add_defaulted(app, "--renderer", options.renderer, "soft: soft rasteriser; traced: ray-traced camera")
       ->check(one_of({"soft", "traced"}));

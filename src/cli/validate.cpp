@@ -51,9 +51,10 @@ void add_summary(const ValidationSummary& summary, Rows& rows) {
 }
 
 void add_attack(const FooledSummary& attack, Rows& rows) {
-  rows.push_back({"hidden", fmt::format("raster {}, Cycles {}, of {} held back and found clean",
-                                        attack.hidden_raster, attack.hidden_cycles, attack.detected_clean)});
-  rows.push_back({"ASR (hidden or with a false box)",
+  rows.push_back({"hidden, ideal returns",
+                  fmt::format("raster {}, Cycles {}, of {} held back and found clean", attack.hidden_raster,
+                              attack.hidden_cycles, attack.detected_clean)});
+  rows.push_back({"ASR (hidden or with a false box), ideal returns",
                   fmt::format("raster {}, Cycles {}", percent(attack.share(attack.fooled_raster)),
                               percent(attack.share(attack.fooled_cycles)))});
 }

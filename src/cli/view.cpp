@@ -40,11 +40,15 @@ void add_options(CLI::App& app, ViewOptions& options) {
   app.add_option("--detector", settings.detector.detector, "detector (default: the run's)");
   app.add_option("--weights", settings.detector.weights, "the detector's weights (default: the run's)");
   app.add_option("--defense", settings.detector.defense, "the detector's defence (default: the run's)");
-  for (const char* other : {"--frames", "--no-detector", "--detector", "--weights", "--defense"})
-    drive->excludes(app.get_option(other));
   for (const char* of_run : {"--no-detector", "--detector", "--weights", "--defense"})
     app.get_option(of_run)->needs(run_folder);
+  for (const char* who : {"--detector", "--weights", "--defense"})
+    app.get_option("--no-detector")->excludes(app.get_option(who));
   add_overrides<FrameSource>(app, settings.overrides, {"depth", "rig", "placement", "cameras"});
+  // What is shown of a drive is what it judged.
+  for (const char* other : {"--frames", "--no-detector", "--detector", "--weights", "--defense", "--depth",
+                            "--rig", "--place", "--cameras"})
+    drive->excludes(app.get_option(other));
   add_trust_option(app, settings.trust);
   add_defaulted(app, "--size", settings.size, "largest page, MB; beyond it returns are thinned")
       ->check(within({0.1, 2000.0}));
@@ -63,8 +67,11 @@ nlohmann::json run(const ViewOptions& options, const Common& common) {
     return fmt::format("{} ({:.1f} MB)", file, 1e-6 * number(key));
   };
   Rows rows = {{"frames", fmt::format("{:.0f}", number("frames"))}};
+  if (result.contains("frames_in_file"))
+    rows.emplace_back("of them with detections", fmt::format("{:.0f}", number("frames_in_file")));
   if (result.contains("vehicle"))
-    rows.emplace_back("vehicle", result.at("vehicle"));
+    rows.emplace_back("vehicle", result.at("vehicle").get<std::string>() +
+                                     (number("learned_on") > 0 ? " (learned on)" : ""));
   else
     rows.emplace_back("attacked vehicles", fmt::format("{:.0f} ({:.0f} of them learned on)",
                                                        number("vehicles"), number("learned_on")));

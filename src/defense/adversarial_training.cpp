@@ -47,6 +47,8 @@ RunIdentity identity(const DefenseSettings& settings, const AttackSettings& atta
   nlohmann::json json = fields_json(settings);
   json["start"] = file_hash(weights_file(settings.detector));
   json["network_parts"] = settings.detector.parts;
+  if (is_plugin_path(settings.detector.detector))
+    json["plugin_hash"] = file_hash(plugin_file(settings.detector));
   json["lidar_gradient"] = to_word(attack.simulation.lidar_gradient);
   json["objective"] = fields_json(attack.objective);
   json["limits"] = {attack.limits.half.x(), attack.limits.half.y(), attack.limits.half.z()};
@@ -59,7 +61,8 @@ RunIdentity identity(const DefenseSettings& settings, const AttackSettings& atta
   ObjectiveSettings earlier;
   earlier.fp_top_k = 0;
   lacking["objective"] = fields_json(earlier);
-  for (const char* key : {"frames_hash", "lidar"}) lacking[key] = json[key];  // earlier runs do not say
+  for (const char* key : {"frames_hash", "lidar", "plugin_hash"})
+    if (json.contains(key)) lacking[key] = json[key];  // earlier runs do not say
   return {json, lacking};
 }
 

@@ -100,14 +100,24 @@ PictureBox picture_of(const json& from, const fs::path& file, const std::string&
   return box;
 }
 
+/// A text that the file need not have.
+std::string optional_text(const json& from, const char* key, const std::string& otherwise,
+                          const fs::path& file, const std::string& where) {
+  if (!from.contains(key)) return otherwise;
+  if (!from[key].is_string()) throw InputError(file.string(), where + "." + key, "is no text", kFix);
+  return unescape_name(from[key].get<std::string>());
+}
+
 KittiDetection detection_of(const json& from, const fs::path& file, const std::string& where) {
   KittiDetection detection;
   detection.score = number(from, "score", file, where);
+  detection.type = optional_text(from, "type", detection.type, file, where);
   if (!(detection.score >= 0 && detection.score <= 1))
     throw InputError(file.string(), where + ".score",
                      fmt::format("{:g} is no score from 0 to 1", detection.score), kFix);
   if (from.contains("left")) {  // a detector of the picture alone
     detection.picture = picture_of(from, file, where);
+    detection.camera = optional_text(from, "camera", "", file, where);
     return detection;
   }
   Box3& box = detection.box.emplace();
@@ -122,7 +132,10 @@ KittiDetection detection_of(const json& from, const fs::path& file, const std::s
           box_problem({box.bev, box.bottom, box.height > 0 ? box.height : kNominalHeight});
       !problem.empty())
     throw InputError(file.string(), where, "the box " + problem, kFix);
-  if (from.contains("picture")) detection.picture = picture_of(from["picture"], file, where + ".picture");
+  if (from.contains("picture")) {
+    detection.picture = picture_of(from["picture"], file, where + ".picture");
+    detection.camera = optional_text(from["picture"], "camera", "", file, where + ".picture");
+  }
   return detection;
 }
 
@@ -341,18 +354,30 @@ DetectionRun detect_data_set(
 }
 
 std::vector<KittiDetection> kitti_detections(std::span<const Detection> proposals, Matching matching,
-                                             const Frame& frame, const std::vector<std::string>& types) {
+                                             const Frame& frame, const std::vector<std::string>& types,
+                                             const std::map<int, std::string>& cameras) {
   std::vector<KittiDetection> result;
   for (const Detection& proposal : proposals) {
-    if (matching.in_picture() && proposal.camera != 0) continue;  // the files have one camera
+    const auto beside = cameras.find(proposal.camera);
+    const bool known = proposal.camera == 0 || beside != cameras.end();
+    if (matching.in_picture() && !known) continue;
     KittiDetection detection;
     detection.score = proposal.score();
     detection.type = types.at(as_size(proposal.type));
     if (!matching.in_picture()) detection.box = upright(proposal, frame.sweep);
-    if (proposal.camera == 0 && area(proposal.picture) > 0) detection.picture = proposal.picture;
+    if (known && area(proposal.picture) > 0) detection.picture = proposal.picture;
+    if (detection.picture && beside != cameras.end()) detection.camera = beside->second;
     result.push_back(detection);
   }
   return result;
+}
+
+std::map<int, std::string> cameras_by_place(const Frame& frame, const Capabilities& can) {
+  const std::vector<int> places = places_of_cameras(frame, can);
+  std::map<int, std::string> cameras;
+  for (std::size_t k = 1; k < places.size(); ++k)
+    if (places[k] >= 0) cameras[places[k]] = frame.name_of(k);
+  return cameras;
 }
 
 DetectionFiles::DetectionFiles(const fs::path& path) : path_(path) {

@@ -95,10 +95,16 @@ DetectionRun detect_data_set(
 // Detections on disk: what `mirage detect` writes, and what other people's detectors do.
 
 /// Proposals as KITTI's results hold them: upright() in the whole sweep; one that is judged in the picture
-/// gives no box in space. `types`: what the numbers of their classes mean (Capabilities::types).
+/// gives no box in space. `types`: what the numbers of their classes mean (Capabilities::types). `cameras`:
+/// cameras_by_place(); boxes in pictures of cameras that are not in it are left out, but for the first's.
 std::vector<KittiDetection> kitti_detections(std::span<const Detection> proposals, Matching matching,
                                              const Frame& frame,
-                                             const std::vector<std::string>& types = {kCars});
+                                             const std::vector<std::string>& types = {kCars},
+                                             const std::map<int, std::string>& cameras = {});
+
+/// The names of the frame's cameras beside the first that a detector of these capabilities looks at, by
+/// ObjectBoxes::camera.
+std::map<int, std::string> cameras_by_place(const Frame& frame, const Capabilities& can);
 
 /// The detections of a data set's frames.
 class DetectionFiles {

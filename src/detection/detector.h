@@ -206,7 +206,8 @@ struct DetectorOptions {
   /// "lidar", "camera", "painted", "fusion", "late", "refined", "torchscript", "onnx", "clusters", a path
   /// to a plugin (*.so), or "exec:" and a command (detection/process_detector.h).
   std::string detector = "fusion";
-  /// Empty: the shipped ones, DETECTOR-RIG.weights. kRealWeights: those fine-tuned on real frames,
+  /// Empty: the shipped ones, DETECTOR-RIG.weights; of a plugin's path those in weights/ beside it, or none
+  /// where no weights of it lie there. kRealWeights: those fine-tuned on real frames,
   /// DETECTOR-RIG-real.weights. Of "clusters": a picture network's beside it (detection/roi_fusion.h).
   std::filesystem::path weights;
   bool fresh = false;  ///< train from scratch: no weights are read
@@ -269,8 +270,10 @@ std::vector<std::string> answering_types(const std::vector<std::string>& types,
 template <class Visitor, FieldsOf<DetectorOptions> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "detector",
-         .help = "lidar, camera, painted, fusion, late, refined, torchscript, onnx, clusters, a plugin "
-                 "(*.so), or a program of yours: \"exec:python3 my_detector.py\""},
+         .help =
+             "lidar, camera, painted, fusion, late, refined, torchscript, onnx, clusters, a plugin "
+             "(*.so), or a program of yours: \"exec:python3 my_detector.py\" (a run notices changes of files "
+             "that the command names, --weights=FILE too, not of folders or -m modules)"},
         s.detector);
   visit({.name = "weights",
          .help =

@@ -95,7 +95,7 @@ typedef struct MirageClean {
 /* What forward is asked for. */
 typedef struct MiragePass {
   const MirageFrame* frame;
-  float score_threshold; /* answers with a score over it, in a fixed order */
+  float score_threshold; /* answers with a score over it, in a fixed order; the host drops others */
   int32_t keep_graph;    /* prepare backward */
   /* NULL, or the frame without the object: what it makes of that may be kept. Answers are those of the whole
    * pass up to rounding; backward then fills gradients inside the rectangles and of returns that are not in
@@ -147,7 +147,7 @@ typedef struct MirageDetectorApi {
   /* `options_json`: {"modality": the detector's name as the user gave it, "seed": N, "threads": N, "start":
    * bool, "precision": "float", "bfloat16" or "double", "locality": metres (0: exact), "camera", "lidar":
    * weights files that a new training starts from, "clean_memory_mb": N, "parts": [names]}; `weights`: a
-   * file, or NULL for freshly initialised weights. NULL on failure. */
+   * file, or NULL for freshly initialised weights and where there are none. NULL on failure. */
   void* (*create)(const char* options_json, const char* weights, char* error, size_t error_size);
   /* Ends an instance that create or share gave. */
   void (*destroy)(void* detector);
@@ -157,9 +157,9 @@ typedef struct MirageDetectorApi {
   /* Runs the network. Points *detections at memory of the detector, valid until the next call. */
   int (*forward)(void* detector, const MiragePass* pass, const MirageDetection** detections, int64_t* count,
                  char* error, size_t error_size);
-  /* Vector-Jacobian product of the last forward(keep_graph): d_logits has one value a detection.
-   * `d_presence`: d loss / d number of returns at each watched place; NULL where none is. NULL without
-   * MIRAGE_HAS_GRADIENTS. */
+  /* Vector-Jacobian product of the last forward(keep_graph): d_logits has one value a detection, 0 for
+   * those that the host dropped. `d_presence`: d loss / d number of returns at each watched place; NULL where
+   * none is. NULL without MIRAGE_HAS_GRADIENTS. */
   int (*backward)(void* detector, const float* d_logits, int64_t count, const MirageGradient* gradients,
                   int64_t gradient_count, float* d_presence, char* error, size_t error_size);
   /* Forgets the frames before; `sequence` begins ("": a frame that stands alone). NULL without

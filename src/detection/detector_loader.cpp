@@ -44,6 +44,14 @@ void log_licence_of_real_weights() {
   });
 }
 
+void log_missing_weights(const fs::path& plugin) {
+  static std::once_flag said;
+  std::call_once(said, [&] {
+    spdlog::info("{} is loaded without weights: none are named (--weights), and none of it lie in {}",
+                 plugin.string(), (plugin.parent_path() / "weights").string());
+  });
+}
+
 /// The host program's own detector, or another program. InputError where there is none, or for what only
 /// plugins have.
 std::unique_ptr<Detector> load_outside_detector(const DetectorOptions& options) {
@@ -183,8 +191,7 @@ std::string weights_word(const DetectorOptions& options) {
 
 /// The detector's part of its weights' names.
 std::string weights_name(const DetectorOptions& options) {
-  return fs::path(options.detector).extension() == ".so" ? fs::path(options.detector).stem().string()
-                                                         : options.detector;
+  return is_plugin_path(options.detector) ? fs::path(options.detector).stem().string() : options.detector;
 }
 
 /// Where weights that ship beside the plugin lie, by the options' words; whether they are there or not.
@@ -193,17 +200,22 @@ fs::path shipped_weights(const DetectorOptions& options, const fs::path& plugin)
          (weights_name(options) + "-" + options.rig + weights_word(options) + ".weights");
 }
 
-/// Words of the defences that weights ship for beside the plugin: the detector's on this rig.
-std::vector<std::string> shipped_defenses(const DetectorOptions& options, const fs::path& plugin) {
-  const std::string start = weights_name(options) + "-" + options.rig + "-";
+/// What the names of weights beside the plugin go on with after `start`.
+std::vector<std::string> weights_beside(const fs::path& plugin, const std::string& start) {
   std::vector<std::string> words;
   std::error_code none;
   for (const auto& file : fs::directory_iterator(plugin.parent_path() / "weights", none))
     if (const std::string name = file.path().stem().string();
         file.path().extension() == ".weights" && name.starts_with(start))
       words.push_back(name.substr(start.size()));
-  std::erase(words, kRealWeights);  // a family of weights
   std::sort(words.begin(), words.end());
+  return words;
+}
+
+/// Words of the defences that weights ship for beside the plugin: the detector's on this rig.
+std::vector<std::string> shipped_defenses(const DetectorOptions& options, const fs::path& plugin) {
+  std::vector<std::string> words = weights_beside(plugin, weights_name(options) + "-" + options.rig + "-");
+  std::erase(words, kRealWeights);  // a family of weights
   return words;
 }
 
@@ -219,6 +231,10 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
   }
   fs::path file = real || options.weights.empty() ? shipped_weights(options, plugin) : options.weights;
   if (fs::is_regular_file(file)) return file;
+  // Where some of another rig lie, one of those may be meant.
+  if (is_plugin_path(options.detector) && options.weights.empty() && word.empty() &&
+      weights_beside(plugin, weights_name(options) + "-").empty())
+    return {};
   if (real)
     throw InputError(file.string(), "",
                      "there are no shipped weights of " + weights_name(options) + " for the rig " +
@@ -283,7 +299,7 @@ std::vector<std::string> answering_types(const std::vector<std::string>& types,
 }
 
 fs::path plugin_file(const DetectorOptions& options) {
-  if (fs::path(options.detector).extension() == ".so") {
+  if (is_plugin_path(options.detector)) {
     if (!fs::exists(options.detector))
       throw InputError(options.detector, "", "no such detector plugin", "check --detector");
     return fs::absolute(options.detector);
@@ -313,7 +329,7 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {
     return defended(std::move(detector), options);
   }
   const fs::path plugin = plugin_file(options);
-  const bool by_path = fs::path(options.detector).extension() == ".so";
+  const bool by_path = is_plugin_path(options.detector);
   nlohmann::json settings = {{"seed", options.seed},
                              {"start", options.start},
                              {"precision", usable_precision(options.precision)},
@@ -326,6 +342,12 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {
   if (const auto file = branch_weights(options.lidar, "--lidar"); !file.empty()) settings["lidar"] = file;
   const fs::path weights = weights_file(options);
   if (!options.fresh && options.weights == kRealWeights) log_licence_of_real_weights();
+  if (!options.fresh && by_path && weights.empty()) {
+    if (options.start)
+      throw FieldError("weights", "", "the training starts from some, and " + options.detector + " has none",
+                       "name a file with --weights");
+    log_missing_weights(plugin);
+  }
   auto detector = open_detector(plugin, by_path ? "" : options.detector, settings.dump(), weights);
   if (const Capabilities can = detector->capabilities(); !can.finds_bev && !can.finds_picture)
     throw InputError(plugin.string(), "capabilities", "the detector finds no boxes",

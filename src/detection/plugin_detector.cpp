@@ -16,6 +16,7 @@
 #include "detection/car_in_picture.h"
 #include "detection/detector_abi.h"
 #include "detection/detector_abi3.h"
+#include "detection/process_detector.h"
 #include "scene/data/data_set.h"
 
 namespace mirage {
@@ -99,6 +100,7 @@ class PluginDetectorBase : public Detector {
 
   PluginInstance<Api> plugin_;
   Capabilities capabilities_;
+  BoxRows rows_;  ///< of the last forward: a plugin need not keep to the threshold
   std::shared_ptr<std::atomic<std::uint64_t>> version_ = std::make_shared<std::atomic<std::uint64_t>>(0);
 };
 
@@ -265,6 +267,7 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     std::vector<Detection> detections;
     for (std::int64_t i = 0; i < count; ++i) detections.push_back(detection(found[i], raw, i));
     check_proposals(detections, capabilities_.matching(), who());
+    detections = rows_.proposals(std::move(detections), score_threshold);
     // Labels end at the picture's border, and what they are compared with must, too.
     for (std::size_t i = 0; i < raw.places().size(); ++i)
       for (Detection& detection : detections)
@@ -277,7 +280,7 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
   SensorGradient backward(std::span<const double> d_logits) override {
     if (!capabilities_.has_gradients)
       throw Failure(plugin_.file.string(), "has no gradients", "use another detector to attack");
-    const std::vector<float> raw(d_logits.begin(), d_logits.end());
+    const std::vector<float> raw = rows_.of_rows(d_logits);
     SensorGradient gradient;
     if (kept_.width > 0 && kept_.height > 0) gradient.image = ImageF(kept_.width, kept_.height, 3);
     gradient.points.resize(kept_.points);
@@ -487,6 +490,7 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
           {{b.x, b.y, b.length, b.width, b.yaw}, raw_proposals[i].logit, {p.left, p.top, p.right, p.bottom}});
     }
     check_proposals(proposals, capabilities_.matching(), who());
+    proposals = rows_.proposals(std::move(proposals), score_threshold);
     // Labels end at the picture's border, and what they are compared with must, too.
     for (Detection& proposal : proposals)
       proposal.picture = within(proposal.picture, kept_width_, kept_height_);
@@ -494,7 +498,7 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
   }
 
   SensorGradient backward(std::span<const double> d_logits) override {
-    const std::vector<float> raw(d_logits.begin(), d_logits.end());
+    const std::vector<float> raw = rows_.of_rows(d_logits);
     SensorGradient gradient;
     if (kept_width_ > 0 && kept_height_ > 0) gradient.image = ImageF(kept_width_, kept_height_, 3);
     gradient.points.resize(kept_points_);

@@ -1,13 +1,16 @@
 #include "detection/process_detector.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <spdlog/spdlog.h>
 #include <wordexp.h>
 
 #include <algorithm>
 #include <bit>
+#include <mutex>
 #include <numeric>
 #include <optional>
+#include <set>
 
 #include "base/child_process.h"
 #include "base/error.h"
@@ -17,6 +20,7 @@
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "base/ranks.h"
 #include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "scene/data/data_set.h"
@@ -43,6 +47,8 @@ constexpr int kTries = 3;                         // at one frame
 constexpr double kPatience = 10;                  // s after Ctrl-C for the frame at hand
 constexpr std::size_t kAlign = 64;                // bytes, of arrays
 constexpr std::size_t kMinAnswerBytes = 1 << 26;  // bytes for answers, of which only what is written counts
+constexpr const char* kAnswerAsAsked =
+    R"(answer with the job's "id" as it was given, and with "ok" true or false, without quotes)";
 
 /// The words of the command, as a shell parts them; none of its own programs is run.
 std::vector<std::string> command_words(const std::string& detector) {
@@ -56,6 +62,36 @@ std::vector<std::string> command_words(const std::string& detector) {
     throw FieldError("detector", detector, "is no command",
                      "write \"exec:PROGRAM ARGUMENTS\", with what a shell would act on in quotes");
   return words;
+}
+
+/// What a word of a command names, alone or behind a "=" ("--weights=FILE").
+struct NamedByWord {
+  std::size_t at = 0;                                                  ///< where in the word the name begins
+  std::filesystem::file_type type = std::filesystem::file_type::none;  ///< none: no file and no folder
+};
+NamedByWord named_by(const std::string& word) {
+  using std::filesystem::file_type;
+  for (std::size_t at = 0; at < word.size();) {
+    std::error_code none;
+    const file_type type = std::filesystem::status(word.substr(at), none).type();
+    if (type == file_type::regular || type == file_type::directory) return {at, type};
+    const std::size_t sign = word.find('=', at);
+    if (sign == std::string::npos) break;
+    at = sign + 1;
+  }
+  return {};
+}
+
+/// Says once of each command which of its words name what program_content() does not look into.
+void warn_of_uncounted(const std::string& detector, const std::vector<std::string>& words) {
+  static std::mutex mutex;
+  static std::set<std::string> said;
+  const std::lock_guard lock(mutex);
+  if (words.empty() || rank() > 0 || !said.insert(detector).second) return;
+  spdlog::warn(
+      "{}: what {} holds does not count as the detector's content, and a run goes on when it changes; name "
+      "its files in the command",
+      detector, fmt::join(words, ", "));
 }
 
 /// An array in the shared memory, as a message names it.
@@ -173,11 +209,14 @@ class ProcessDetector : public ExternalDetector {
     worker_.emplace(words_, "", "the detector was at work", kPatience);
     json answer;
     if (worker_->exchange(hello_, limits_.start, answer, true)) return answer;
-    const std::string how = worker_->end() ? fmt::format("ended before it served ({})", *worker_->end())
-                                           : "does not serve: it " + worker_->lost();
+    const bool misspoke = worker_->misspoke();
+    const std::string how = misspoke         ? worker_->lost()
+                            : worker_->end() ? fmt::format("ended before it served ({})", *worker_->end())
+                                             : "does not serve: it " + worker_->lost();
     worker_.reset();
-    throw FieldError("detector", who_, how,
-                     "run the command by itself: it must end with serve(…) (mirage_serve.py)");
+    throw FieldError(
+        "detector", who_, how,
+        misspoke ? kAnswerAsAsked : "run the command by itself: it must end with serve(…) (mirage_serve.py)");
   }
 
   void read_hello(const json& answer) {
@@ -245,7 +284,9 @@ class ProcessDetector : public ExternalDetector {
                       "look at what the program printed");
       }
       const std::string lost = worker_->lost();
+      const bool misspoke = worker_->misspoke();
       worker_.reset();
+      if (misspoke) throw Failure(who_, lost, kAnswerAsAsked);
       throw_if_remembered(lost);
       if (attempt == kTries)
         throw Failure(who_, fmt::format("{}, {} times at one frame", lost, kTries),
@@ -359,14 +400,22 @@ ExternalDescription read_external_description(const nlohmann::json& description,
     else
       can.reads.push_back(name);
   }
-  const std::string finds = text_of(description, "finds", "boxes"),
-                    pictures = text_of(description, "pictures", "linear");
+  const auto said = [&](const char* key, const json& otherwise) {
+    const json value = description.value(key, json());
+    return value.is_null() ? otherwise : value;
+  };
+  const json finds = said("finds", "boxes"), pictures = said("pictures", "linear");
   can.version = text_of(description, "version", "");
-  if (finds != "boxes" && finds != "picture") bad("finds", "is " + finds, "use boxes or picture");
+  if (finds != "boxes" && finds != "picture") bad("finds", "is " + finds.dump(), "use boxes or picture");
   can.finds_bev = finds == "boxes", can.finds_picture = finds == "picture";
-  if (pictures != "linear" && pictures != "srgb8") bad("pictures", "is " + pictures, "use linear or srgb8");
+  if (pictures != "linear" && pictures != "srgb8")
+    bad("pictures", "is " + pictures.dump(), "use linear or srgb8");
   word.bytes = pictures == "srgb8";
-  const auto is_true = [&](const char* key) { return description.value(key, json()) == true; };
+  const auto is_true = [&](const char* key) {
+    const json value = said(key, false);
+    if (!value.is_boolean()) bad(key, "is " + value.dump(), "use true or false");
+    return value.get<bool>();
+  };
   can.has_gradients = is_true("gradient");
   can.finds_heights = can.finds_bev && is_true("heights");
   can.remembers = is_true("remembers");
@@ -424,16 +473,34 @@ std::vector<Detection> BoxRows::proposals(const RawBoxes& raw, const Capabilitie
     found.logit = raw.logits[i];
     found.type = type;
     if (!raw.identities.empty()) found.identity = raw.identities[i];
-    if (!(found.score() > score_threshold)) continue;
-    kept.push_back(std::move(found));
-    places_.push_back(i);
+    if (takes(i, found, score_threshold)) kept.push_back(std::move(found));
   }
   check_proposals(kept, can.matching(), who);
   for (Detection& found : kept) found.picture = within(found.picture, width, height);
   return kept;
 }
 
+std::vector<Detection> BoxRows::proposals(std::vector<Detection> answers, double score_threshold) {
+  count_ = answers.size();
+  places_.clear();
+  std::vector<Detection> kept;
+  kept.reserve(count_);
+  for (std::size_t i = 0; i < count_; ++i)
+    if (takes(i, answers[i], score_threshold)) kept.push_back(std::move(answers[i]));
+  return kept;
+}
+
+bool BoxRows::takes(std::size_t row, const Detection& found, double score_threshold) {
+  if (!(found.score() > score_threshold)) return false;
+  places_.push_back(row);
+  return true;
+}
+
 std::vector<float> BoxRows::of_rows(std::span<const double> d_logits) const {
+  if (d_logits.size() > places_.size())
+    throw Failure("backward",
+                  fmt::format("{} values for {} proposals of the last pass", d_logits.size(), places_.size()),
+                  "report this as a bug");
   std::vector<float> all(count_);
   for (std::size_t i = 0; i < d_logits.size(); ++i) all[places_[i]] = static_cast<float>(d_logits[i]);
   return all;
@@ -544,9 +611,23 @@ bool is_program(const std::string& detector) {
 }
 
 std::string program_content(const std::string& detector) {
+  const std::vector<std::string> words = command_words(detector);
   std::string all;
-  for (const std::string& word : command_words(detector))
-    all += std::filesystem::is_regular_file(word) ? file_hash(word) + "\n" : escape_name(word) + "\n";
+  std::vector<std::string> uncounted;
+  bool python = false;
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    const NamedByWord named = named_by(words[i]);
+    const std::string name = words[i].substr(named.at);
+    python = python || std::filesystem::path(name).filename().string().starts_with("python");
+    const bool is_file = named.type == std::filesystem::file_type::regular;
+    if (!is_file &&
+        (named.type == std::filesystem::file_type::directory || (python && i > 0 && words[i - 1] == "-m")))
+      uncounted.push_back(name);
+    all += escape_name(words[i].substr(0, named.at));
+    all += is_file ? file_hash(name) : escape_name(name);
+    all += "\n";
+  }
+  warn_of_uncounted(detector, uncounted);
   return "program-" + content_hash(all);
 }
 

@@ -43,7 +43,7 @@ struct RawBoxes {
   std::span<const std::int32_t> identities = {};  ///< Detection::identity of each row; empty: none
 };
 
-/// Which of the rows became proposals, so that their gradients find the way back.
+/// Which of a detector's answers, a row each, became proposals, so that their gradients find the way back.
 class BoxRows {
  public:
   /// Whether a box may have so many numbers: 4 in the picture, else 5, 7 or 9.
@@ -55,12 +55,17 @@ class BoxRows {
   /// (width × height). InputError naming `who` for what is no box (check_proposals), or of no class.
   std::vector<Detection> proposals(const RawBoxes& raw, const Capabilities& can, double score_threshold,
                                    int width, int height, const std::string& who);
-  /// One value a row from one a proposal; zero for the rest.
+  /// The same of answers that have been checked; they are the rows.
+  std::vector<Detection> proposals(std::vector<Detection> answers, double score_threshold);
+  /// One value a row from one a proposal; zero for the rest. Failure for more values than proposals.
   std::vector<float> of_rows(std::span<const double> d_logits) const;
   /// Rows of the boxes that proposals() last took.
   std::size_t count() const { return count_; }
 
  private:
+  /// Whether what stands in that row is a proposal, and remembers it if so.
+  bool takes(std::size_t row, const Detection& found, double score_threshold);
+
   std::size_t count_ = 0;
   std::vector<std::size_t> places_;
 };
@@ -116,8 +121,9 @@ inline constexpr const char* kProgramPrefix = "exec:";
 /// Whether the word names a program, which is code.
 bool is_program(const std::string& detector);
 
-/// Hash of the command's words and of the files that they name: what the program reads besides is not in it.
-/// InputError for a command that is none.
+/// Hash of the command's words and of the files that they name, alone or behind a "=" (--weights=FILE). What
+/// folders, Python's modules (-m NAME) and programs on PATH hold is not in it, nor what any of them loads:
+/// they count by their names, and a warning says so of the first two. InputError for a command that is none.
 std::string program_content(const std::string& detector);
 
 /// How long the program may take, s.

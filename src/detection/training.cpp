@@ -67,8 +67,9 @@ RunIdentity identity(const TrainingOptions& options, std::span<const std::string
   fields["frames"] = frames.size();
   fields["frames_hash"] = training_frames_hash(options.data, frames);
   fields["rig_hash"] = rig_hash(options);
-  for (const char* key : {"frames_hash", "rig_hash"})
-    lacking[key] = fields[key];  // runs of earlier programs do not say
+  if (is_plugin_path(options.detector)) fields["plugin_hash"] = file_hash(options.detector);
+  for (const char* key : {"frames_hash", "rig_hash", "plugin_hash"})
+    if (fields.contains(key)) lacking[key] = fields[key];  // runs of earlier programs do not say
   for (const auto& [key, file] : {std::pair("start", options.start), std::pair("camera", options.camera),
                                   std::pair("lidar", options.lidar)}) {
     fields[key] = file.empty() ? "" : file_hash(file);

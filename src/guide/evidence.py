@@ -8,7 +8,7 @@
 
 A block of a page stands between <!-- evidence: NAME --> and <!-- /evidence -->, and its table is TABLES[NAME] of the stored files.
 A stored file has the keys that tables need and where they come from: command, commit, date, hashes. COMMAND names the command of a
-file that does not say it, such as bench.json.
+file that does not say it, such as bench.json. Commit and date are those that the file says; without, the day of its last change alone.
 """
 
 import datetime
@@ -120,9 +120,14 @@ def roofs(source):
     return table(["range", "cars", "fitted", "median error, cm", "95th percentile, cm"], rows) + commands(made)
 
 
+def certificate(source):
+    """Of the usual size."""
+    return next(each for each in stored(source, "certify-lidar")["sizes"] if each["size"] == 0.8)
+
+
 def certified(source):
     """Of one size: found, and certified with the roof known and without."""
-    of = next(each for each in stored(source, "certify-lidar")["sizes"] if each["size"] == 0.8)
+    of = certificate(source)
     rows = [[said, f"{percent(of[key]['value'])} %", between(of[key])] for key, said in
             (("clean_iou70", "found as recorded"), ("known_roof_iou70", "certified, roof known"), ("lattice_iou70", "certified by the lattice"))]
     return table(["", "cars", "95 %"], rows)
@@ -365,6 +370,24 @@ def zoo(source):
         return json.load(file)
 
 
+def sayings(source):
+    """{page: texts that it must hold}: figures of a table that is not made here."""
+    def share(of, count=""):
+        return f"| {100 * of['value']:.0f} %{count} | {100 * of['low']:.0f}–{100 * of['high']:.0f} % |"
+
+    matched = stored(source, "validate-kitti")["matched"]
+    rows = {row["label"]: row for row in experiment(source, "table1")["rows"]}
+    both, sized = rows["fusion, both"], rows["fusion, random mesh of its size"]
+    gap = stored(source, "drive-KITTI-fusion-real-learned")["drive"]["gap_s"]
+    lost = gap["attacked"]
+    insertion_ms = stored(source, "bench")["figures"]["insertion_ms_10m_sigma_1e-5"]
+    return {"README.md": (
+        f"| {matched['hit_disagreements']} of {grouped(matched['rays'])} rays differ |",
+        share(both["values"]["vanished"], f" of {both['vehicles']}"), share(sized["values"]["vanished"]),
+        f"| {lost['value']:.1f} s; a random object: {gap['random']['value']:.1f} s | {lost['low']:.1f}–{lost['high']:.1f} s |",
+        share(certificate(source)["lattice_iou70"]), f"| {insertion_ms:.0f} ms on one core |")}
+
+
 TABLES = {"detectors": detectors, "recorded": recorded, "gradients": gradients, "real_to_sim": real_to_sim, "depth": depth, "roofs": roofs,
           "certificates": certificates, "certified": certified, "insertion": insertion, "agreement": agreement, "rays": rays, "speed": speed, "matched": matched, "success": success,
           "sizes": sizes, "parts": parts, "where": where, "cubes": cubes}
@@ -557,9 +580,10 @@ def keep(source, name, file, keys, command):
     said = result.get("provenance", {})
     out = {key: said[key] for key in ORIGIN if key in said}
     if command:
-        out.update(origin_of_command(source, command))
+        out.update(command=command, **{key: result[key] for key in ("commit", "date") if key in result})
+        out.setdefault("date", datetime.date.fromtimestamp(os.path.getmtime(file)).isoformat())
     if command and "figures" not in result:
-        result = {"figures": result}
+        result = {"figures": {key: value for key, value in result.items() if key not in out}}
     for key in keys:
         if "[" in key:
             result[key.split("[")[0]]  # or there is none
@@ -575,9 +599,13 @@ def keep(source, name, file, keys, command):
     store(source, name, out)
 
 
-def origin_of_command(source, command):
-    commit = subprocess.run(["git", "-C", source, "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True, check=True)
-    return {"command": command, "commit": commit.stdout.strip(), "date": datetime.date.today().isoformat()}
+def built_commit(source):
+    """Of the programs that a command in SOURCE runs (src/packaging/commit.cmake)."""
+    path = os.path.join(source, "build", "release", "mirage.commit")
+    if not os.path.exists(path):
+        raise Missing(f"{path}: no such file; build first")
+    with open(path, encoding="utf-8") as file:
+        return file.read().strip()
 
 
 # Where a command's own folders lie is nobody's business: what a reader puts in their place.
@@ -587,8 +615,9 @@ PLACES = ((r"--data \S*shared/kitti\b", "--data path/to/kitti"), (r"--data /\S*/
 
 
 def keep_lines(source, name, pattern, command):
+    origin = {"command": command, "commit": built_commit(source), "date": datetime.date.today().isoformat()}
     ran = subprocess.run(command, shell=True, cwd=source, capture_output=True, text=True, check=True)
-    store(source, name, {**origin_of_command(source, command), "lines": [line for line in ran.stdout.splitlines() if re.search(pattern, line)]})
+    store(source, name, {**origin, "lines": [line for line in ran.stdout.splitlines() if re.search(pattern, line)]})
 
 
 def store(source, name, result):
@@ -609,6 +638,13 @@ def main(source, *arguments):
         keep_lines(source, name, pattern, " ".join(command))
         return 0
     wrong = 0
+    for path, texts in sayings(source).items():
+        with open(os.path.join(source, path), encoding="utf-8") as file:
+            page = file.read()
+        for text in texts:
+            if text not in page:
+                print(f"{path}: does not say {text}, as {RESULTS} does; correct it")
+                wrong = 1
     for path, text in written(source).items():
         full = os.path.join(source, path)
         before = open(full, encoding="utf-8").read() if os.path.exists(full) else ""

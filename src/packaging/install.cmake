@@ -21,6 +21,7 @@ install(DIRECTORY ${PROJECT_SOURCE_DIR}/plugins/blender/mirage_blender DESTINATI
         COMPONENT program FILES_MATCHING PATTERN *.py PATTERN __pycache__ EXCLUDE)
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/plugins/process DESTINATION ${parts}/plugins COMPONENT program
         FILES_MATCHING PATTERN mirage_serve.py PATTERN mirage_process.h)
+install(FILES ${CMAKE_BINARY_DIR}/mirage.commit DESTINATION ${parts} COMPONENT program OPTIONAL)  # none of sources without git
 # Fetched by the build, where npm was in reach.
 install(FILES ${CMAKE_BINARY_DIR}/report/model-viewer.min.js DESTINATION ${parts}/report COMPONENT program OPTIONAL)
 foreach(paper LICENSE NOTICE README.md CHANGELOG.md CITATION.cff)

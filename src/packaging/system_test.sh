@@ -1,8 +1,8 @@
 #!/bin/bash
 # system_test.sh SUITE [FOLDER [ARCH]]: `make demo` and `make test` of the last commit in a bare Debian (fresh_root.sh), as a
-# newcomer has them. Prints a table of seconds and what failed; logs and the runs' result.json go to build/system-test/SUITE. Exit
-# code 1 where a step fails; the steps after it are tried all the same. With ARCH, another processor: `make portable` in their place,
-# cross-compiled, and run by qemu.
+# newcomer has them. Prints a table of seconds, and which tests were skipped or failed; logs and the runs' result.json go to
+# build/system-test/SUITE. Exit code 1 where a step fails; the steps after it are tried all the same. With ARCH, another processor:
+# `make portable` in their place, cross-compiled, and run by qemu.
 set -euo pipefail
 suite=$1
 kept=${2:-}
@@ -44,8 +44,9 @@ if [ -n "$arch" ]; then
   step portable inside make -C $sources portable ARCH="$arch" CROSS="$triplet"
 else
   step prepare inside apt-get install -y -q --no-install-recommends make git ca-certificates
-  step setup inside make -C $sources setup
+  # The demo first: where it lacks a package, nothing else has installed that.
   step demo inside make -C $sources demo
+  step setup inside make -C $sources setup
   step build inside make -C $sources build
   step test inside make -C $sources test
 fi
@@ -56,6 +57,7 @@ fi
   # What a single test prints is not the outcome of all.
   grep "tests passed" "$out/test.log" 2> /dev/null || true
   grep PASSED "$out/portable.log" 2> /dev/null || true
+  sed -n 's/^[[:space:]]*[0-9]* - \(.*\) (Skipped)$/skipped: \1/p' "$out/test.log" 2> /dev/null || true
   sed 's/^/failed: /' "$root$sources/build/release/Testing/Temporary/LastTestsFailed.log" 2> /dev/null || true
 } | tee -a "$out/table.md"
 exit $failed

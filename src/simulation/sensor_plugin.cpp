@@ -23,7 +23,7 @@ constexpr const char* kSensorPlugins = "sensor";
 constexpr std::int64_t kMaxValues = std::int64_t{1} << 28;
 
 fs::path sensor_file(const std::string& word) {
-  if (fs::path(word).extension() == ".so") {
+  if (is_plugin_path(word)) {
     if (!fs::exists(word)) throw InputError(word, "", "no such sensor plugin", "check --sensors");
     return fs::absolute(word);
   }

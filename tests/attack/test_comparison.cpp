@@ -102,6 +102,10 @@ TEST(Comparison, SaysWhatItCouldHaveShown) {
                    .difference.low > 0;
   }
   EXPECT_GT(told_in, 120);
+  const Comparison nothing =
+      compare_outcomes({}, {}, kObjects, false);  // no vehicles: no number of them follows
+  EXPECT_EQ(nothing.detectable, 1);
+  for (const auto& [difference, vehicles] : nothing.needed) EXPECT_FALSE(vehicles) << difference;
 }
 
 TEST(Comparison, CountsVehiclesThatBothFindOnce) {

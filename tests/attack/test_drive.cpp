@@ -14,6 +14,7 @@
 #include "attack/drive.h"
 #include "attack/tiny_world.h"
 #include "attack/vehicle_drive.h"
+#include "attack/zoo.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/names.h"
@@ -350,6 +351,94 @@ TEST_F(Drives, ResultsDependNeitherOnThreadsNorOnAnInterruption) {
   EXPECT_EQ(judged(kept), once);
   write_file(file, "{");
   EXPECT_EQ(judged(kept), once);
+}
+
+TEST_F(Drives, WhatIsNotToBeKeptIsWrittenAndNotRead) {
+  DriveRequest asked = request();
+  asked.folder = folder_ / "vehicles";
+  asked.goes_on = false;
+  const nlohmann::json once = judged(asked);
+  nlohmann::json stored = read_json(asked.folder / "0000_4.json");
+  stored["type"] = "Van";
+  write_json(asked.folder / "0000_4.json", stored);
+  EXPECT_EQ(judged(asked), once);
+  EXPECT_EQ(read_json(asked.folder / "0000_4.json").at("type"), "Car");
+}
+
+/// Finds the car, and something 9 m behind it and 3 m to its left.
+class TwoThings : public test::StandInDetector {
+ public:
+  std::vector<Detection> forward(const SensorView& input, double threshold, bool keep) override {
+    auto found = StandInDetector::forward(input, threshold, keep);
+    found.push_back({{20.5, 3, 4, 1.7, 0}, 1});
+    return found;
+  }
+};
+
+TEST_F(Drives, APhantomStandsOnNoRoadUserAndWithAnObjectOnNoRecordedDetection) {
+  const auto labels = data() / "training/label_02/0000.txt";
+  const std::vector<std::string> cars = test::lines_of(labels);
+  const auto phantoms = [&](const std::string& type) {
+    std::string text;
+    for (const std::string& line : cars) {
+      std::istringstream words(line);
+      std::vector<std::string> row{std::istream_iterator<std::string>(words), {}};
+      text += line + "\n";
+      row[1] = "5", row[2] = type;
+      row[13] = std::to_string(std::stod(row[13]) - 3);
+      row[15] = std::to_string(std::stod(row[15]) + 9);
+      text += fmt::format("{}\n", fmt::join(row, " "));
+    }
+    write_file(labels, text);
+    FrameStore store(data(), read_lidar_model(shipped_file("scenes/rigs/kitti64.toml")));
+    return to_json(judge_drive(test::one_of<TwoThings>(), store, request()))
+        .at("vehicles")
+        .at(0)
+        .at("phantoms");
+  };
+  const nlohmann::json on_look_alike = phantoms("Misc");
+  EXPECT_EQ(on_look_alike.at("clean").at("frames"), kFrames - 2);  // since the third detection
+  EXPECT_EQ(on_look_alike.at("attacked").at("frames"), 0);         // new ones alone
+  EXPECT_EQ(phantoms("Cyclist").at("clean").at("frames"), 0);
+}
+
+/// Finds the car 2 m to its left, where it does not stand.
+template <MatchBy kBy>
+class Beside : public test::StandInDetector {
+ public:
+  Capabilities capabilities() const override {
+    Capabilities can;
+    can.judged_by = kBy;
+    return can;
+  }
+  std::vector<Detection> forward(const SensorView& input, double threshold, bool keep) override {
+    auto found = StandInDetector::forward(input, threshold, keep);
+    for (Detection& one : found) one.box.bev.y += 2;
+    return found;
+  }
+};
+
+TEST_F(Drives, BoxesAreComparedAsTheDetectorIsJudged) {
+  const auto judge = [&]<MatchBy kBy>() {
+    FrameStore store(data(), read_lidar_model(shipped_file("scenes/rigs/kitti64.toml")));
+    return to_json(judge_drive(test::one_of<Beside<kBy>>(), store, request())).at("vehicles").at(0);
+  };
+  const nlohmann::json from_above = judge.operator()<MatchBy::own>(),
+                       by_centre = judge.operator()<MatchBy::centre>();
+  EXPECT_EQ(from_above.at("found").at("clean"), 0);
+  EXPECT_EQ(from_above.at("confirmed_s").at("clean"), nullptr);
+  EXPECT_EQ(by_centre.at("found").at("clean"), kFrames);
+  EXPECT_EQ(by_centre.at("strip").at("clean").at("track"), "llffffff");
+  EXPECT_THAT(error_text<FieldError>([&] { judge.operator()<MatchBy::picture>(); }),
+              HasSubstr("matching: picture: compares boxes in the picture"));
+}
+
+// A .gltf says the same of other geometry, which lies in a file beside it.
+TEST(DrivenObjects, AreKnownByTheirMeshesAndNotByTheirFiles) {
+  Provenance one, other;
+  add_objects(one, {{"a", "a.gltf", random_adversary(1, {})}});
+  add_objects(other, {{"a", "a.gltf", random_adversary(2, {})}});
+  EXPECT_NE(one.input("mesh"), other.input("mesh"));
 }
 
 TEST_F(Drives, TooShortATrackAndBoxesOfThePictureAreRefused) {

@@ -2,6 +2,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <tuple>
+#include <utility>
+
 #include "attack/attack.h"
 #include "attack/evaluate_run.h"
 #include "attack/tiny_world.h"
@@ -9,6 +12,8 @@
 #include "base/files.h"
 #include "exchange/gltf.h"
 #include "frames/frame_provenance.h"
+#include "scene/data/kitti.h"
+#include "scene/data/read_frames.h"
 #include "support/files.h"
 
 namespace mirage {
@@ -142,6 +147,37 @@ TEST(EvaluateRun, FramesThatHaveChangedSinceTheAttackAreRefused) {
   EXPECT_EQ(evaluate_run(request).hosts.size(), 1u);
 }
 
+// Each command asks about the vehicles that it takes.
+TEST(EvaluateRun, FramesAreUnchangedOfTheSplitThatIsAskedFor) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "one", 2);
+  for (const char* id : {"000000", "000001"}) {  // the same labels in a frame with a camera beside
+    Frame frame = read_frame(folder / "one", id);
+    frame.others = {{"SIDE", frame.calibration, Lazy<ImageF>([] { return ImageF(248, 75, 3, 0.4f); })}};
+    write_frame(folder / "one", frame);
+  }
+  const std::vector<std::string> train = {"000000"}, test = {"000001"};
+  const auto hashes = [&](Cameras cameras) {
+    return std::pair(frames_hash(folder / "one", train, cameras), frames_hash(folder / "one", test, cameras));
+  };
+  ASSERT_NE(hashes(Cameras::first), hashes(Cameras::all));
+  mirage::Run run = read_run(tiny_run(folder, "a", "one", {{"000000", 0}}, {{"000001", 0}}), TrustRun::yes);
+  EXPECT_NO_THROW(require_unchanged(run, run.test)) << "nothing is known of runs of before";
+  for (const Cameras chosen : {Cameras::first, Cameras::all}) {
+    std::tie(run.train_frames, run.test_frames) = hashes(chosen);
+    for (const Cameras asked : {Cameras::first, Cameras::all}) {
+      run.settings.cameras = asked;
+      EXPECT_NO_THROW(require_unchanged(run, run.train));
+      EXPECT_NO_THROW(require_unchanged(run, run.test));
+    }
+  }
+  const auto labels = folder / "one/training/label_2/000001.txt";
+  write_file(labels, "Car 0 0 0 10 20 30 40 1.5 1.6 3.9 5 1.7 30 0\n" + read_file(labels));
+  EXPECT_NO_THROW(require_unchanged(run, run.train));
+  EXPECT_THAT(error_text<InputError>([&] { require_unchanged(run, run.test); }),
+              testing::HasSubstr("frames: have changed since"));
+}
+
 TEST(EvaluateRun, AVehicleThatWasLearnedOnInAnotherFrameIsNoUnseenOne) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "one", 3);
@@ -152,6 +188,13 @@ TEST(EvaluateRun, AVehicleThatWasLearnedOnInAnotherFrameIsNoUnseenOne) {
       request_for(tiny_run(folder, "a", "one", {{"000000", 0}}, {{"000001", 0}, {"000002", 0}}));
   request.random_meshes = 0;
   EXPECT_EQ(evaluate_run(request).trained_on, 1);
+  const mirage::Run run = read_run(folder / "a", TrustRun::yes);
+  const FrameSource& source = run.settings;
+  std::vector<HostId> all = run.test;
+  all.insert(all.end(), run.train.begin(), run.train.end());
+  EXPECT_THAT(names(hosts_learned_on(run, source, all, frames_learned_on(run, source.data))),
+              testing::ElementsAre("000001_0", "000000_0"));
+  EXPECT_THAT(names(hosts_learned_on(run, source, all, {})), testing::ElementsAre("000001_0", "000000_0"));
 }
 
 TEST(EvaluateRun, OptionsThatContradictAnotherRunsHosts) {

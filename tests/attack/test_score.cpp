@@ -202,6 +202,10 @@ TEST(Score, OfADetectorWithoutGradientsFromNothing) {
   EXPECT_GT(first.learned[0].result.steps, 0);
   EXPECT_EQ(first.evaluation.trained_on, 0);  // those that the attack held back are judged
   EXPECT_EQ(first.evaluation.hosts.size(), as_size(first.learned[0].result.vehicles_test));
+  // What an object was learned by and what it is judged by are no one choice.
+  EXPECT_EQ(first.learned[0].settings.simulation.supersampling, 1);
+  EXPECT_EQ(first.evaluation.target_run.settings.simulation.supersampling,
+            SimulationSettings().supersampling);
   ASSERT_EQ(first.score.rows.size(), 5u);
   EXPECT_EQ(first.score.rows[1].objects.size(), 5u);
   EXPECT_EQ(first.score.rows[2].objects.size(), 3u);
@@ -215,6 +219,22 @@ TEST(Score, OfADetectorWithoutGradientsFromNothing) {
   const ScoreResult again = score(request);
   EXPECT_EQ(again.learned[0].result.steps, 0);
   EXPECT_EQ(to_json(again), to_json(first));
+  // Below a ceiling, by the unit of a rig that does not ship.
+  ScoreRequest below = request;
+  below.out = folder / "below";
+  below.detector.defense = "ceiling:3";
+  write_json(folder / "data/dataset.json", {{"rig", "own"}, {"seed", 1}, {"generator", "another"}});
+  std::filesystem::copy_file(shipped_file("scenes/rigs/kitti64.toml"), folder / "data/rig.toml");
+  EXPECT_EQ(score(below).learned.size(), 1u);
+  // The rig that is named, not the set's own, chooses the zoo's learned objects.
+  ScoreRequest named = request;
+  named.out = folder / "named";
+  named.adaptive = false;
+  named.overrides["rig"] = "kitti64";
+  const auto known = score(named).score.rows;
+  const auto learned = std::ranges::find(known, ObjectLevel::learned, &ScoreRow::level);
+  ASSERT_NE(learned, known.end());
+  EXPECT_EQ(learned->objects.size(), 6u);
   // With frames of another number where some were made.
   ScoreRequest generated = request;
   generated.overrides.erase("data");

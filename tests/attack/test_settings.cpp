@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/json_fields.h"
 #include "detection/training.h"
+#include "frames/frame_provenance.h"
 #include "scene/depth/learned_depth.h"
 #include "support/each_field.h"
 #include "support/files.h"
@@ -186,6 +187,48 @@ TEST(Settings, ARunOfAnEarlierProgramGoesOnWithTheSameSettingsAndNoOthers) {
   EXPECT_THAT(
       test::error_text<InputError>([&] { check_identity("checkpoint.json", written, identity(settings)); }),
       StartsWith("checkpoint.json: simulation: "));
+}
+
+TEST(Settings, ARunGoesOnWithTheUsersPluginsAsTheyWere) {
+  const test::TemporaryFolder folder;
+  AttackSettings settings;
+  settings.data = "/data";
+  settings.rooftop = "box";
+  settings.detector.detector = folder / "detector.so";
+  settings.depth = folder / "depth.so";
+  settings.sensors = "radar," + (folder / "sonar.so").string();
+  const std::vector<std::pair<std::string, std::string>> keys = {
+      {"detector.so", "plugin_hash"},
+      {"depth.so", "depth_hash"},
+      {"weights/depth-depth.weights", "depth_hash"},
+      {"sonar.so", "sensors_hash"}};
+  for (const auto& [name, key] : keys) write_file(folder / name, "before");
+  const nlohmann::json written = identity(settings).json;
+  for (const auto& [name, key] : keys) {
+    write_file(folder / name, "rebuilt");
+    EXPECT_THAT(
+        test::error_text<InputError>([&] { check_identity("checkpoint.json", written, identity(settings)); }),
+        StartsWith("checkpoint.json: " + key + ": the folder holds a run with another value"));
+    nlohmann::json earlier = written;  // a program that did not say
+    earlier.erase(key);
+    check_identity("checkpoint.json", earlier, identity(settings));
+    write_file(folder / name, "before");
+  }
+  check_identity("checkpoint.json", written, identity(settings));
+  const nlohmann::json shipped = identity(everything_on()).json;
+  for (const auto& [name, key] : keys) EXPECT_FALSE(shipped.contains(key)) << key;
+}
+
+TEST(Settings, AnswersOfAPluginWithoutWeightsAreKeptUnderItsContent) {
+  const test::TemporaryFolder folder;
+  DetectorOptions options;
+  options.detector = folder / "detector.so";
+  write_file(options.detector, "before");
+  const std::string before = detector_identity(options);
+  EXPECT_NE(before, "");
+  EXPECT_EQ(detector_identity(options), before);
+  write_file(options.detector, "rebuilt");
+  EXPECT_NE(detector_identity(options), before);
 }
 
 TEST(Settings, ASettingThatIsGoneIsIgnoredByReadersAndRefusedByWhatGoesOn) {

@@ -260,6 +260,140 @@ class Engine(unittest.TestCase):
         self.assertAlmostEqual(float(alpha[50, 48, 0]), 0.4, delta=1e-5)
 
 
+    def test_view_layers_have_what_is_in_each(self):
+        scene = fresh()
+        view(scene)
+        scene.render.film_transparent = True
+        scene.view_layers[0].name = "Left"
+        scene.view_layers.new("Right")
+        for name, y in (("Left", 1), ("Right", -1)):
+            collection = bpy.data.collections.new(name)
+            scene.collection.children.link(collection)
+            thing = box(name, (6, y, 0), 0.5)
+            scene.collection.objects.unlink(thing)
+            collection.objects.link(thing)
+        for layer in scene.view_layers:
+            for child in layer.layer_collection.children:
+                child.exclude = child.name != layer.name
+        picture, error = render("layers.exr", "OPEN_EXR_MULTILAYER")
+        self.assertEqual(error, "")
+        for name, inside in (("Left", slice(0, 75)), ("Right", slice(85, 160))):  # +y is left
+            alpha = pixels(picture, f"{name}.Combined.A")[..., 0]
+            self.assertGreater(alpha.max(), 0.5, name)
+            self.assertAlmostEqual(float(alpha[:, inside].sum()), float(alpha.sum()), delta=1e-3, msg=name)
+
+    def test_the_traced_camera_is_given_no_softness(self):
+        from mirage_blender.engine import arguments
+
+        settings = fresh().mirage
+        settings.sigma, settings.gamma = 2, 0.5
+        for renderer, soft in (("SOFT", True), ("TRACED", False)):
+            settings.renderer = renderer
+            line = arguments(settings, (0, 0, 8, 8), (0, 0, 0), "s.glb", "out")
+            for option in ("--sigma", "--gamma"):
+                self.assertEqual(option in line, soft, (renderer, option))
+
+
+def material(name, kind=None, **inputs):
+    """One with a shader of that kind at its output; without one, Blender's own. Returns it and the shader."""
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    tree = made.node_tree
+    shader = tree.nodes["Principled BSDF"]
+    if kind:
+        shader = tree.nodes.new(kind)
+        tree.links.new(shader.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    for socket, value in inputs.items():
+        shader.inputs[socket].default_value = value
+    return made, shader
+
+
+def textured(name, vector=None, output="Color"):
+    """A material of an image, mapped by a node of that kind. Returns it, the texture's node and the mapping's."""
+    made, shader = material(name)
+    tree = made.node_tree
+    texture = tree.nodes.new("ShaderNodeTexImage")
+    texture.image = bpy.data.images.new(name, 4, 4)
+    tree.links.new(texture.outputs[output], shader.inputs["Base Color"])
+    mapping = tree.nodes.new(vector) if vector else None
+    if mapping:
+        tree.links.new(mapping.outputs["UV"], texture.inputs["Vector"])
+    return made, texture, mapping
+
+
+class Notes(unittest.TestCase):
+    """What of a material is not drawn is said."""
+
+    def notes(self, made, uv_maps=()):
+        from mirage_blender.scene_export import SceneExport
+
+        scene = bpy.context.scene
+        thing = box("box", (6, 0, 0))
+        for name in uv_maps:
+            thing.data.uv_layers.new(name=name)
+        thing.data.materials.append(made)
+        found = SceneExport(bpy.context.evaluated_depsgraph_get(), scene.mirage).notes
+        bpy.data.objects.remove(thing)
+        return found
+
+    def setUp(self):
+        view(fresh())
+
+    def test_a_plain_colour_and_a_plain_image_have_none(self):
+        self.assertEqual(self.notes(material("principled")[0]), [])
+        self.assertEqual(self.notes(material("diffuse", "ShaderNodeBsdfDiffuse")[0]), [])
+        self.assertEqual(self.notes(textured("image")[0], ["one"]), [])
+        self.assertEqual(self.notes(textured("coordinates", "ShaderNodeTexCoord")[0], ["one"]), [])
+
+    def test_shaders_that_are_no_matt_surface(self):
+        for kind in ("BsdfGlass", "Emission", "BsdfTransparent"):
+            made, shader = material("shiny", "ShaderNode" + kind)
+            self.assertEqual(self.notes(made),
+                             [f"{made.name}: {shader.name} is drawn matt, opaque and without a light of its own"])
+
+    def test_a_mix_is_drawn_by_its_first_shader(self):
+        made, mix = material("mixed", "ShaderNodeMixShader")
+        tree = made.node_tree
+        tree.links.new(tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
+        tree.links.new(tree.nodes["Principled BSDF"].outputs[0], mix.inputs[2])
+        self.assertEqual(self.notes(made), [
+            "mixed: only the first shader of Mix Shader is drawn",
+            "mixed: Transparent BSDF is drawn matt, opaque and without a light of its own"])
+
+    def test_alpha_transmission_and_emission_of_a_principled_shader(self):
+        from mirage_blender import features
+
+        made, _ = material("seen through", Alpha=0)
+        self.assertEqual(self.notes(made), ["seen through: its alpha is ignored"])
+        made, shader = material("clear")
+        features.principled_input(shader, "transmission").default_value = 1
+        self.assertEqual(self.notes(made), ["clear: its transmission is ignored"])
+        made, shader = material("lamp", **{"Emission Strength": 2})
+        features.principled_input(shader, "emission").default_value = (0, 1, 0, 1)
+        self.assertEqual(self.notes(made), ["lamp: its emission is ignored"])
+
+    def test_images_that_are_mapped_otherwise(self):
+        made, _, mapping = textured("image", "ShaderNodeUVMap")
+        mapping.uv_map = "one"
+        self.assertEqual(self.notes(made, ["one", "two"]), [])
+        mapping.uv_map = "two"
+        self.assertEqual(self.notes(made, ["one", "two"]),
+                         ["box: its UV map one, active in renders, is used in place of two"])
+        made, texture, _ = textured("around")
+        texture.projection = "BOX"
+        self.assertEqual(self.notes(made, ["one"]), ["around: its texture projection is ignored"])
+        made = textured("mask", output="Alpha")[0]
+        self.assertEqual(self.notes(made, ["one"]), ["mask: its image gives its colours in place of its alpha"])
+
+    def test_a_validation_tells_them(self):
+        box("box", (6, 0, 0)).data.materials.append(material("glass", "ShaderNodeBsdfGlass")[0])
+        self.assertEqual(bpy.ops.mirage.validate(output=path("noted.json"), timeout=200), {"FINISHED"})
+        with open(path("noted.json"), encoding="utf-8") as file:
+            told = json.load(file)["notes"]
+        self.assertEqual(told, ["glass: Glass BSDF is drawn matt, opaque and without a light of its own"])
+        self.assertEqual(bpy.context.scene["mirage_validation"]["notes"], "\n".join(told))  # of which the panel reads
+
+
 class Errors(unittest.TestCase):
     def setUp(self):
         self.binary = os.environ["MIRAGE_BINARY"]
@@ -331,6 +465,7 @@ class Validate(unittest.TestCase):
         self.assertGreater(figures["mask_both"], 500)
         self.assertAlmostEqual(scene["mirage_validation"]["mae"], figures["mae"])
         self.assertEqual(tuple(bpy.data.images["Mirage difference"].size), (320, 120))
+        self.assertEqual(figures["notes"], [])
         self.assertEqual(scene.render.engine, "MIRAGE")  # the user's scene is as it was
 
     def test_a_view_of_nothing_is_no_success(self):

@@ -112,6 +112,13 @@ TEST_F(CommandLine, AValueOutOfItsRangeIsToldTheRange) {
            {"validate --run r --budget-of score", "--budget-of requires --budget"},
            {"validate --run r --budget-confidence 0.95", "--budget-confidence requires --budget"},
            {"view d --detector lidar", "--detector requires --run"},
+           {"view --run r --no-detector --detector lidar", "--no-detector"},
+           {"view --run r --no-detector --weights w", "--no-detector"},
+           {"view --run r --no-detector --defense ceiling", "--no-detector"},
+           {"view --drive d --place roof", "--drive excludes --place"},
+           {"view --drive d --cameras all", "--drive excludes --cameras"},
+           {"view --drive d --depth guided", "--drive excludes --depth"},
+           {"view --drive d --rig kitti64", "--drive excludes --rig"},
            {"attack --data d --gamma 1e9", "--gamma"},
            {"attack --data d --checkpoint-every 0", "--checkpoint-every"},
            {"attack --data d --checkpoint-seconds -1", "--checkpoint-seconds"},
@@ -539,6 +546,7 @@ TEST_F(CommandLine, AModelFromPyTorchIsRunAndScored) {
   const Outcome seen = run(detect("picture.pt"));
   ASSERT_EQ(seen.code, 0) << seen.err;
   EXPECT_EQ(json("o/result.json").at("plane"), "picture");
+  EXPECT_THAT(json("o/precision_recall.json").at("title"), HasSubstr("boxes in the picture"));
   EXPECT_TRUE(json("o/result.json").at("kitti_ap").contains("image"));
   const auto found = json("o/detections.json").at("frames").at(0).at("detections");
   ASSERT_EQ(found.size(), 2u);

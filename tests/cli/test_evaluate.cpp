@@ -1,5 +1,7 @@
 // `mirage evaluate` as a user meets it: another run's hosts, random meshes, pictures, options that
 // contradict.
+#include <map>
+
 #include "program.h"
 
 namespace mirage {
@@ -25,6 +27,7 @@ class Evaluate : public test::Program {
   }
   void check_transfer();
   void check_gate();
+  void check_pictures();
   void check_contradictions();
 };
 
@@ -90,6 +93,28 @@ void Evaluate::check_gate() {
   EXPECT_TRUE(exists("d/audit.html"));
 }
 
+/// What the pictures show is what was judged: under --expect the object of the draw.
+void Evaluate::check_pictures() {
+  const auto sweeps = [&](const std::string& expect) {
+    fs::remove_all(folder_ / "e");
+    EXPECT_EQ(evaluate("--hosts all --random-meshes 0 --iou 0.85 --pictures 99 --expect " + expect), 0)
+        << said();
+    EXPECT_THAT(said(), HasSubstr("FN ASR, IoU 0.85"));
+    std::map<std::string, std::string> by_host;
+    for (const auto& host : fs::directory_iterator(folder_ / "e/pictures/data"))
+      if (host.is_directory()) by_host[host.path().filename()] = read_file(host.path() / "points.f32");
+    return by_host;
+  };
+  const auto designed = sweeps("none"), drawn = sweeps("roof,shape:0.2");
+  int both = 0;
+  for (const auto& [host, points] : designed) {
+    if (!drawn.contains(host)) continue;
+    ++both;
+    EXPECT_NE(drawn.at(host), points) << host;
+  }
+  EXPECT_GT(both, 0);
+}
+
 void Evaluate::check_contradictions() {
   for (const auto& [options, word] : std::vector<std::pair<std::string, std::string>>{
            {"--hosts-of " + at("none"), "run.json"},
@@ -115,6 +140,7 @@ TEST_F(Evaluate, TransfersPoolsRandomMeshesDrawsAndRefusesContradictions) {
   EXPECT_GT(attack.at("found_clean").at("found"), 0);
   check_transfer();
   check_gate();
+  check_pictures();
   check_contradictions();
 }
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <cmath>
 #include <fstream>
 
 #include "base/error.h"
@@ -82,6 +83,16 @@ TEST(Loader, BoxesEndAtThePicturesBorder) {
   EXPECT_EQ(box.bottom, 39);
 }
 
+// A plugin that gives all its boxes, whatever their scores, is judged as one that keeps to the threshold.
+TEST(Loader, AnswersUnderTheThresholdAreDropped) {
+  Scene scene;
+  const auto version3 = load_detector(fake("works"));
+  const double score = Detection({10, 1, 4, 2, 0}, 3).score();
+  EXPECT_EQ(version3->forward(scene.view(), std::nextafter(score, 0), true).size(), 1u);
+  EXPECT_TRUE(version3->forward(scene.view(), score, true).empty());
+  EXPECT_EQ(version3->backward({}).image.data[0], 0);
+}
+
 TEST(Loader, HandsThePicturesTruthOn) {
   const auto detector = load_detector(fake("works"));
   Scene scene;
@@ -142,6 +153,21 @@ TEST(Loader, Version4ReadsSensorsByNameAndAnswersIn3d) {
   EXPECT_TRUE(can.finds_heights && can.remembers && can.has_gradients && can.knows_presence);
   EXPECT_EQ(can.types, std::vector<std::string>{"Car"});
   EXPECT_EQ(detector->region()[0], -50);
+}
+
+TEST(Loader, Version4IsAskedForGradientsOfWhatIsOverTheThreshold) {
+  DetectorOptions options = named();
+  options.classes = kEveryClass;
+  const auto detector = load_detector(options);
+  NamedScene scene;
+  scene.points[0].x = 5;  // the car's logit is 5.25 then, and that of the pedestrian before it 4
+  const double pedestrian = Detection({5, 0, 1, 1, 0}, 4).score();
+  const auto found = detector->forward(scene.view(), pedestrian, true);
+  ASSERT_EQ(found.size(), 1u);
+  EXPECT_EQ(found[0].logit, 5.25);
+  EXPECT_EQ(detector->backward(std::vector<double>{0.5}).points[0][0], 0.5f);
+  EXPECT_EQ(detector->forward(scene.view(), std::nextafter(pedestrian, 0), true).size(), 2u);
+  EXPECT_EQ(detector->backward(std::vector<double>{0.25, 0.5}).points[0][0], 0.5f);
 }
 
 TEST(Loader, OfSeveralClassesThoseThatAreSoughtAreLookedAt) {
@@ -340,9 +366,32 @@ TEST(Loader, PluginThatThrowsOrFailsLater) {
               AllOf(HasSubstr("fake_not_finite.so: box 0 of 1: "), HasSubstr("not finite")));
 }
 
+/// A plugin of the user's, in a folder of its own.
+DetectorOptions copied_to(const test::TemporaryFolder& folder) {
+  DetectorOptions options;
+  options.detector = folder / "fake_works.so";
+  std::filesystem::copy_file(fake("works").detector, options.detector);
+  return options;
+}
+
+TEST(Loader, APluginWithoutWeightsNeedsNone) {
+  const test::TemporaryFolder folder;
+  DetectorOptions options = copied_to(folder);
+  EXPECT_EQ(weights_file(options), "");
+  EXPECT_EQ(weights_hash(options), file_hash(options.detector));
+  Scene scene;
+  EXPECT_EQ(load_detector(options)->forward(scene.view(), 0.1, false).size(), 1u);
+  options.start = true;
+  EXPECT_THAT(load_error(options), HasSubstr("weights: the training starts from some, and "));
+  options.start = false;
+  write_file(folder / "weights/fake_works-kitti64.weights", "its own");
+  EXPECT_EQ(weights_file(options), folder / "weights/fake_works-kitti64.weights");
+}
+
 TEST(Loader, MissingWeights) {
-  DetectorOptions options = fake("works");
-  options.fresh = false;
+  const test::TemporaryFolder folder;
+  DetectorOptions options = copied_to(folder);
+  write_file(folder / "weights/fake_works-other.weights", "of another rig");
   EXPECT_THAT(load_error(options), HasSubstr("no shipped weights of fake_works for the rig kitti64"));
   options.rig = "xenith";
   EXPECT_THAT(load_error(options), HasSubstr("fake_works-xenith.weights"));

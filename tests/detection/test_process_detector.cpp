@@ -12,6 +12,7 @@
 #include "base/image.h"
 #include "detection/process_detector.h"
 #include "support/files.h"
+#include "support/heard.h"
 
 namespace mirage {
 namespace {
@@ -269,6 +270,50 @@ TEST_F(ProcessTest, ACommandThatDoesNotServeIsALine) {
               HasSubstr("ended before it served (exit code 1)"));
 }
 
+// Nothing is waited for, and nothing is started again: the next answer would be the same.
+TEST_F(ProcessTest, AnAnswerAgainstTheProtocolIsALineAtOnce) {
+  const auto run = [&](const std::string& hello, const std::string& detections) {
+    write_file(folder_ / "answers.sh",
+               "read a\necho '" + hello + "'\nread b\necho '" + detections + "'\nread c\n");
+    DetectorOptions options;
+    options.detector = "exec:/bin/sh " + (folder_ / "answers.sh").string();
+    start_program(options, {60, 60})->forward(view(), 0.1, false);
+  };
+  const auto is_line = [](const std::string& answer, const std::string& problem) {
+    return AllOf(HasSubstr("answers.sh"), HasSubstr("gave a malformed answer ('" + answer + "')"),
+                 HasSubstr(problem), HasSubstr("answer with the job's \"id\""), Not(HasSubstr("3 times")),
+                 Not(HasSubstr("\n")));
+  };
+  const std::string good = R"({"id":1,"ok":true,"protocol":1})", ok = "whose ok is neither true nor false";
+  for (const auto& [id, value, problem] : {std::tuple<std::string, std::string, std::string>{"1", "1", ok},
+                                           {"1", "\"true\"", ok},
+                                           {"1", "null", ok},
+                                           {"1.0", "true", "whose id is not 1, the job's"},
+                                           {"\"1\"", "true", "whose id is not 1, the job's"},
+                                           {"0", "true", "whose id is not 1, the job's"}}) {
+    const std::string answer = "{\"id\":" + id + ",\"ok\":" + value + "}";
+    EXPECT_THAT(error_text<InputError>([&] { run(answer, good); }), is_line(answer, problem));
+  }
+  EXPECT_THAT(error_text<Failure>([&] { run(good, R"({"id":2,"ok":1})"); }),
+              is_line(R"({"id":2,"ok":1})", ok));
+  EXPECT_THAT(error_text<Failure>([&] { run(good, R"({"id":1,"ok":true})"); }),
+              is_line(R"({"id":1,"ok":true})", "whose id is not 2, the job's"));
+}
+
+TEST(Description, WhatIsOfAnotherKindIsALine) {
+  const auto text = [](const char* key, const nlohmann::json& value) {
+    return error_text<InputError>([&] { read_external_description({{key, value}}, "exec:my_detector"); });
+  };
+  for (const char* key : {"gradient", "heights", "remembers", "local"}) {
+    EXPECT_THAT(text(key, 1), AllOf(HasSubstr("exec:my_detector"),
+                                    HasSubstr(std::string(key) + " is 1; use true or false")));
+    EXPECT_THAT(text(key, "true"), HasSubstr(std::string(key) + " is \"true\"; use true or false"));
+  }
+  EXPECT_THAT(text("finds", {"picture"}), HasSubstr("finds is [\"picture\"]; use boxes or picture"));
+  EXPECT_THAT(text("pictures", 8), HasSubstr("pictures is 8; use linear or srgb8"));
+  EXPECT_FALSE(read_external_description({{"remembers", nullptr}}, "exec:my_detector").can.remembers);
+}
+
 /// Whether an answer of arrays that are none is refused, by a program that tells them.
 TEST_F(ProcessTest, ArraysOutsideOfTheirRoomAreRefused) {
   const auto text = [&](const std::string& boxes, const std::string& logits) {
@@ -322,6 +367,32 @@ TEST_F(ProcessTest, TheContentIsTheCommandsAndItsFiles) {
   EXPECT_EQ(program_content("exec:python3 '" + (folder_ / "b.py").string() + "' --size 3"), before);
   write_file(file, "2");
   EXPECT_NE(program_content(command), before);
+}
+
+TEST_F(ProcessTest, AFileBehindAnEqualsSignCounts) {
+  const std::string file = folder_ / "a.pt", moved = folder_ / "b.pt";
+  const auto content = [](const std::string& word) { return program_content("exec:python3 f.py " + word); };
+  for (const char* start : {"--weights=", "WEIGHTS=", "--set=weights="}) {
+    write_file(file, "1");
+    write_file(moved, "1");
+    const std::string before = content(start + file);
+    EXPECT_EQ(content(start + moved), before) << start;
+    EXPECT_NE(content("--other=" + file), before) << start;
+    write_file(file, "2");
+    EXPECT_NE(content(start + file), before) << start;
+  }
+  EXPECT_NE(content(std::string(5000, 'a')), content(std::string(5000, 'b')));  // longer than any file's name
+}
+
+TEST_F(ProcessTest, WhatDoesNotCountIsSaidOnce) {
+  const test::Heard heard;
+  const std::string folder = folder_.path().string(),
+                    command = "exec:/usr/bin/python3 -m my_detector --model=" + folder;
+  const std::string before = program_content(command);
+  write_file(folder_ / "weights.pt", "1");
+  EXPECT_EQ(program_content(command), before);
+  EXPECT_EQ(heard.warnings(), 1);
+  EXPECT_THAT(heard.text(), HasSubstr("what my_detector, " + folder + " holds does not count"));
 }
 
 TEST_F(ProcessTest, TheExampleInC) {

@@ -1,9 +1,9 @@
 // A disk that fails: LD_PRELOAD=libmirage_faults.so makes the n-th call of a kind fail, for files under one
 // folder.
 //
-//     MIRAGE_FAULT=write      write, pwrite, writev and fwrite; also: fsync, rename, open (for writing), read
-//                             (read, pread and fread) and short (the same, of which only half is read at
-//                             first: no error)
+//     MIRAGE_FAULT=write      write, pwrite, writev and fwrite; also: fsync, rename, open (for writing: open,
+//                             openat, creat and fopen), read (read, pread and fread) and short (the same, of
+//                             which only half is read at first: no error)
 //     MIRAGE_FAULT_UNDER=DIR  only files in it count
 //     MIRAGE_FAULT_AT=7       the seventh fails (from 1); 0: none, only count
 //     MIRAGE_FAULT_ERROR=28   with this errno (ENOSPC); "kill": the process is killed before the call
@@ -78,10 +78,19 @@ bool fails(const char* kind, const std::string& path) {
   return true;
 }
 
-std::string absolute(const char* path) {
+std::string absolute(const char* path, int folder = AT_FDCWD) {
   if (path[0] == '/') return path;
+  if (folder != AT_FDCWD) return path_of(folder) + "/" + path;
   char here[PATH_MAX];
   return ::getcwd(here, sizeof here) ? std::string(here) + "/" + path : path;
+}
+
+bool writes(int flags) {
+  return (flags & O_ACCMODE) != O_RDONLY;
+}
+
+bool writes(const char* mode) {
+  return mode[0] == 'w' || mode[0] == 'a' || std::strchr(mode, '+');
 }
 
 template <class Function>
@@ -92,6 +101,12 @@ Function next(const char* name) {
 }  // namespace
 
 #define NEXT(name) next<decltype(&::name)>(#name)
+// `mode`: what follows the flags of a file that may be made.
+#define MODE(flags)                                                                                     \
+  va_list rest;                                                                                         \
+  va_start(rest, flags);                                                                                \
+  const mode_t mode = (flags & O_CREAT) || (flags & O_TMPFILE) == O_TMPFILE ? va_arg(rest, mode_t) : 0; \
+  va_end(rest)
 
 extern "C" {
 
@@ -132,12 +147,24 @@ int rename(const char* from, const char* to) {
 
 int open(const char* path, int flags, ...) {
   static const auto real = NEXT(open);
-  va_list rest;
-  va_start(rest, flags);
-  const mode_t mode = (flags & O_CREAT) ? va_arg(rest, mode_t) : 0;
-  va_end(rest);
-  if ((flags & O_ACCMODE) != O_RDONLY && fails("open", absolute(path))) return -1;
-  return real(path, flags, mode);
+  MODE(flags);
+  return writes(flags) && fails("open", absolute(path)) ? -1 : real(path, flags, mode);
+}
+
+int openat(int folder, const char* path, int flags, ...) {
+  static const auto real = NEXT(openat);
+  MODE(flags);
+  return writes(flags) && fails("open", absolute(path, folder)) ? -1 : real(folder, path, flags, mode);
+}
+
+int creat(const char* path, mode_t mode) {
+  static const auto real = NEXT(creat);
+  return fails("open", absolute(path)) ? -1 : real(path, mode);
+}
+
+FILE* fopen(const char* path, const char* mode) {
+  static const auto real = NEXT(fopen);
+  return writes(mode) && fails("open", absolute(path)) ? nullptr : real(path, mode);
 }
 
 ssize_t read(int file, void* bytes, size_t size) {
@@ -156,4 +183,13 @@ size_t fread(void* bytes, size_t size, size_t count, FILE* stream) {
   static const auto real = NEXT(fread);
   return fails("read", path_of(fileno(stream))) ? 0 : real(bytes, size, count, stream);
 }
+
+// What the same functions are called in programs with files of 64 bits, Python's for one.
+#define SAME(name) __attribute__((alias(#name)))
+int open64(const char* path, int flags, ...) SAME(open);
+int openat64(int folder, const char* path, int flags, ...) SAME(openat);
+int creat64(const char* path, mode_t mode) SAME(creat);
+FILE* fopen64(const char* path, const char* mode) SAME(fopen);
+ssize_t pwrite64(int file, const void* bytes, size_t size, off64_t at) SAME(pwrite);
+ssize_t pread64(int file, void* bytes, size_t size, off64_t at) SAME(pread);
 }

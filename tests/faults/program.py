@@ -55,12 +55,14 @@ class Program:
         demand(code == 0, f"{command[0]} fails without a fault: {said}")
 
     def calls(self, command, kind, under, where={}):
-        """How many calls of a kind a whole run makes on files under a folder."""
+        """How many calls of a kind a whole run makes on files under a folder. Wrong if there are none, as no fault can come then."""
         count = self.folder / "count"
         count.unlink(missing_ok=True)
         code, said = self.run(command, {"": kind, "_UNDER": under, "_AT": 0, "_COUNT": count, **where})
         demand(code == 0, f"fails without a fault: {said}")
-        return int(count.read_text())
+        calls = int(count.read_text())
+        demand(calls > 0, f"{command[0]}: no {kind} of a file under {under} was seen: injector.cpp does not wrap what makes them")
+        return calls
 
 
 DATE = re.compile(rb"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\dZ")  # as provenance and the report write it

@@ -7,8 +7,8 @@ Into a small run and a data set goes one bad file after another: what the fuzzer
 claims to be larger than it is, what names files elsewhere, and mutations of the good file. The command that reads it
 must end with one line and exit code 2 (or take it), within PICTURES times a frame's pictures of the memory that it
 takes to refuse an empty file there; and, by strace, it must open nothing outside the folders that it was given, its
-own and the system's. Exit code 1 if one did not, 77 without the stand-in detector; without strace that half is left
-out, which is said.
+own and the system's. Exit code 1 if one did not, 77 without the stand-in detector, and without strace, which that half
+needs.
 """
 import argparse
 import collections
@@ -351,7 +351,7 @@ def main():
           + (f"{suite.opened} files opened, {suite.outside} of them outside" if suite.trace else
              "what is opened was not looked at: strace is missing (apt-get install strace)")
           + f"; {time.monotonic() - start:.0f} s")
-    return 1 if suite.wrong or not suite.cases else 0
+    return 1 if suite.wrong or not suite.cases else 0 if suite.trace else 77
 
 
 if __name__ == "__main__":

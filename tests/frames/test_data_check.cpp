@@ -106,7 +106,7 @@ TEST(DataCheck, ReflectancesAndLabelsThatContradictAreSaid) {
   EXPECT_EQ(heard.warnings(), 2);
 }
 
-TEST(DataCheck, RecordedKittiIsSilent) {
+TEST(DataCheck, RealFramesAreTakenInSilence) {
   MIRAGE_NEED_REAL_FRAMES();
   Heard heard;
   check_data(test::real_frames(), "", UnitUse::casts_rays);

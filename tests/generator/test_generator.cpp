@@ -67,7 +67,7 @@ PictureBox around_box(const Label& label, const Calibration& calibration) {
 }
 
 // What generated labels claim to follow: boxes around bodies' outlines would overlap KITTI's by 0.93.
-TEST(Generator, KittisBoxesInThePictureAreThoseAroundTheBoxesInSpace) {
+TEST(Generator, RealBoxesInThePictureAreThoseAroundTheBoxesInSpace) {
   MIRAGE_NEED_REAL_FRAMES();
   const std::filesystem::path kitti = test::real_frames();
   std::vector<double> overlaps;

@@ -10,13 +10,21 @@ for package in GTest rapidcheck benchmark pybind11 Python Python3; do without="$
 
 cd "$source"
 "$cmake" --preset demo -B "$scratch/demo" $without -DMIRAGE_NPM=MIRAGE_NPM-NOTFOUND > "$scratch/log" 2>&1 || { cat "$scratch/log"; exit 1; }
-for part in TESTS PYTHON BENCHMARKS; do
-  if "$cmake" --preset release -B "$scratch/$part" -DMIRAGE_TESTS=OFF -DMIRAGE_PYTHON=OFF -DMIRAGE_BENCHMARKS=OFF \
-       -DMIRAGE_$part=ON -DMIRAGE_DETECTORS=OFF $without > "$scratch/log" 2>&1; then
-    echo "MIRAGE_$part=ON was configured without its packages"
+while read -r part package debian; do
+  if "$cmake" --preset release -B "$scratch/$package" -DMIRAGE_TESTS=OFF -DMIRAGE_PYTHON=OFF -DMIRAGE_BENCHMARKS=OFF \
+       -DMIRAGE_$part=ON -DMIRAGE_DETECTORS=OFF -DCMAKE_DISABLE_FIND_PACKAGE_$package=ON > "$scratch/log" 2>&1 < /dev/null; then
+    echo "MIRAGE_$part=ON was configured without $package"
     exit 1
   fi
-done
+  # CMake breaks long lines.
+  tr -s ' \n' ' ' < "$scratch/log" | grep -q "Install [a-z]* with: make setup (Debian packages* [^)]*\b$debian\b" ||
+    { cat "$scratch/log"; echo "without $package, MIRAGE_$part=ON does not end with the name of $debian"; exit 1; }
+done <<MISSING
+TESTS GTest libgtest-dev
+TESTS rapidcheck librapidcheck-dev
+PYTHON pybind11 pybind11-dev
+BENCHMARKS benchmark libbenchmark-dev
+MISSING
 
 # Of what it installs.
 make -s --no-print-directory -f - demo-packages > "$scratch/packages" <<MAKE

@@ -28,7 +28,9 @@ if grep -rlF -e "$source" -e "$build" "$prefix/lib/cmake" "$prefix/share/bash-co
   fail "these installed files name the build tree"
 fi
 
-"$prefix/bin/mirage" --version | grep -qE '^mirage [0-9.]+ \(' || fail "--version says something else"
+version=$("$prefix/bin/mirage" --version)
+[[ "$version" =~ ^mirage\ [0-9.]+\ \( ]] || fail "--version says something else"
+[ "$version" = "$("$build/mirage" --version)" ] || fail "--version says $version, and another commit in the build folder"
 "$prefix/bin/mirage" generate --rig kitti64 --frames 1 --seed 3 --quiet --out data > generate.log
 if [ -e "$prefix/lib/mirage/plugins/fusion.so" ]; then
   "$prefix/bin/mirage" detect --data data --detector lidar --quiet --out detected > detect.log

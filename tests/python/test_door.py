@@ -503,6 +503,36 @@ class Frames(unittest.TestCase):
         self.assertEqual((image.shape[2], points.shape[1], matrix.shape), (3, 4, (3, 4)))
         self.assertLess(len(points), len(read.points) + 1)
 
+    def test_a_label_out_of_view_keeps_its_index(self):
+        read = mirage.read_frame(FOLDER.data, "000001")
+        label = read.labels[0]
+        x, y, length, width, yaw = label.box_bev
+        z = label.bottom + label.height / 2
+        boxes = [(at, y, z, length, width, label.height, yaw) for at in (-30, x, x + 12)]
+        made = mirage.Frame(image=read.image, points=read.points, intrinsics=read.intrinsics,
+                            camera_from_velo=read.camera_from_velo, labels=[("Car", box) for box in boxes])
+        self.assertEqual([round(one.box_bev[0], 6) for one in made.labels], [round(box[0], 6) for box in boxes])
+        self.assertEqual((made.labels[0].truncated, made.labels[0].box_2d), (1, (0, 0, 0, 0)))
+        found = [host.index for host in made.hosts(rooftop="box")]
+        self.assertTrue(1 in found and 0 not in found, found)
+        mesh = mirage.icosphere()
+        one, other = (mirage.insert(frame, host, mesh, rooftop="box") for frame, host in ((read, 0), (made, 1)))
+        np.testing.assert_allclose(other.mask, one.mask, atol=1e-6)
+        np.testing.assert_allclose(other.points, one.points, atol=1e-5)
+        self.assertEqual(mirage.insert(made, 0, mesh, rooftop="box").adversary_pixels, 0)
+
+    def test_a_sweep_of_another_unit_is_refused_or_said(self):
+        points = np.random.default_rng(3).uniform([5, -20, -1.6, 0], [40, 20, 1, 1], (3000, 4))
+        given = {"image": np.full((75, 248, 3), 0.2), "points": points, "intrinsics": (144.0, 144.0, 122.0, 35.0),
+                 "camera_from_velo": [[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0]]}
+        with self.assertRaisesRegex(mirage.InputError, r"points: \d+\.\d % of them lie on a ray .* kitti64, which is assumed: .*rig="):
+            mirage.Frame(**given).hosts()
+        np.savez(place("arrays.npz"), **given)
+        script = f"import mirage, numpy\nprint(mirage.Frame(**numpy.load({place('arrays.npz')!r}), rig='xenith').hosts())"
+        done = subprocess.run([sys.executable, "-B", "-c", script], capture_output=True, text=True, check=True)
+        self.assertEqual(done.stdout, "[]\n")
+        self.assertRegex(done.stderr, r"% of them lie on a ray of the LiDAR of the rig xenith: another unit")
+
     def test_arrays_that_are_none(self):
         good = {"image": np.zeros((4, 5, 3)), "points": np.zeros((2, 4)), "intrinsics": (5.0, 5.0, 2.0, 2.0), "camera_from_velo": np.eye(4)[:3]}
         mirage.Frame(**good)
@@ -512,7 +542,9 @@ class Frames(unittest.TestCase):
         for name, value, said in (("intrinsics", (0, 5, 2, 2), "no camera"), ("intrinsics", (5, 5, np.nan, 2), "no camera"),
                                   ("camera_from_velo", np.diag([1.0, 1, -1, 1])[:3], "rotation"),
                                   ("image", np.full((4, 5, 3), 200), "scene-linear"), ("points", np.zeros((2, 3)), "points"),
-                                  ("points", np.full((2, 4), np.nan), "finite"), ("camera_from_velo", 7 * np.eye(4)[:3], "rotation"),
+                                  ("points", np.full((2, 4), np.nan), "finite"),
+                                  ("points", np.full((2, 4), 87.0), r"points: reflectance: 87 is not within \[0, 1\]"),
+                                  ("camera_from_velo", 7 * np.eye(4)[:3], "rotation"),
                                   ("rig", "no-such-unit", "no-such-unit"), ("labels", [("Car", (1.0, 2.0, 3.0, -4.0, 5.0, 6.0, 0.0))], "labels")):
             with self.assertRaisesRegex(mirage.InputError, said):
                 mirage.Frame(**{**good, name: value})
@@ -574,6 +606,8 @@ class OpenPCDetMock(torch.nn.Module):
 
     def vfe(self, batch):
         assert batch["batch_size"] == 1 and batch["points"].shape[1] == 5 and batch["voxel_coords"].shape[1] == 4
+        x, y, self.brightest = batch["points"][:, 1], batch["points"][:, 2], float(batch["points"].detach()[:, 4].max())
+        assert x.min() >= BOUNDS[0] and x.max() <= BOUNDS[3] and y.min() >= BOUNDS[1] and y.max() <= BOUNDS[4]
         batch["spatial_features"] = self.net.map_of(batch["voxels"], batch["voxel_coords"], batch["voxel_num_points"])
         return batch
 
@@ -582,6 +616,38 @@ class OpenPCDetMock(torch.nn.Module):
         batch["batch_box_preds"] = boxes[None]
         batch["batch_cls_preds"] = torch.stack([logits - 5, logits], 1)[None]
         batch["cls_preds_normalized"] = False
+        return batch
+
+
+class TwoStageMock(OpenPCDetMock):
+    """With RoIHeadTemplate's second stage: one score a box, labels from 1 taken over from the proposals, and the batch filled up
+    with proposals without a size."""
+
+    FILLED = 3
+
+    def __init__(self):
+        super().__init__()
+        self.module_list.append(self.Stage(self.roi_head))
+
+    def roi_head(self, batch):
+        boxes, logits = batch["batch_box_preds"][0], batch["batch_cls_preds"][0].max(1).values
+        filled = boxes.new_zeros(self.FILLED, 7)
+        batch["rois"] = torch.cat([boxes.detach(), filled])[None]
+        batch["roi_labels"] = torch.cat([torch.full((len(boxes),), 2), torch.ones(self.FILLED).long()])[None]
+        batch["has_class_labels"] = True
+        batch["batch_box_preds"] = torch.cat([boxes, filled])[None]
+        batch["batch_cls_preds"] = torch.cat([logits, logits.new_full((self.FILLED,), 9.0)])[None, :, None]
+        return batch
+
+
+class SeveralHeadsMock(OpenPCDetMock):
+    """With AnchorHeadMulti's heads: scores and labels (from 1) of each, boxes of all in one."""
+
+    def head(self, batch):
+        boxes, logits = self.net.found(batch["spatial_features"])
+        batch["batch_box_preds"] = torch.cat([boxes, boxes + torch.tensor([8.0, 0, 0, 0, 0, 0, 0])])[None]
+        batch["batch_cls_preds"] = [logits[None, :, None], logits[None, :, None] - 9]
+        batch["multihead_label_mapping"] = [torch.tensor([2]), torch.tensor([1])]
         return batch
 
 
@@ -664,6 +730,8 @@ class Frameworks(unittest.TestCase):
 
     def test_attacks_on_both(self):
         for name, network in (("pcdet", mirage.openpcdet.wrap(OpenPCDetMock())),
+                              ("two-stage", mirage.openpcdet.wrap(TwoStageMock())),
+                              ("heads", mirage.openpcdet.wrap(SeveralHeadsMock())),
                               ("mmdet", mirage.mmdet3d.wrap(MMDet3DMock(), meta={"box_type_3d": "mock"}))):
             found = mirage.detect(detector=network, data=FOLDER.data, out=place("detect"))
             self.assertGreaterEqual(found["found"], 1, name)  # its four boxes overlap: one a frame survives
@@ -673,6 +741,49 @@ class Frameworks(unittest.TestCase):
             self.assertGreater(np.abs(mesh.vertices - mirage.icosphere().vertices).max(), 1e-4, name)
             in_space = mirage.detect(detector=network, data=FOLDER.data, out=place("detect"), matching="3d")
             self.assertGreaterEqual(in_space["found"], 1, name)
+
+    def test_every_box_has_the_label_that_the_framework_gives_it(self):
+        points = torch.tensor(mirage.read_frame(FOLDER.data, "000001").points_in_view)
+        for model, labels in ((OpenPCDetMock(), [1] * 4), (TwoStageMock(), [1] * 4), (SeveralHeadsMock(), [1] * 4 + [0] * 4)):
+            boxes, logits, classes = mirage.openpcdet.wrap(model)(points)
+            self.assertEqual(classes.tolist(), labels, type(model).__name__)
+            self.assertEqual((len(boxes), len(logits)), (len(labels), len(labels)))
+            self.assertGreater(float(boxes[:, 3:6].min()), 0)
+        model = TwoStageMock()  # without labels of its own a box has its best column's
+        model.module_list[-1].work = lambda batch: {**TwoStageMock.roi_head(model, batch), "has_class_labels": False}
+        self.assertEqual(mirage.openpcdet.wrap(model)(points)[2].tolist(), [0] * 4)
+
+    def test_reflectances_are_in_the_networks_unit(self):
+        frame = mirage.read_frame(FOLDER.data, "000001")
+        for wrap, unit in ((dict(), 1), (dict(intensity=255), 255)):
+            model = OpenPCDetMock()
+            mirage.openpcdet.wrap(model, **wrap)(torch.tensor(frame.points_in_view))
+            self.assertAlmostEqual(model.brightest, 0.3 * unit, delta=1e-4 * unit)
+        model, seen = MMDet3DMock(), []
+        model.extract_feat = lambda inputs: seen.append(inputs["points"][0]) or MMDet3DMock.extract_feat(model, inputs)
+        mirage.mmdet3d.wrap(model, intensity=255, meta={"box_type_3d": "mock"})(torch.tensor(frame.points_in_view))
+        self.assertAlmostEqual(float(seen[0][:, 3].max()), 76.5, delta=0.03)
+
+    def test_its_region_is_that_of_the_turned_bounds(self):
+        x, y = torch.meshgrid(torch.tensor(BOUNDS)[[0, 3]], torch.tensor(BOUNDS)[[1, 4]], indexing="ij")
+        corners = torch.stack([x.flatten(), y.flatten(), 0 * x.flatten(), 0 * x.flatten()], 1)
+        for quarters in range(-4, 5):
+            angle = quarters * math.pi / 2
+            ours = turned(corners, -angle)  # what the network's axes call so
+            expected = [ours[:, 0].min(), ours[:, 0].max(), ours[:, 1].min(), ours[:, 1].max()]
+            for network in (mirage.openpcdet.wrap(OpenPCDetMock(), angle=angle),
+                            mirage.mmdet3d.wrap(MMDet3DMock(), angle=angle, meta={})):
+                np.testing.assert_allclose(network.region, expected, atol=1e-4)
+        with self.assertRaisesRegex(mirage.InputError, "angle: 0.3 rad is no quarter turn"):
+            mirage.openpcdet.wrap(OpenPCDetMock(), angle=0.3)
+
+    def test_points_that_are_drawn_by_chance_are_refused(self):
+        model = OpenPCDetMock()
+        model.dataset.dataset_cfg["DATA_PROCESSOR"].append({"NAME": "sample_points", "NUM_POINTS": {"train": 16384, "test": 16384}})
+        with self.assertRaisesRegex(mirage.InputError, "draws 16384 points by chance.*NUM_POINTS to -1"):
+            mirage.openpcdet.wrap(model)
+        model.dataset.dataset_cfg["DATA_PROCESSOR"][-1]["NUM_POINTS"]["test"] = -1
+        self.assertEqual(len(mirage.openpcdet.wrap(model).region), 4)
 
     def test_what_is_no_model(self):
         with self.assertRaisesRegex(mirage.InputError, "model: has no dataset"):

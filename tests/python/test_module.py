@@ -65,6 +65,29 @@ class Frames(unittest.TestCase):
         self.assertEqual([host.index for host in FRAME.hosts()], [0])
         self.assertGreater(HOST.share_in_view, 0.7)
         self.assertEqual(FRAME.hosts(min_view=1.01), [])
+        self.assertIs(HOST.frame, FRAME)
+
+    def test_a_host_of_another_frame_is_refused(self):
+        other = mirage.read_frame(FOLDER.data, "000001")
+        with self.assertRaisesRegex(mirage.InputError, "^host: <mirage.Host 0: .*> is of another frame; give one of this frame's"):
+            mirage.insert(FRAME, other.hosts()[0], mirage.icosphere())
+
+    def test_classes_are_those_that_carry_the_object(self):
+        label = FRAME.labels[0]
+        x, y, length, width, yaw = label.box_bev
+        box = (x, y, label.bottom + label.height / 2, length, width, label.height, yaw)
+        frame = mirage.Frame(image=FRAME.image, points=FRAME.points, intrinsics=FRAME.intrinsics,
+                             camera_from_velo=FRAME.camera_from_velo, labels=[("Van", box), ("Pedestrian", box), ("Car", box)])
+        for classes, found in ((None, [2]), ("Car", [2]), ("Van,Car", [0, 2]), (["pedestrian"], [1]), ("Truck", [])):
+            self.assertEqual([host.index for host in frame.hosts(classes=classes, rooftop="box")], found, classes)
+        with self.assertRaisesRegex(mirage.InputError, "host: 1: .*no vehicle"):
+            mirage.insert(frame, 1, mirage.icosphere(), rooftop="box")
+        self.assertGreater(mirage.insert(frame, 1, mirage.icosphere(), rooftop="box", classes="Pedestrian").adversary_pixels, 0)
+        for call in (frame.hosts, lambda **settings: mirage.insert(frame, 0, mirage.icosphere(), **settings)):
+            with self.assertRaisesRegex(mirage.InputError, "sensors: unknown setting"):
+                call(sensors="radar")
+            with self.assertRaisesRegex(mirage.InputError, "classes"):
+                call(classes=" ")
 
 
 class Meshes(unittest.TestCase):
@@ -128,6 +151,25 @@ class Meshes(unittest.TestCase):
             mirage.Mesh(good.vertices, good.faces, np.zeros((7, 3)))
         with self.assertRaisesRegex(mirage.InputError, "nowhere.glb"):
             mirage.read_mesh("nowhere.glb")
+
+    def test_texels_are_albedo(self):
+        good, file = mirage.icosphere(0, resolution=1), os.path.join(FOLDER.path, "bright.glb")
+        for value, said in ((200, "200"), (-0.5, "-0.5"), (np.nan, "")):
+            texels = np.full((20, 1, 1, 3), 0.5)
+            texels[7, 0, 0, 1] = value
+            mesh = good.copy()
+            with self.assertRaisesRegex(mirage.InputError, f"texel.*{said}"):
+                mirage.Mesh(good.vertices, good.faces, texels)
+            with self.assertRaisesRegex(mirage.InputError, f"texels: {said}.* is no albedo; give scene-linear"):
+                mesh.texels = texels
+            np.testing.assert_array_equal(mesh.texels, 0.5)
+            mesh.texels[:] = texels  # a view: whoever uses it looks
+            with self.assertRaisesRegex(mirage.InputError, "texel"):
+                mesh.write(file)
+            self.assertFalse(os.path.exists(file))
+            with self.assertRaisesRegex(mirage.InputError, "texel"):
+                mirage.insert(FRAME, HOST, mesh)
+        mirage.Mesh(good.vertices, good.faces, np.full((20, 1, 1, 3), 1 + 1e-6))  # the step of a central difference
 
 
 class Insertions(unittest.TestCase):

@@ -38,6 +38,8 @@ class Wheel(unittest.TestCase):
                          "mirage/scenes/objects/zoo.json", "mirage/validation/report/detection_plot.py", "mirage/validation/view/page.html",
                          "mirage/validation/blender/blender_worker.py", "mirage/plugins/blender/mirage_blender/__init__.py"):
                 self.assertIn(name, names)
+            for name in ("report/model-viewer.min.js", "mirage.commit"):  # fetched, and of a clone: where the build has them
+                self.assertEqual("mirage/" + name in names, os.path.exists(os.path.join(BUILD, name)), name)
             self.assertFalse([name for name in names if "CMake" in name or name.endswith((".o", ".weights"))])
             write_data(os.path.join(place, "data"), 1)
             self.assertIn("mirage.Host 0: Car", told("print(mirage.read_frame('data', '000000').hosts())"))

@@ -10,6 +10,7 @@ import sys
 import textwrap
 import threading
 import time
+import types
 import unittest
 import warnings
 
@@ -170,6 +171,58 @@ class Attack(unittest.TestCase):
         # What changes from call to call is of no network: one with an underscore, or of one that says its version.
         for same, changed in ((Listed(), Listed(_calls=3)), (Listed(version="1"), Listed(version="1", calls=3))):
             self.assertEqual(content_of(same), content_of(changed))
+
+    def test_weights_are_found_wherever_its_code_reaches_them(self):
+        """Each text defines f, and what stands beside it changes what f works with."""
+        module = f"""
+            import torch
+            NET, GAIN, _asked = torch.nn.Linear(1, 1), [1.0], [0]
+            def scaled(points):
+                return GAIN[0] * points
+            """
+        os.makedirs(place("users_nets"))
+        for name, text in (("users_net.py", module), ("users_nets/__init__.py", ""), ("users_nets/inner.py", module)):
+            with open(place(name), "w") as file:
+                file.write(textwrap.dedent(text))
+        sys.path.insert(0, FOLDER.path)
+        self.addCleanup(sys.path.remove, FOLDER.path)
+        net = "NET = torch.nn.Linear(1, 1)\n"
+        moved = "NET.weight.data += 1"
+        texts = {
+            "a module's": ("import users_net\ndef f(points): return users_net.NET(points)", "users_net.NET.weight.data += 1"),
+            "an alias": ("import users_nets.inner as n\ndef f(points): return n.NET(points)", "n.NET.weight.data += 1"),
+            "a package's": ("import users_nets.inner\ndef f(points): return users_nets.inner.NET(points)",
+                            "users_nets.inner.NET.bias.data += 1"),
+            "a module's function's": ("import users_net\ndef f(points): return users_net.scaled(points)", "users_net.GAIN[0] += 1"),
+            "an inner function": (net + "def f(points):\n    def g(p):\n        return NET(p)\n    return g(points)", moved),
+            "a lambda": (net + "def f(points): return (lambda p: NET(p))(points)", moved),
+            "a comprehension": (net + "def f(points): return [NET(p) for p in points]", moved),
+            "within within": (net + "def f(points): return [(lambda q: NET(q))(p) for p in points]", moved),
+            "a class": ("class C:\n    gain = 1.0\ndef f(points): return C.gain * points", "C.gain = 2.0"),
+            "a cached one": (net + "@functools.lru_cache\ndef made(): return NET\ndef f(points): return made()(points)", moved),
+            "settings": ("s = types.SimpleNamespace(gain=1.0)\ndef f(points): return s.gain * points", "s.gain = 2.0"),
+            "a buffer": ("class N(torch.nn.Module):\n    def __init__(self):\n        super().__init__()\n"
+                         "        self.register_buffer('anchors', torch.zeros(2), persistent=False)\n"
+                         "    def forward(self, points): return points\nf = torch.nn.Sequential(N())", "f[0].anchors += 1"),
+            "slots": ("class B:\n    __slots__ = 'gain'\nclass S(B):\n    __slots__ = ('net', '__hidden')\n"
+                      "    def __init__(self): self.net, self.gain = torch.nn.Linear(1, 1), 1.0\n"
+                      "    def __call__(self, points): return self.net(points)\nf = S()", "f.net.weight.data += 1"),
+            "another slot": ("class B:\n    __slots__ = 'gain'\nclass S(B):\n    __slots__ = ()\n"
+                             "    def __call__(self, points): return self.gain * points\nf = S()\nf.gain = 1.0", "f.gain = 2.0"),
+        }
+        for name, (text, change) in texts.items():
+            space = {"__name__": "users", "torch": torch, "functools": functools, "types": types}
+            exec(text, space)
+            before = content_of(space["f"])
+            self.assertEqual(content_of(space["f"]), before, name)
+            exec(change, space)
+            self.assertNotEqual(content_of(space["f"]), before, name)
+        # Of another one's module nothing is looked at that the code does not name, and of what it names nothing with an underscore.
+        space = {"__name__": "users"}
+        exec("import users_net\ndef f(points):\n    users_net._asked[0] += 1\n    return users_net.scaled(points)", space)
+        before = content_of(space["f"])
+        exec("users_net._asked[0] += 1\nusers_net.NET.weight.data += 1", space)
+        self.assertEqual(content_of(space["f"]), before)
 
     def test_errors(self):
         def attack(function, **settings):

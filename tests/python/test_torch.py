@@ -77,6 +77,8 @@ class Insert(unittest.TestCase):
             mirage.torch.insert(FRAME, HOST, vertices[:-1], texels)
         with self.assertRaisesRegex(mirage.InputError, "mirage.torch.insert: blur: unknown setting"):
             mirage.torch.insert(FRAME, HOST, vertices, texels, blur=1)
+        with self.assertRaisesRegex(mirage.InputError, "host: .* is of another frame"):
+            mirage.torch.insert(mirage.read_frame(FOLDER.data, "000000"), HOST, vertices, texels)
         faces = mirage.icosphere(1).faces
         image, _ = mirage.torch.insert(FRAME, HOST, vertices, texels, faces=torch.tensor(faces))
         self.assertEqual(image.shape, FRAME.image.shape)
@@ -142,6 +144,81 @@ class InThePlaceOfPyTorch3D(unittest.TestCase):
         meshes.textures.atlas_list = lambda: [colors] * 3
         with self.assertRaisesRegex(mirage.InputError, "2 cameras for 3 meshes"):
             renderer(meshes)
+
+    def test_nearer_and_farther_than_the_depth_range_colours_are_those_of_the_formula(self):
+        soft_formula = example("soft_formula")
+        triangle = torch.tensor([[0.5, -0.5, 0.8], [-0.5, -0.5, 0.8], [0.0, 0.6, 0.8]], dtype=torch.float64)
+        red = torch.tensor([[1.0, 0, 0]] * 3, dtype=torch.float64)
+        one = torch.tensor([[0, 1, 2]])
+        drawn = mirage.pytorch3d.soft_rasterize(triangle, one, red, 32, background_color=(0.0, 0.0, 1.0))
+        self.assertLess((drawn[16, 16] - torch.tensor([1.0, 0, 0, 1.0])).abs().max(), 1e-6)
+
+        verts, faces, _ = self.scene()  # from 3.5 to 4.5 m
+        colors = torch.rand(42, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(4))
+        for znear, zfar in ((4.0, 100.0), (5.0, 9.0), (0.5, 4.0), (1.0, 3.0), (3.9, 4.1), (0.0, 10.0)):
+            settings = dict(sigma=1e-3, gamma=5e-2, background_color=(0.2, 0.4, 0.9), znear=znear, zfar=zfar)
+            theirs = soft_formula.soft_rasterize(verts, faces, colors, 40, **settings)
+            for dtype in (torch.float64, torch.float32):
+                ours = mirage.pytorch3d.soft_rasterize(verts.to(dtype), faces, colors.to(dtype), 40, **settings)
+                self.assertLess((ours - theirs)[..., 3].abs().max(), 1e-5, (znear, dtype))
+                self.assertLess((ours - theirs)[..., :3].abs().mean(), 1e-3, (znear, dtype))  # the order of clipping
+        with self.assertRaisesRegex(mirage.InputError, "give znear < zfar"):
+            mirage.pytorch3d.soft_rasterize(verts, faces, colors, 8, znear=2.0, zfar=1.0)
+
+    def test_culled_faces_are_drawn_by_neither(self):
+        soft_formula = example("soft_formula")
+        verts, faces, colors = self.scene()
+        corners = verts[faces]
+        towards_us = torch.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], dim=1)[:, 2] < 0
+        self.assertTrue(20 < towards_us.sum() < 60)
+        settings = dict(sigma=1e-3, gamma=1e-2)
+        ours = mirage.pytorch3d.soft_rasterize(verts, faces, colors, 40, cull_backfaces=True, **settings)
+        theirs = soft_formula.soft_rasterize(verts, faces[towards_us], colors[towards_us], 40, **settings)
+        self.assertLess((ours - theirs)[..., 3].abs().max(), 1e-6)
+        self.assertLess((ours - theirs)[..., :3].abs().mean(), 5e-3)
+        whole = mirage.pytorch3d.soft_rasterize(verts, faces, colors, 40, **settings)
+        self.assertGreater((ours - whole)[..., 3].abs().max(), 1e-2)  # their edges are in the silhouette
+        none = mirage.pytorch3d.soft_rasterize(verts, faces[~towards_us], colors[~towards_us], 8, cull_backfaces=True)
+        self.assertTrue(torch.equal(none, torch.tensor([1.0, 1, 1, 0], dtype=none.dtype).expand(8, 8, 4)))
+        leaves = [tensor.clone().requires_grad_() for tensor in (verts, colors)]
+        mirage.pytorch3d.soft_rasterize(leaves[0], faces, leaves[1], 40, cull_backfaces=True, **settings).sum().backward()
+        self.assertGreater(leaves[1].grad[towards_us].abs().sum(), 0)
+        self.assertEqual(leaves[1].grad[~towards_us].abs().sum(), 0)
+
+    def test_what_a_camera_and_its_settings_say_is_drawn_or_refused(self):
+        verts, faces, colors = self.scene(torch.float32)
+        simple = types.SimpleNamespace
+        transform = simple(transform_points=lambda v: v)
+        cameras = simple(transform_points_ndc=lambda v: v, get_world_to_view_transform=lambda: transform, is_perspective=lambda: True,
+                         znear=torch.tensor([0.3, 0.3]), zfar=torch.tensor([9.0, 9.0]))
+        meshes = simple(verts_list=lambda: [verts], faces_list=lambda: [faces], textures=simple(atlas_list=lambda: [colors]))
+        settings = simple(image_size=32, blur_radius=1e-3, faces_per_pixel=50, cull_backfaces=True, perspective_correct=None,
+                          z_clip_value=None)
+        renderer = mirage.pytorch3d.SoftRenderer(cameras, settings, simple(sigma=1e-4, gamma=5e-2, background_color=(1.0, 1.0, 1.0)))
+
+        def drawn(**changes):
+            options = dict(sigma=1e-4, gamma=5e-2, blur_radius=1e-3, znear=0.3, zfar=9.0, cull_backfaces=True)
+            return mirage.pytorch3d.soft_rasterize(verts, faces, colors, 32, **{**options, **changes})
+
+        self.assertLess((renderer(meshes)[0] - drawn()).abs().max(), 1e-5)
+        self.assertGreater((renderer(meshes)[0] - drawn(znear=1.0, zfar=100.0)).abs().max(), 1e-3)
+        self.assertGreater((renderer(meshes)[0] - drawn(cull_backfaces=False)).abs().max(), 1e-3)
+        renderer.znear = 2.0  # what is given here counts
+        self.assertLess((renderer(meshes)[0] - drawn(znear=2.0)).abs().max(), 1e-5)
+        for owner, name, value, said in ((cameras, "znear", torch.tensor([0.3, 0.4]), "give cameras with one znear"),
+                                         (settings, "perspective_correct", False, "perspective cameras"),
+                                         (cameras, "is_perspective", lambda: False, "perspective cameras"),
+                                         (settings, "z_clip_value", 4.0, "reach behind z = 4 m")):
+            before = getattr(owner, name)
+            setattr(owner, name, value)
+            renderer.znear = None
+            with self.assertRaisesRegex(mirage.InputError, said):
+                renderer(meshes)
+            setattr(owner, name, before)
+        with self.assertRaisesRegex(mirage.InputError, "80 reach behind z = 0 m"):
+            mirage.pytorch3d.soft_rasterize(verts - torch.tensor([0, 0, 4.0]), faces, colors, 32)
+        settings.z_clip_value = 10.0  # all of it is nearer
+        self.assertEqual(renderer(meshes)[..., 3].max(), 0)
 
     def test_colours_of_vertices_in_float_as_in_double(self):
         verts, faces, _ = self.scene()

@@ -1,6 +1,6 @@
 # The Python package, by the interpreter that it was built for; what needs PyTorch is skipped with a word where that is
 # missing.
-foreach(suite module torch runs door examples package real_to_sim)
+foreach(suite module torch runs door examples package real_to_sim studies)
   add_test(NAME python.${suite} COMMAND ${MIRAGE_PYTHON_PROGRAM} -B ${CMAKE_CURRENT_SOURCE_DIR}/python/test_${suite}.py)
   set_tests_properties(
     python.${suite}

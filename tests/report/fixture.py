@@ -51,12 +51,14 @@ def host(folder, name, index):
     judged = {"iou": 0.75, "score": 0.8, "hidden": False, "false_positive": False}
     vanished, misplaced = [{**judged, "iou": iou, "hidden": True} for iou in (0.05, 0.62)]
     raster, cycles = (vanished, misplaced) if index == 0 else (judged, judged)
+    arms = [{"light": light, "returns": returns, **outcome} for light, outcome in (("raster", raster), ("cycles", cycles))
+            for returns in ("ideal", "realistic")]
     seen = [{"box": [310, 70, 385, 152], "score": 0.8}]
     in_picture = {"picture_boxes": {"host": [300, 90, 380, 150], "object": [320, 60, 360, 90], "clean": seen, "raster": [],
                                     "truth": [[300, 90, 380, 150], [10, 80, 60, 120]], "cycles": seen}} if index == 1 else {}
     return {**in_picture, "name": name, "frame": name[:6], "label": 0, "range": 20.0 - index, "visible_share": 0.9, "detected": True,
             "adversary_points": 2, "host_rect": [300, 90, 380, 150], "crop_rect": [320, 60, 360, 90],
-            "clean": {"iou": 0.8, "score": 0.95}, "raster": raster, "cycles": {**cycles, "score": 0.7},
+            "clean": {"iou": 0.8, "score": 0.95}, "raster": raster, "cycles": {**cycles, "score": 0.7}, "arms": arms,
             "full": {"mae": 0.02, "mean": 0.2, "relative": 0.1, "ssim": 0.9, "flip": 0.1, "seconds": 1.5},
             "matched": {"mask_iou": 1.0, "mae": 1e-5, "range_error_m": 1e-5, "max_error": 1e-3}, "pictures": files,
             "bev": {"reach": 16.0, "host": box, "truth": [box, [30.0, -4.0, 4.0, 1.7, 0.0]],
@@ -141,7 +143,7 @@ def make(folder, uses_picture=True, vacuous=False, **more):
     for index, name in enumerate(names):
         write_json(os.path.join(validation, "hosts", name + ".json"), host(validation, name, index))
     write_json(os.path.join(validation, "result.json"), {
-        "headline": "Attack success 22.0 % in Cycles with realistic returns.", "run": "out/attack",
+        "headline": "Attack success 22.0 % in Cycles with realistic returns.", "run": "out/attack", "placement": "roof",
         "clusters": {"by": "frame", "count": 10},
         "provenance": {"detector": "fusion", "weights": "fusion-kitti64.pt", "weights_hash": "8d1f", "defense": "none", "data": "kitti9",
                        "seed": 3, "version": "0.1.0", "commit": "ea8efec", "date": "2026-11-27", "command": "mirage validate --run out/attack"},

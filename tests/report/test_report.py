@@ -22,8 +22,15 @@ SOURCE, BUILD = (os.path.abspath(path) for path in sys.argv[1:3])
 VIEWER = os.path.join(BUILD, "report", "model-viewer.min.js")
 
 
-def write_report(folder, viewer, uses_picture=True, vacuous=False, **more):
+def write_report(folder, viewer, uses_picture=True, vacuous=False, change=None, **more):
+    """`change`: {file: what is done to its JSON}, of files in the folder."""
     validation, run = fixture.make(folder, uses_picture, vacuous, **more)
+    for name, edit in (change or {}).items():
+        path = os.path.join(folder, name)
+        with open(path, encoding="utf-8") as file:
+            content = json.load(file)
+        edit(content)
+        fixture.write_json(path, content)
     arguments = [sys.executable, os.path.join(SOURCE, "validation", "report", "report.py"), "--validation", validation, "--run", run,
                  "--evaluation", os.path.join(folder, "evaluation.json"), "--tradeoff",
                  os.path.join(folder, "tradeoff.json")]
@@ -254,6 +261,48 @@ class WhatSpeaksAgainst(unittest.TestCase):
         self.assertIn("15–30 m 1 0 0", page)  # the held-back one alone
         self.assertNotIn("Hidden in Cycles", page)
         self.assertIn("Mask IoU – to reach ≥ 0.9999: nothing measured", page)
+
+    def both(self, **more):
+        """What the report and the page to sign say."""
+        with tempfile.TemporaryDirectory(prefix="mirage-report-") as folder, browser.Browser() as chromium:
+            path, texts = write_report(folder, None, **more), []
+            for page in (path, path.replace("report.html", "sign-off.html")):
+                chromium.open(page)
+                texts.append(" ".join(chromium.run("document.body.innerText").replace("\u202f", " ").split()))
+            self.assertEqual(chromium.errors, [])
+        return texts
+
+    def test_held_back_vehicles_that_were_learned_on_are_counted(self):
+        report, page = self.both(hosts_trained_on=12)
+        self.assertIn("The attack was learned on 12 of the 20 held-back vehicles, in other frames of their drive.", report)
+        self.assertIn("The attack was learned on 12 of these 20 held-back vehicles, in other frames of their drive.", page)
+        for text in self.both(hosts_trained_on=0):
+            self.assertNotIn("The attack was learned on 0", text)
+
+    def test_what_is_signed_is_of_realistic_returns_as_its_headline(self):
+        def change(host):
+            for arm in host["arms"]:
+                arm["hidden"] = arm["returns"] == "realistic" and arm["light"] == "cycles"
+        _, page = self.both(change={f"validation/hosts/{name}.json": change for name in ("000001_0", "000002_1")})
+        self.assertIn("15–30 m 2 0 2", page)
+        self.assertIn("Hidden in Cycles: 000002_1 (19 m), 000001_0 (20 m).", page)
+
+    def test_who_is_judged_is_named_with_the_place(self):
+        victims = {f"validation/hosts/{name}.json": lambda host: host.update(victim=4) for name in ("000001_0", "000002_1")}
+        for text in self.both(change=victims, placement="kerb", placed={"victim": "neighbour"}):
+            self.assertIn("000001_4 (host 000001_0) (20 m", text)
+            self.assertIn("place kerb", text)
+            self.assertIn("found without the object", text)
+        report, page = self.both(placement="debris", placed={"victim": "object"})
+        for text in (report, page):
+            self.assertIn("object at 000001_0 (20 m", text)
+            self.assertIn("found with a plain cuboid in the object's place", text)
+        self.assertIn("With a plain cuboid", report)
+        self.assertNotIn("recorded,", report)
+
+    def test_the_overlap_that_counts_as_found_is_not_rounded_away(self):
+        report, _ = self.both(change={"evaluation.json": lambda evaluation: evaluation.update(detected_iou=0.85)})
+        self.assertIn("dotted: 0.85, what counts as found", report)
 
     def test_a_ladder_without_any_error_is_drawn(self):
         sys.path.insert(0, os.path.join(SOURCE, "validation", "report"))

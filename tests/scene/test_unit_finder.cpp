@@ -118,7 +118,7 @@ TEST(UnitFinder, AUnitThatMovesWithinItsSweepIsFound) {
 }
 
 // Whichever of a set's sweeps it gets: where all see few walls, where a beam meets nothing in one of them.
-TEST(UnitFinder, OtherSweepsOfRecordedKittiGiveTheSameUnit) {
+TEST(UnitFinder, OtherSweepsOfRealFramesGiveTheSameUnit) {
   MIRAGE_NEED_REAL_FRAMES();
   const auto set = open_data_set(test::real_frames());
   const std::vector<std::string> ids = set->frames();

@@ -95,6 +95,7 @@ std::vector<GoldenCase> golden_cases() {
     settings.background = Background::authors_logit;
     cases.push_back(std::move(golden));
   }
+  EXPECT_FALSE(cases.empty()) << golden_file() << " holds no case";
   return cases;
 }
 

@@ -1,9 +1,10 @@
 """The structure that src/README.md promises, read off the sources: no two units include each other, directly or in a round (a unit is
-a header with its source file), a layer of the table includes only what its row names, and so does a room of src/README.md.
+a header with its source file), a layer or a plugin of the table includes only what its row names, and so does a room of src/README.md.
 
     python3 tests/structure/test_includes.py SOURCE
 """
 
+import fnmatch
 import os
 import re
 import sys
@@ -82,15 +83,39 @@ def table(path, name, width):
                 yield match[1], cells
 
 
+def place(unit):
+    """The row that a unit is of: src/base, validation, plugins/depth; plugins for what lies beside the plugins' folders."""
+    parts = unit.split(os.sep)
+    return parts[0] if parts[0] == "validation" or len(parts) < 3 else "/".join(parts[:2])
+
+
+def row(may, above):
+    """What the words of a row allow: patterns of units. `above`: places of the rows above it."""
+    layers, headers = re.sub("`[^`]*`", "", may), re.findall(r"`([^`]+)\.h`", may)
+    if layers.strip() == "everything":
+        return ["*"]
+    among, _, but = layers.partition(" but ")
+    named = above if among.strip() == "all of the above" else ["src/" + word for word in re.findall(r"\w+", among)]
+    return [at + "/*" for at in named if at != "src/" + but.strip()] + ["src/" + header for header in headers]
+
+
 def allowed(source):
-    """{layer: layers that it may include}, from the table of src/README.md."""
-    rows, above = {}, []
-    for layer, cells in table(os.path.join(source, "src/README.md"), r"`src/(\w+)`$", 4):
-        may = cells[2]
-        rows[layer] = set(above) if may in ("everything", "all of the above") else set(re.findall(r"\w+", may))
-        above.append(layer)
-    rows["cli"].add("validation")
+    """{place: patterns of the units that it may include}, from the table of src/README.md."""
+    rows = {}
+    for at, cells in table(os.path.join(source, "src/README.md"), r"`((?:src|plugins)/\w+|validation|plugins)`$", 4):
+        rows[at] = row(cells[2], list(rows))
     return rows
+
+
+def forbidden(graph, rows):
+    """(unit, what it includes) against the rows. Plugins share what lies beside their folders."""
+    for unit, others in sorted(graph.items()):
+        at = place(unit)
+        may = rows.get(at, [])
+        for other in sorted(others):
+            shared = place(other) == "plugins" and at.startswith("plugins")
+            if place(other) != at and not shared and not any(fnmatch.fnmatchcase(other, pattern) for pattern in may):
+                yield unit, other
 
 
 def rooms(source):
@@ -103,17 +128,9 @@ def main(source):
     graph = units(source)
     wrong = ["these include each other: " + ", ".join(members) for members in rounds(graph)]
     rows = allowed(source)
-    if len(rows) < 8 or len(graph) < 200:
-        sys.exit(f"{source}: {len(rows)} layers and {len(graph)} units were found: neither the table nor the sources are where they were")
-    for unit, others in sorted(graph.items()):
-        parts = unit.split(os.sep)
-        if parts[0] != "src" or parts[1] not in rows:
-            continue
-        for other in sorted(others):
-            to = other.split(os.sep)
-            layer = to[1] if to[0] == "src" else to[0]
-            if layer != parts[1] and layer not in rows[parts[1]]:
-                wrong.append(f"{unit} includes {other}, which the row of src/{parts[1]} in src/README.md does not name")
+    if len(rows) < 18 or len(graph) < 200:
+        sys.exit(f"{source}: {len(rows)} rows and {len(graph)} units were found: neither the table nor the sources are where they were")
+    wrong += [f"{unit} includes {other}, which the row of {place(unit)} in src/README.md does not name" for unit, other in forbidden(graph, rows)]
     inside = rooms(source)
     if len(inside) < 8:
         sys.exit(f"{source}: {len(inside)} rooms were found in src/README.md")
@@ -139,6 +156,15 @@ def planted():
     loop = {"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set(), "e": {"d", "a"}}
     assert rounds(loop) == [["a", "b", "c"]], rounds(loop)
     assert rounds({"a": {"b"}, "b": set()}) == []
+    rows = {"src/base": [], "src/scene": row("base", []), "src/cli": row("everything", ["src/base"])}
+    rows["validation"] = row("all of the above but cli", list(rows))
+    rows["plugins/detectors"] = row("base, `scene/abi*.h`", list(rows))
+    graph = {"src/base/a": {"src/base/b", "src/scene/c"}, "src/scene/c": {"src/base/a"}, "src/cli/m": {"validation/v", "src/scene/c"},
+             "validation/v": {"src/scene/c", "src/cli/m"}, "plugins/t": {"src/base/a"},
+             "plugins/detectors/f/n": {"plugins/t", "src/scene/abi3", "src/scene/c", "plugins/detectors/p", "plugins/depth/g/n"}}
+    found = list(forbidden(graph, rows))
+    assert found == [("plugins/detectors/f/n", "plugins/depth/g/n"), ("plugins/detectors/f/n", "src/scene/c"), ("plugins/t", "src/base/a"),
+                     ("src/base/a", "src/scene/c"), ("validation/v", "src/cli/m")], found
 
 
 if __name__ == "__main__":

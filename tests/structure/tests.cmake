@@ -1,5 +1,9 @@
 # What includes what, against the layer table of src/README.md.
 add_test(NAME structure.includes COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/structure/test_includes.py ${PROJECT_SOURCE_DIR})
+# No option keeps a value that another configuration of the same folder gave it.
+add_test(NAME structure.presets COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/structure/test_presets.py ${PROJECT_SOURCE_DIR})
+# What a test reads that a clone has not is named.
+add_test(NAME structure.data COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/structure/test_data.py ${PROJECT_SOURCE_DIR})
 # As `make format` leaves them. Each release breaks some lines otherwise, so one of them is the measure; others skip.
 find_program(MIRAGE_CLANG_FORMAT NAMES clang-format-14 clang-format)
 set(found "")

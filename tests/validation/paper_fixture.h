@@ -119,7 +119,7 @@ inline paper::ReproduceSettings settings_in(const std::filesystem::path& out,
 }
 
 /// Stands in for the program: writes what the tables read; remembers what was asked for.
-class Program {
+class PaperProgram {
  public:
   struct Call {
     std::string command;

@@ -49,9 +49,7 @@ class DriveViews : public testing::Test {
   std::filesystem::path data() const { return folder_ / "data"; }
   std::filesystem::path drive() const { return folder_ / "drive"; }
   std::filesystem::path object() const { return folder_ / "pyramid.obj"; }
-  DriveChoice choice() const {
-    return {.drive = drive(), .vehicle = "", .run = {}, .data = {}, .overrides = {}};
-  }
+  DriveChoice choice() const { return {.drive = drive(), .vehicle = "", .run = {}, .data = {}}; }
   std::string refused(const DriveChoice& asked) {
     return error_text<InputError>([&] { DriveView{asked}; });
   }

@@ -85,5 +85,45 @@ TEST(EvaluationPictures, AVehicleIsShownByTheCameraThatItsLabelIsIn) {
   EXPECT_LT(v, 75);
 }
 
+TEST(EvaluationPictures, WhoIsJudgedIsNamedAndAPlainObjectIsInItsCleanPicture) {
+  const test::TemporaryFolder folder;
+  const std::filesystem::path data = folder / "data";
+  test::write_tiny_data(data, 1);
+  Frame frame = read_frame(data, "000000");
+  frame.labels[0].box.bev = {20, 2, 3.9, 1.6, 0};
+  frame.labels.push_back(frame.labels[0]);
+  frame.labels[1].box.bev = {12, -4, 3.9, 1.6, 0};
+  write_frame(data, frame);
+  const ImageF recorded = read_srgb(data / "training/image_2/000000.png");
+  const auto drawn_at = [&](const char* place, int victim) {
+    RunEvaluation evaluation;
+    FrameSource source{data, "ip-basic", "box"};
+    set_from_text(place, source.placement);
+    evaluation.store = std::make_unique<FrameStore>(source);
+    evaluation.detectors.push_back(std::make_unique<test::StandInDetector>());
+    evaluation.run.adversary = test::random_mesh(3);
+    evaluation.target_run.settings.placement = source.placement;
+    evaluation.learned.hosts = {outcome("000000", 0, 0.9, 0)};
+    evaluation.learned.hosts[0].victim = victim;
+    draw_evaluation_pictures(evaluation, 1, folder / place);
+    return read_json(folder / place / "data/pictures.json");
+  };
+  const auto clean = [&](const char* place) {
+    return read_srgb(folder / place / "data/000000_0/clean.png").data;
+  };
+  const auto object = drawn_at("debris", -1);
+  EXPECT_EQ(object.at("victim"), "object");
+  EXPECT_EQ(object.at("hosts").at(0).at("title"), "object at 000000_0");
+  EXPECT_NEAR(object.at("hosts").at(0).at("host").at("x").get<double>(), 20 - 3.9 / 2 - 6, 0.3);
+  EXPECT_NE(clean("debris"), recorded.data);
+  const auto neighbour = drawn_at("kerb", 1);
+  EXPECT_EQ(neighbour.at("victim"), "neighbour");
+  EXPECT_EQ(neighbour.at("hosts").at(0).at("title"), "000000_1 (host 000000_0)");
+  EXPECT_NEAR(neighbour.at("hosts").at(0).at("host").at("x").get<double>(), 12, 0.02);
+  EXPECT_EQ(clean("kerb"), recorded.data);
+  const auto host = drawn_at("roof", -1);
+  EXPECT_EQ(host.at("hosts").at(0).at("title"), "000000_0");
+}
+
 }  // namespace
 }  // namespace mirage

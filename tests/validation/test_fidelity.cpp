@@ -248,6 +248,29 @@ TEST_F(Reference, TheLadderTellsTheEffectThatMatters) {
   EXPECT_EQ(rungs.at("+cast shadow").crop.mae, 0);
 }
 
+TEST_F(Reference, ARunOfExactAreasIsComparedAtPixelCentresToo) {
+  scene.samples = 1;
+  PlainReference reference;
+  const FullLight full = full_light(reference, scene, simulate_host(scene, scene.simulation));
+  const auto drawn = [&] {
+    std::map<std::string, ImageF> pictures;
+    for (LadderRung& rung : light_ladder(reference, scene, full).rungs)
+      if (rung.group == "raster" && rung.effect != "soft") pictures[rung.effect] = std::move(rung.picture);
+    return pictures;
+  };
+  const MatchedLight by_default = matched({});
+  const auto default_rungs = drawn();
+  apply_quality("exact", scene.simulation);
+  ASSERT_TRUE(scene.simulation.exact_coverage);
+  const MatchedLight exact = matched({});
+  EXPECT_EQ(exact.raster.data, by_default.raster.data);
+  EXPECT_EQ(exact.mae, by_default.mae);
+  auto exact_rungs = drawn();
+  for (const auto& [effect, picture] : default_rungs)
+    EXPECT_EQ(exact_rungs[effect].data, picture.data) << effect;
+  EXPECT_NE(exact_rungs["visible light"].data, exact_rungs["visible light, exact areas"].data);
+}
+
 TEST_F(Reference, OneThatIsLostSaysSo) {
   PlainReference reference({.lost_at = 1});
   EXPECT_THROW(matched_light(reference, scene), ReferenceLost);  // its rays, after the picture

@@ -19,7 +19,7 @@ namespace mirage::paper {
 namespace {
 
 using mirage::test::MadeUp;
-using mirage::test::Program;
+using mirage::test::PaperProgram;
 using mirage::test::settings_in;
 using mirage::test::TemporaryFolder;
 using mirage::test::vanishing;
@@ -100,7 +100,7 @@ TEST(FusionExperiments, RealFramesJudgeWhatWasLearnedOnGeneratedOnes) {
 
 TEST(FusionTable, CellsAreNetOfTheirOwnRandomMesh) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   program.planted["kitti64-fusion-image"] = {vanishing(4), vanishing(1)};
   program.planted["kitti64-fusion-image--on--kitti64-camera-image"] = {{120, 5, 2, 0}, vanishing(0)};
   program.planted["kitti64-lidar-lidar"] = {vanishing(0), vanishing(3)};
@@ -127,7 +127,7 @@ TEST(FusionTable, CellsAreNetOfTheirOwnRandomMesh) {
 
 TEST(FusionTable, ArmsNameWhoWasAttackedAndWhoJudges) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   program.planted["kitti64-fusion-lidar--on--kitti64-lidar-lidar"] = {vanishing(2), vanishing(1)};
   ReproduceSettings settings = quick_in(folder.path());
   settings.seeds = 2;
@@ -156,7 +156,7 @@ TEST(FusionTable, ArmsNameWhoWasAttackedAndWhoJudges) {
 
 TEST(FusionTable, AnAttackThatFailsLeavesItsRowEmpty) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   program.broken = "runs/kitti64-fusion-image";
   const json result = reproduce(quick_in(folder.path()), std::ref(program));
   for (const char* judge : {"lidar", "camera", "fusion"}) {
@@ -170,7 +170,7 @@ TEST(FusionTable, AnAttackThatFailsLeavesItsRowEmpty) {
 
 TEST(FusionTable, ADetectorThatDoesNotUseItsPictureIsNamedInItsImageRows) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   program.uses_picture = false;
   const json result = reproduce(quick_in(folder.path()), std::ref(program));
   EXPECT_THAT(cell_of(result, "fusion, image", "fusion").at("note").get<std::string>(),

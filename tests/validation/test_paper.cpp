@@ -15,7 +15,7 @@
 namespace mirage::paper {
 namespace {
 
-using mirage::test::Program;
+using mirage::test::PaperProgram;
 using mirage::test::settings_in;
 using mirage::test::TemporaryFolder;
 using nlohmann::json;
@@ -61,6 +61,8 @@ TEST(PaperExperiments, FoldersAreTheDocumentedOnes) {
         "evaluations/xenith-fusion-both--on--kitti64-fusion-both", "detect/kitti64-fusion-denoising"})
     EXPECT_NO_THROW(all.at(name)) << name;
   EXPECT_THROW(all.at("runs/kitti64-fusion-both-size0.8"), InputError);  // the plain run
+  EXPECT_EQ(all.at("runs/kitti64-fusion-both-solid").setting("free"), "false");
+  EXPECT_EQ(all.at("runs/kitti64-fusion-both").setting("free"), "true");
 }
 
 TEST(PaperExperiments, GivenDataAreNotGenerated) {
@@ -136,7 +138,7 @@ TEST(PaperExperiments, QuickKeepsSomeRowsOfEveryTable) {
 
 TEST(PaperTables, RowsComeFromTheOutcomes) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   const json result = reproduce(settings_in(folder.path(), "table1"), std::ref(program));
   const json& table = result.at("tables").at(0);
   EXPECT_EQ(table.at("name"), "table1");
@@ -199,7 +201,7 @@ TEST(PaperExperiments, EverySeedIsAnAttackOfItsOwn) {
 TEST(PaperTables, IntervalsKnowHowMuchRunsDiffer) {
   const auto asr = [](int seeds, int worse_by_seed) {
     TemporaryFolder folder;
-    Program program;
+    PaperProgram program;
     program.worse_by_seed = worse_by_seed;
     ReproduceSettings settings = settings_in(folder.path(), "table1");
     settings.seeds = seeds;
@@ -225,7 +227,7 @@ TEST(PaperTables, IntervalsKnowHowMuchRunsDiffer) {
 
 TEST(PaperTables, ARepetitionThatFailsIsLeftOut) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   program.broken = "runs/kitti64-fusion-both+1";
   ReproduceSettings settings = settings_in(folder.path(), "table1");
   settings.seeds = 3;
@@ -240,7 +242,7 @@ TEST(PaperTables, ARepetitionThatFailsIsLeftOut) {
 
 TEST(PaperTables, SayWhereTheDetectorDoesNotUseItsPicture) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   program.uses_picture = false;
   const json result = reproduce(settings_in(folder.path(), "table4"), std::ref(program));
   const auto note = [&](std::size_t row) {
@@ -281,7 +283,7 @@ TEST(PaperTables, SayWhereTheDetectorDoesNotUseItsPicture) {
 
 TEST(PaperTables, RecallCurvesFallWithIoU) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   const json result = reproduce(settings_in(folder.path(), "fig3"), std::ref(program));
   for (const json& row : result.at("tables").at(0).at("rows")) {
     const auto recall = row.at("curve").at("recall").get<std::vector<double>>();

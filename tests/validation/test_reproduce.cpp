@@ -17,7 +17,7 @@ namespace mirage::paper {
 namespace {
 
 namespace fs = std::filesystem;
-using mirage::test::Program;
+using mirage::test::PaperProgram;
 using mirage::test::settings_in;
 using mirage::test::TemporaryFolder;
 using nlohmann::json;
@@ -25,7 +25,7 @@ using testing::HasSubstr;
 
 TEST(Reproduce, FinishedStepsAreNotRunAgain) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   reproduce(settings_in(folder.path(), "table1"), std::ref(program));
   EXPECT_EQ(program.calls.size(), 9u);  // data, four attacks, four evaluations
   program.calls.clear();
@@ -47,13 +47,13 @@ TEST(Reproduce, FinishedStepsAreNotRunAgain) {
 
 TEST(Reproduce, ACommandIsGivenItsSettingsAndTheFoldersThatItNeeds) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   ReproduceSettings settings = settings_in(folder.path(), "table3");
   settings.threads = 5;
   const Experiments list = experiments(settings);
   execute(list, settings, std::ref(program));
   const std::string name = "evaluations/xenith-fusion-both--on--kitti64-fusion-both";
-  const auto of_it = [&](const Program::Call& call) { return call.settings.at("out") == folder / name; };
+  const auto of_it = [&](const PaperProgram::Call& call) { return call.settings.at("out") == folder / name; };
   const auto call = std::find_if(program.calls.begin(), program.calls.end(), of_it);
   ASSERT_NE(call, program.calls.end());
   EXPECT_EQ(call->command, "evaluate");
@@ -68,7 +68,7 @@ TEST(Reproduce, ACommandIsGivenItsSettingsAndTheFoldersThatItNeeds) {
 
 TEST(Reproduce, ARecordOfAnotherSettingIsNotTaken) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   std::set<std::string> tried;  // once for each command and setting: weights are hashed every time
   for (const char* what : {"table3", "table4", "fig4", "fusions"}) {
     ReproduceSettings settings = settings_in(folder.path(), what);
@@ -118,7 +118,7 @@ TEST(Reproduce, ARecordOfAnotherSettingIsNotTaken) {
 
 TEST(Reproduce, ARecordOfAnOlderVersionIsNotTaken) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   const ReproduceSettings settings = settings_in(folder.path(), "table1");
   const Experiments list = experiments(settings);
   execute(list, settings, std::ref(program));
@@ -134,7 +134,7 @@ TEST(Reproduce, ARecordOfAnOlderVersionIsNotTaken) {
 
 TEST(Reproduce, TheFolderMayBeMoved) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   ReproduceSettings settings = settings_in(folder / "here", "table1");
   settings.kitti64 = folder / "data";
   reproduce(settings, std::ref(program));
@@ -147,7 +147,7 @@ TEST(Reproduce, TheFolderMayBeMoved) {
 
 TEST(Reproduce, AKilledStepIsRunAgain) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   reproduce(settings_in(folder.path(), "table1"), std::ref(program));
   fs::remove(folder / "evaluations/kitti64-fusion-lidar/result.json");
   program.calls.clear();
@@ -158,7 +158,7 @@ TEST(Reproduce, AKilledStepIsRunAgain) {
 
 TEST(Reproduce, AFailingStepStaysInTheTable) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   program.broken = "runs/kitti64-fusion-image";
   const json result = reproduce(settings_in(folder.path(), "table1"), std::ref(program));
   const json& rows = result.at("tables").at(0).at("rows");
@@ -174,7 +174,7 @@ TEST(Reproduce, AFailingStepStaysInTheTable) {
 
 TEST(Reproduce, ADamagedResultIsNamedByFileAndField) {
   TemporaryFolder folder;
-  Program program;
+  PaperProgram program;
   reproduce(settings_in(folder.path(), "table4"), std::ref(program));
   const fs::path judged = folder / "evaluations/kitti64-fusion-both/result.json",
                  scored = folder / "detect/kitti64-fusion/result.json";

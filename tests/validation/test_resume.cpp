@@ -1,7 +1,9 @@
 // A validation that was stopped goes on where it was, to the same result; and one whose renderer is lost.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <set>
@@ -12,6 +14,7 @@
 #include "base/image.h"
 #include "exchange/gltf.h"
 #include "fixture.h"
+#include "frames/frame_provenance.h"
 #include "plain_reference.h"
 #include "scene/data/read_frames.h"
 #include "support/each_field.h"
@@ -126,6 +129,45 @@ TEST(Resume, AStoppedValidationEndsAtTheSameResult) {
   EXPECT_NE(json::parse(read_file(first)).at("key"), json::parse(kept).at("key"));
 }
 
+TEST(Resume, AProgramsVehiclesAreThoseOfItsVersion) {
+  const test::TemporaryFolder folder;
+  ValidationSettings settings = tiny_validation(folder);
+  write_file(folder / "detector.py", R"(
+import os
+import mirage_serve
+import numpy as np
+
+here = os.path.dirname(os.path.abspath(__file__))
+
+def read(name):
+    with open(os.path.join(here, name)) as file:
+        return file.read()
+
+class Detector:
+    version = read("version")
+
+    def __call__(self, image, points, pixel_from_velo):
+        return np.float32([[11.4, 0, 3.9, 1.6, 0]]), np.float32([float(read("logit"))])
+
+mirage_serve.serve(Detector())
+)");
+  settings.detector.detector = fmt::format("exec:/usr/bin/python3 -B {}", (folder / "detector.py").string());
+  settings.ladder = 0;
+  const auto with = [&](const char* version, const char* logit) {
+    write_file(folder / "version", version);
+    write_file(folder / "logit", logit);
+    validate(settings, plain());
+    return fs::last_write_time(settings.out / "hosts/000001_0.json");
+  };
+  const auto first = with("1", "2");
+  EXPECT_EQ(with("1", "3"), first) << "a finished vehicle was made again";
+  const auto second = with("2", "3");
+  EXPECT_NE(second, first);
+  const auto third = with("", "3");
+  EXPECT_NE(third, second);
+  EXPECT_NE(with("", "3"), third);  // without a version nothing is kept
+}
+
 TEST(Resume, TheObjectIsAsTheWorkshopMadeItForBothRenderers) {
   const test::TemporaryFolder folder;
   ValidationSettings settings = tiny_validation(folder);
@@ -227,6 +269,152 @@ TEST(Resume, AnEvaluationIsOfTheSameRunAndItsDifferencesAreNamed) {
   ASSERT_EQ(result.at("evaluation_differences").size(), 1u);
   EXPECT_THAT(result.at("evaluation_differences")[0].get<std::string>(),
               testing::StartsWith("detector: another there, "));
+}
+
+// Rates by other rules are no match for this validation's, which stand beside them.
+TEST(Resume, TheRulesOfAnEvaluationAreCompared) {
+  const test::TemporaryFolder folder;
+  ValidationSettings settings = tiny_validation(folder);
+  settings.ladder = 0;
+  settings.evaluation = folder / "evaluation";
+  settings.provenance->input("run", "this run");
+  const AttackSettings own = read_run(settings.run, settings.trust).settings;
+  json evaluation = {{"fn_asr", 0.5},
+                     {"detected_iou", EvaluationSettings().detected_iou},
+                     {"score_threshold", EvaluationSettings().score_threshold},
+                     {"plane", "bev"},
+                     {"placement", text_of(own.placement)},
+                     {"placed", to_json(own.placement)},
+                     {"simulation", to_json(own.simulation)},
+                     {"provenance",
+                      {{"inputs", {{"run", "this run"}}},
+                       {"settings", {{"expect", "colour,shape"}, {"sun", "frame"}, {"cameras", "first"}}}}}};
+  evaluation["simulation"]["lidar_effects"]["seed"] = 5;  // draws the noise that there is none of
+  const auto differences = [&] {
+    write_json(settings.evaluation / "result.json", evaluation);
+    return to_json(validate(settings, plain())).value("evaluation_differences", std::vector<std::string>());
+  };
+  settings.expect = "shape,colour";
+  EXPECT_THAT(differences(), testing::ElementsAre());
+  settings.expect = "none";
+  evaluation["detected_iou"] = 0.5;
+  evaluation["score_threshold"] = 0.1;
+  evaluation["plane"] = "3d";
+  evaluation["placement"] = "kerb";
+  evaluation["placed"]["anchor"] = "right";
+  evaluation["provenance"]["settings"]["sun"] = "90,30";
+  evaluation["simulation"]["light"] = "visible";
+  evaluation["simulation"]["lidar_effects"]["drop_out"] = 0.1;
+  EXPECT_THAT(differences(), testing::ElementsAre(
+                                 "--iou: 0.5 there, 0.7 here", "--score: 0.1 there, 0.3 here",
+                                 "--matching: 3d there, bev here", "--expect: colour,shape there, none here",
+                                 "--place: kerb there, roof here", "--sun: 90,30 there, frame here",
+                                 "lidar_effects: other values there", "light: visible there, plain here"));
+  evaluation = {{"fn_asr", 0.5},
+                {"placement", text_of(own.placement)},
+                {"placed", to_json(own.placement)},
+                {"provenance", {{"inputs", {{"run", "this run"}}}}}};
+  evaluation["placed"]["yaw"] = 90;
+  EXPECT_THAT(differences(), testing::ElementsAre("--place's file: other values there"));
+}
+
+// The vehicles of a run are numbers of labels: in other label files these are other cars.
+TEST(Resume, FramesThatHaveChangedSinceTheAttackAreRefused) {
+  const test::TemporaryFolder folder;
+  ValidationSettings settings = tiny_validation(folder);
+  settings.ladder = 0;
+  json run = read_json(settings.run / "run.json");
+  const std::vector<std::string> train = {"000000"}, test = {"000001"};
+  run[kTrainFrames] = frames_hash(folder / "data", train, Cameras::first);
+  run[kTestFrames] = frames_hash(folder / "data", test, Cameras::first);
+  write_json(settings.run / "run.json", run);
+  EXPECT_EQ(validate(settings, plain()).hosts.size(), 2u);
+  const fs::path labels = folder / "data/training/label_2/000000.txt";
+  write_file(labels, "Car 0 0 0 10 20 30 40 1.5 1.6 3.9 5 1.7 30 0\n" + read_file(labels));
+  EXPECT_THAT(test::error_text<InputError>([&] { validate(settings, plain()); }),
+              testing::HasSubstr("frames: have changed since"));
+  settings.frames = 1;  // a test frame, which is as it was
+  EXPECT_EQ(validate(settings, plain()).hosts.size(), 1u);
+}
+
+/// Puts these cars into each tiny frame in place of its own; the pictures' boxes begin a pixel further right
+/// with each.
+void set_cars(const fs::path& data, const std::vector<BevBox>& cars) {
+  for (const char* id : {"000000", "000001"}) {
+    Frame frame = read_frame(data, id);
+    frame.labels.resize(1);
+    for (const BevBox& car : cars) {
+      Label label = frame.labels.front();
+      label.box.bev = car;
+      label.left += static_cast<double>(frame.labels.size());
+      frame.labels.push_back(label);
+    }
+    frame.labels.erase(frame.labels.begin());
+    write_frame(data, frame);
+  }
+}
+constexpr BevBox kFound = {10, 1, 4, 2, 0};  // what the detector of tiny_validation always finds
+
+TEST(Resume, HeldBackVehiclesThatWereLearnedOnInOtherFramesAreCounted) {
+  const test::TemporaryFolder folder;
+  ValidationSettings settings = tiny_validation(folder);
+  set_cars(folder / "data", {kFound});
+  settings.ladder = 0;
+  settings.sign_off = true;
+  const auto pages = [&] {
+    return read_file(settings.out / "report.html") + read_file(settings.out / "sign-off.html");
+  };
+  const json untracked = validated(settings);
+  EXPECT_EQ(untracked.at("verdict").at("of"), "held_back");
+  EXPECT_EQ(untracked.at("verdict").at("held_back").at("vehicles"), 1);
+  EXPECT_EQ(untracked.at("hosts_trained_on"), 0);
+  EXPECT_EQ(pages().find("The attack was learned on"), std::string::npos);
+  const fs::path tracks = folder / "data/training/track_2";
+  write_file(tracks / "000000.txt", "7\n");
+  for (const auto& [track, learned] : {std::pair("8\n", 0), std::pair("7\n", 1)}) {
+    write_file(tracks / "000001.txt", track);
+    EXPECT_EQ(validated(settings).at("hosts_trained_on"), learned);
+  }
+  EXPECT_NE(pages().find("of these 1 held-back vehicles, in other frames of their drive"), std::string::npos);
+  EXPECT_NE(pages().find("id=\"trained-on\""), std::string::npos);
+}
+
+TEST(Resume, WhoIsJudgedIsNamedAndShown) {
+  const test::TemporaryFolder folder;
+  ValidationSettings settings = tiny_validation(folder);
+  set_cars(folder / "data", {{20, 4, 3.9, 1.6, 0}, kFound});
+  settings.ladder = 0;
+  settings.sign_off = true;
+  const ImageF recorded = read_srgb(folder / "data/training/image_2/000001.png");
+  const auto validated_at = [&](const std::string& place) {
+    settings.overrides["placement"] = place;
+    settings.out = folder / place;
+    EXPECT_EQ(validated(settings).at("placement"), place);
+    return read_json(settings.out / "hosts/000001_0.json");
+  };
+  const auto says = [&](const std::string& text) {
+    for (const char* page : {"report.html", "sign-off.html"})
+      EXPECT_NE(read_file(settings.out / page).find(text), std::string::npos) << page << ": " << text;
+  };
+  const json neighbour = validated_at("kerb");
+  EXPECT_EQ(neighbour.at("victim"), 1);
+  EXPECT_TRUE(neighbour.at("detected"));
+  EXPECT_NEAR(neighbour.at("range").get<double>(), std::hypot(kFound.x, kFound.y), 0.02);
+  EXPECT_NEAR(neighbour.at("bev").at("host").at(0).get<double>(), kFound.x, 0.02);
+  EXPECT_NEAR(neighbour.at("bev").at("host").at(1).get<double>(), kFound.y, 0.02);
+  EXPECT_NEAR(neighbour.at("host_rect").at(0).get<double>(), 92, 0.02);  // set_cars'
+  EXPECT_EQ(read_srgb(settings.out / "pictures/000001_0_clean.png").data, recorded.data);
+  EXPECT_NE(read_file(settings.out / "report.html").find("000001_1 (host 000001_0)"), std::string::npos);
+  says(">kerb</data>");
+
+  const json object = validated_at("debris");  // 6 m behind the host
+  EXPECT_EQ(object.at("victim"), -1);
+  EXPECT_NEAR(object.at("bev").at("host").at(0).get<double>(), 20 - 3.9 / 2 - 6, 0.3);
+  EXPECT_NEAR(object.at("bev").at("host").at(1).get<double>(), 4, 0.3);
+  EXPECT_NE(read_srgb(settings.out / "pictures/000001_0_clean.png").data, recorded.data)
+      << "what counts as clean has a plain object in it";
+  EXPECT_NE(read_file(settings.out / "report.html").find("object at 000001_0"), std::string::npos);
+  says(">debris</data>");
 }
 
 TEST(Resume, APageToSignIsOfTheLastCallAlone) {

@@ -299,9 +299,6 @@ TEST(SelectHosts, WhatIsShownIsAllTestVehiclesAndNoOthers) {
   EXPECT_EQ(names(shown_hosts(run, 0)), (Names{"000005_0", "000005_2", "000009_1"}));
   EXPECT_EQ(names(shown_hosts(run, 1)), (Names{"000005_0", "000005_2"}));
   EXPECT_EQ(shown_hosts(run, 9).size(), 5u);
-  EXPECT_TRUE(learned_on(run, {"000002", 3}));
-  EXPECT_FALSE(learned_on(run, {"000002", 0}));
-  EXPECT_FALSE(learned_on(run, {"000005", 0}));
 }
 
 TEST(SelectHosts, TheLadderIsSpreadOverTheFrames) {

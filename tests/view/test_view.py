@@ -7,6 +7,7 @@ hold, and both themes draw."""
 import json
 import math
 import os
+import shutil
 import struct
 import subprocess
 import sys
@@ -39,6 +40,26 @@ def made(*arguments):
     code, said = mirage(*arguments, "--quiet")
     if code:
         raise RuntimeError(f"mirage {' '.join(arguments)}: {said}")
+
+
+def read(*names):
+    with open(at(*names), encoding="utf-8") as file:
+        return json.load(file)
+
+
+def streets():
+    """A generated drive of two seconds, in KITTI's tracking layout."""
+    if not os.path.exists(at("streets")):
+        made("generate", "--drives", "1", "--seconds", "2", "--seed", "5", "--out", at("streets"))
+
+
+def change_return(sweep):
+    """Another reflectance of its first."""
+    with open(sweep, "rb") as file:
+        points = bytearray(file.read())
+    points[12] ^= 1
+    with open(sweep, "wb") as file:
+        file.write(points)
 
 
 def setUpModule():
@@ -328,6 +349,15 @@ class WithLogits(Opened):
         self.assertAlmostEqual(self.browser.run("+document.querySelector('#score input').value"), -2.55)
         self.assertEqual(self.browser.run("columns[0].views[1].drawn.filter(d => d.box.kind === 'file').length"), 1)
 
+    def test_a_frame_without_a_file_is_told_from_one_without_detections(self):
+        self.assertEqual((self.result["frames"], self.result["frames_in_file"]), (3, 1))
+        said = "document.querySelector('.column.clean h2 span').textContent"
+        self.settle()
+        self.assertEqual(self.browser.run(said), "")
+        self.browser.run("show(1)")
+        self.shown("000001")
+        self.assertEqual(self.browser.run(said), "this frame is not in logits")
+
     def test_an_address_that_is_none_of_ours_shows_a_frame(self):
         self.browser.run("show(1)")
         self.shown("000001")
@@ -410,6 +440,8 @@ class OfARun(browser.PageChecks, Opened):
             self.assertEqual(of_frame, sorted(of_frame))
         listed = self.browser.run("[...document.querySelectorAll('#vehicle option')].map(o => +/([0-9]+) m/.exec(o.textContent)[1])")
         self.assertEqual(listed, [math.floor(value + 0.5) for value in ranges[0]])
+        names = self.browser.run("[...document.querySelectorAll('#vehicle option')].map(o => o.textContent.split(':')[0])")
+        self.assertEqual(names, self.browser.run("current.attacks.map(a => `${current.id}_${a.label}`)"))
 
     def test_opens_at_the_vehicle(self):
         self.browser.open(self.path)
@@ -453,18 +485,147 @@ class OfARun(browser.PageChecks, Opened):
                          [f"All vehicles ({self.result['vehicles']})", f"Hidden ({counts['hidden']})",
                           f"Still found ({counts['found']})", f"Not found as recorded ({counts['unfound']})"])
         self.browser.run("among.selectedIndex = 0")
-        seen = []
+        seen, address = [], "'#' + current.attacks[state.vehicle].name"
         for _ in range(self.result["vehicles"] + 1):
-            self.browser.wait_for("location.hash === '#' + current.id + ',' + (state.vehicle + 1)")
+            self.browser.wait_for(f"location.hash === {address}")
             seen.append(self.browser.run("location.hash"))
             self.browser.run("jump(true)")
-            self.browser.wait_for(f"'#' + current.id + ',' + (state.vehicle + 1) !== {json.dumps(seen[-1])}"
-                                  if self.result["vehicles"] > 1 else "true")
+            self.browser.wait_for(f"{address} !== {json.dumps(seen[-1])}" if self.result["vehicles"] > 1 else "true")
         self.assertEqual(len(set(seen)), self.result["vehicles"])
         self.assertEqual(seen[0], seen[-1])
-        for address in seen[-2:]:
-            self.browser.run(f"location.hash = {json.dumps(address)}")
-            self.browser.wait_for(f"'#' + current.id + ',' + (state.vehicle + 1) === {json.dumps(address)}")
+        for one in seen[-2:]:
+            self.browser.run(f"location.hash = {json.dumps(one)}")
+            self.browser.wait_for(f"{address} === {json.dumps(one)}")
+        # By their labels, as every result names them.
+        split = read("run", "run.json")
+        self.assertLessEqual({one[1:] for one in seen}, {f"{host['frame']}_{host['label']}" for host in split["test"] + split["train"]})
+
+
+class BesideTheRoad(Opened):
+    """The neighbour is judged, not the host: the page frames it and names it."""
+
+    arguments = ("--run", "{}/kerb", "--frames", "9")
+
+    @classmethod
+    def setUpClass(cls):
+        made("attack", "--iterations", "1", "--target", "random", "--detector", "lidar", "--place", "kerb", "--data", at("data"),
+             "--out", at("kerb"))
+        super().setUpClass()
+
+    def test_the_victim_is_framed_and_named(self):
+        made("evaluate", "--run", at("kerb"), "--hosts", "all", "--random-meshes", "0", "--out", at("kerb-evaluate"))
+        outcomes = {f"{of['frame']}_{of['label']}": of for of in read("kerb-evaluate", "result.json")["outcomes"]}
+        self.assertEqual(len(outcomes), self.result["vehicles"])
+        for name, of in outcomes.items():
+            self.assertNotEqual(of["victim"], of["label"])
+            self.browser.run(f"show(about().frames.indexOf({json.dumps(of['frame'])}), {json.dumps(name)})")
+            self.browser.wait_for(f"current.attacks[state.vehicle]?.name === {json.dumps(name)}")
+            self.browser.run("closeUp()")
+            shown = self.browser.run("current.attacks[state.vehicle]")
+            self.assertEqual(shown["victim"], of["victim"])
+            self.assertAlmostEqual(shown["outcome"]["clean_iou"], of["clean_iou"], delta=1e-5)
+            victim = f"{of['frame']}_{of['victim']}"
+            self.assertIn(f"The victim {victim}: ", self.browser.run("document.getElementById('outcome').textContent"))
+            self.assertIn(f", victim {victim}", self.browser.run("document.querySelector('#vehicle option:checked').textContent"))
+            box = self.browser.run(f"current.labels[{of['victim']}].box")
+            self.assertEqual(self.browser.run("[eyes.top.x, eyes.top.y]"), box[:2])
+
+
+class ItselfOnTheRoad(Opened):
+    """The object itself is judged, beside a plain cuboid in its place; overlaps are by distance."""
+
+    arguments = ("--run", "{}/debris", "--frames", "9")
+
+    @classmethod
+    def setUpClass(cls):
+        made("generate", "--frames", "2", "--seed", "1", "--out", at("roads"))
+        made("attack", "--iterations", "1", "--target", "random", "--detector", "lidar", "--matching", "centre", "--place", "debris",
+             "--data", at("roads"), "--out", at("debris"))
+        super().setUpClass()
+
+    def test_the_object_is_framed_and_named(self):
+        self.assertGreater(self.result["vehicles"], 0)
+        self.browser.run("closeUp()")
+        self.settle()
+        x, y, *_ = self.browser.run("current.attacks[state.vehicle].object.box")
+        self.assertEqual(self.browser.run("[eyes.top.x, eyes.top.y]"), [x, y])
+        hits = self.browser.run("(() => { const {added: p} = current.attacks[state.vehicle]; return Array.from({length: p.n}, (_, i) => [p.x[i], p.y[i]]) })()")
+        for hit in hits:
+            self.assertLess(math.dist(hit, (x, y)), 1.5)
+        drawn = "columns.map(c => c.views[1].drawn.filter(d => d.box.tag === 'object').length)"
+        self.assertEqual(self.browser.run(drawn), [0, 1])
+        said = self.browser.run("document.getElementById('outcome').textContent")
+        self.assertIn("The object: ", said)
+        self.assertIn("as a plain cuboid", said)
+        self.assertNotIn("as recorded", said)
+
+    def test_overlaps_by_distance_are_no_iou(self):
+        said = self.browser.run("document.getElementById('outcome').textContent")
+        self.assertIn("Found means overlap > 0.7", said)
+        self.assertNotIn("IoU", said)
+
+
+class ChangedFrames(unittest.TestCase):
+    def test_other_vehicles_than_the_run_chose_are_refused(self):
+        shutil.copytree(os.path.join(BUILD, "test_data"), at("changing"))
+        made("attack", "--iterations", "1", "--target", "random", "--detector", "lidar", "--data", at("changing"), "--out", at("before"))
+        view = ("view", "--run", at("before"), "--no-detector", "--out", at("before.html"))
+        made(*view)
+        label = at("changing", "training", "label_2", read("before", "run.json")["test"][0]["frame"] + ".txt")
+        with open(label, encoding="utf-8") as file:
+            rows = file.readlines()
+        with open(label, "w", encoding="utf-8") as file:
+            file.writelines(rows[1:] + rows[:1])
+        code, said = mirage(*view)
+        self.assertEqual(code, 2, said)
+        self.assertEqual(said.count("\n"), 1, said)
+        self.assertIn("frames: have changed", said)
+
+
+class LearnedOnInOtherFrames(unittest.TestCase):
+    """A vehicle that the run met in training frames is no unseen one in others."""
+
+    @classmethod
+    def setUpClass(cls):
+        streets()
+        made("attack", "--iterations", "1", "--target", "random", "--detector", "lidar", "--data", at("streets"), "--out", at("met"))
+        cls.split = read("met", "run.json")
+
+    def track(self, host):
+        """As the tracking layout's label file says it."""
+        sequence, index = host["frame"].split("_")
+        with open(at("streets", "training", "label_02", sequence + ".txt"), encoding="utf-8") as file:
+            rows = [row.split() for row in file]
+        return [row[1] for row in rows if int(row[0]) == int(index)][host["label"]]
+
+    def test_they_are_marked(self):
+        made("view", "--run", at("met"), "--no-detector", "--out", at("met.html"))
+        result = read("met.result.json")
+        learned = {self.track(host) for host in self.split["train"]}
+        expected = sum(self.track(host) in learned for host in self.split["test"])
+        self.assertGreater(expected, 0)
+        self.assertEqual((result["vehicles"], result["learned_on"]), (len(self.split["test"]), expected))
+
+    def test_a_drive_marks_them_too(self):
+        made("drive", "--run", at("met"), "--data", at("streets"), "--least-frames", "12", "--out", at("met-drive"))
+        self.assertEqual(read("met-drive", "result.json")["frames_trained_on"], len({host["frame"] for host in self.split["train"]}))
+        met = {"0000_" + self.track(host) for host in self.split["train"]}
+        vehicle = next(name for name in (f"{of['sequence']}_{of['track']}" for of in read("met-drive", "result.json")["drive"]["vehicles"])
+                       if name in met)
+        made("view", "--drive", at("met-drive"), "--vehicle", vehicle, "--out", at("met-drive.html"))
+        result = read("met-drive.result.json")
+        self.assertEqual(result["learned_on"], result["frames"])
+        with browser.Browser() as opened:
+            opened.open(at("met-drive.html"))
+            opened.wait_for("!!document.documentElement.dataset.frame")
+            self.assertEqual(opened.run("document.getElementById('outcome').textContent"), "Learned on, so no evidence.")
+
+    def test_frames_of_the_same_names_are_not_those_that_it_learned_on(self):
+        shutil.copytree(at("streets"), at("namesakes"))
+        for frame in {host["frame"] for host in self.split["train"]}:
+            change_return(at("namesakes", "training", "velodyne", *frame.split("_")) + ".bin")
+        made("drive", "--run", at("met"), "--data", at("namesakes"), "--frames", "0:4", "--least-frames", "3", "--out", at("other-drive"))
+        self.assertEqual(read("other-drive", "result.json")["frames_trained_on"], 0)
 
 
 def surround(folder):
@@ -512,7 +673,7 @@ class OfADrive(browser.PageChecks, Opened):
 
     @classmethod
     def setUpClass(cls):
-        made("generate", "--drives", "1", "--seconds", "2", "--seed", "5", "--out", at("streets"))
+        streets()
         made("drive", "--mesh", os.path.join(SOURCE, "scenes", "objects", "kayak.glb"), "--data", at("streets"), "--detector", "lidar",
              "--least-frames", "12", "--out", at("drive"))
         super().setUpClass()
@@ -526,6 +687,7 @@ class OfADrive(browser.PageChecks, Opened):
     def test_the_vehicle_that_is_hidden_longest_in_its_own_frames(self):
         self.assertEqual(self.added[self.names.index(self.result["vehicle"])], max(self.added))
         self.assertEqual(self.result["frames"], self.vehicle["frames"])
+        self.assertEqual(self.result["learned_on"], 0)
         self.assertEqual(self.browser.run("[...document.querySelectorAll('h2')].map(h => h.firstChild.textContent)"),
                          ["As recorded", "With the object"])
 
@@ -615,6 +777,36 @@ class OfADrive(browser.PageChecks, Opened):
         self.assertEqual(self.browser.run(count), 0)
         self.key("k")
 
+    def test_what_it_did_not_judge_is_refused(self):
+        shutil.copytree(at("streets"), at("other-streets"))
+        change_return(at("other-streets", "training", "velodyne", "0000", "000000.bin"))
+        ladder = os.path.join(SOURCE, "scenes", "objects", "ladder.glb")
+        for arguments, word in ((("--run", ladder), "is not the object that"), (("--data", at("other-streets")), "are not the frames that"),
+                                (("--place", "trailer"), "--place"), (("--cameras", "all"), "--cameras"),
+                                (("--depth", "guided"), "--depth"), (("--rig", "kitti64"), "--rig")):
+            code, said = mirage("view", "--drive", at("drive"), *arguments, "--out", at("refused.html"))
+            self.assertEqual(code, 2, said)
+            self.assertEqual(said.count("\n"), 1, said)
+            self.assertIn(word, said)
+            self.assertFalse(os.path.exists(at("refused.html")))
+        shutil.copytree(at("streets"), at("same-streets"))
+        made("view", "--drive", at("drive"), "--data", at("same-streets"), "--out", at("same.html"))
+
+    def test_the_report_names_the_returns_under_cycles(self):
+        told = read("drive", "result.json")
+        some = {"value": 1.0, "low": 0.5, "high": 1.5}
+        for effects, words in (("as-recorded", "with returns as recorded the"), ("ideal", "with ideal returns the"),
+                               ("noise,motion", "with the LiDAR effects noise,motion the")):
+            told["drive"]["cycles"] = {"vehicles": [1], "gap_s": {"attacked": some}, "raster_gap_s": {"attacked": some}, "kept": some,
+                                       "lidar_effects": effects}
+            os.makedirs(at("under-cycles"), exist_ok=True)
+            with open(at("under-cycles", "result.json"), "w", encoding="utf-8") as file:
+                json.dump(told, file)
+            subprocess.run([sys.executable, "-B", os.path.join(SOURCE, "validation", "report", "command_page.py"), at("under-cycles")],
+                           check=True)
+            with open(at("under-cycles", "drive.html"), encoding="utf-8") as file:
+                self.assertIn(f"Under Blender Cycles {words}", file.read())
+
     def test_the_animation(self):
         self.assertLessEqual(self.result["animation"], 1.5e6)
         with Image.open(at("film.webp")) as film:
@@ -664,6 +856,57 @@ class SeveralCameras(Opened):
         self.assertEqual(self.browser.run("[state.camera, current.labels[0].camera]"), [1, 1])
 
 
+class BoxesInTwoPictures(Opened):
+    """A box is drawn in the picture of the camera that it names; one that names none is the first's."""
+
+    arguments = ("{}/both", "--detections", "{}/both.json")
+
+    @classmethod
+    def setUpClass(cls):
+        surround(at("both"))
+        box = {"left": 100, "top": 90, "right": 200, "bottom": 160}
+        boxes = [{**box, "score": 0.9}, {**box, "score": 0.8, "camera": "CAM_BACK", "type": "Van"}, {**box, "score": 0.7, "camera": "CAM_NONE"}]
+        with open(at("both.json"), "w", encoding="utf-8") as file:
+            json.dump({"frames": [{"frame": "one", "detections": boxes}]}, file)
+        super().setUpClass()
+
+    def test_each_in_its_own(self):
+        drawn = "columns[0].views[0].drawn.filter(d => d.box.kind === 'file').map(d => d.box.score)"
+        for camera, scores in ((0, [0.9]), (1, [0.8])):
+            self.browser.run(f"state.camera = {camera}, draw()")
+            self.settle()
+            self.assertEqual(self.browser.run(drawn), scores)
+        self.assertEqual(self.browser.run("current.file.map(found => found.type)"), ["Car", "Van", "Car"])
+
+
+class BoxesOfAPluginInTwoPictures(Opened):
+    """What detect writes of a detector of two cameras."""
+
+    arguments = ("{}/around", "--detections", "{}/around-found")
+    PLUGIN = os.path.join(BUILD, "test_plugins", "named.so")
+
+    @classmethod
+    def setUpClass(cls):
+        if not os.path.exists(cls.PLUGIN):
+            raise unittest.SkipTest("the plugins of the tests are not built")
+        with open(os.path.join(SOURCE, "tests", "faults", "small-rig.toml"), encoding="utf-8") as file:
+            front, lidar = file.read().split("[lidar]")
+        back = front[front.index("[camera]"):].replace("[camera]", "[cameras.back]").replace("0, -1, 0, 0, 0, 0, -1", "0, 1, 0, 0, 0, 0, -1")
+        with open(at("around.toml"), "w", encoding="utf-8") as file:
+            file.write(front + back.replace("-0.08, 1, 0, 0", "-0.08, -1, 0, 0") + "[lidar]" + lidar)
+        with open(at("around.weights"), "w", encoding="utf-8") as file:
+            file.write("weights")
+        made("generate", "--rig", at("around.toml"), "--frames", "1", "--seed", "5", "--out", at("around"))
+        made("detect", "--detector", cls.PLUGIN, "--weights", at("around.weights"), "--cameras", "all", "--data", at("around"),
+             "--out", at("around-found"))
+        super().setUpClass()
+
+    def test_they_name_their_cameras(self):
+        car, = read("around-found", "detections.json")["frames"][0]["detections"]
+        self.assertEqual(car["picture"]["camera"], "back")
+        self.assertEqual(self.browser.run("current.file.map(found => found.camera)"), [1])
+
+
 class WrongInput(unittest.TestCase):
     def test_is_one_line(self):
         with open(at("other.json"), "w", encoding="utf-8") as file:
@@ -673,6 +916,9 @@ class WrongInput(unittest.TestCase):
                                 ((at("data"), "--detections", at("other.json")), "other.json"),
                                 ((at("data"), "--detector", "lidar"), "--detector"), ((at("data"), "--weights", "real"), "--weights"),
                                 ((at("data"), "--defense", "ceiling"), "--defense"), ((at("data"), "--no-detector"), "--no-detector"),
+                                (("--run", at("none"), "--no-detector", "--detector", "lidar"), "--no-detector"),
+                                (("--run", at("none"), "--no-detector", "--weights", "real"), "--no-detector"),
+                                (("--run", at("none"), "--no-detector", "--defense", "ceiling"), "--no-detector"),
                                 ((at("data"), "--depth", "ip-basic"), "--depth"), ((at("data"), "--place", "roof"), "--place"),
                                 ((at("data"), "--size", "0.2"), "--size"), ((at("data"), "--size", "0"), "--size")):
             code, said = mirage("view", *arguments, "--out", at("wrong"))

@@ -64,7 +64,7 @@ def main():
                 took["generate"].append(cost)
             cars.append(labelled_cars(data))
             attack = [program, "attack", "--data", data, "--detector", options.detector, "--out"]
-            cpu_seconds([*attack, run, "--iterations", "2"], path("attack"))
+            cpu_seconds([*attack, run, "--iterations", "2"], path(f"attack-cache{size}"))
             by = ["--detector", options.detector]
             words = {"fit": ["fit", "--data", data], "detect": ["detect", "--data", data, *by],
                      "audit": ["audit", "--data", data, *by],
@@ -73,11 +73,12 @@ def main():
                      "validate": ["validate", "--run", run, "--frames", str(size)]}
             for name in chosen:
                 if name in words:
-                    took[name].append(cpu_seconds([program, *words[name], "--out", path(f"{name}{size}")], path(name)))
+                    # Each size has a cache of its own: the frames of one are among those of the other.
+                    took[name].append(cpu_seconds([program, *words[name], "--out", path(f"{name}{size}")], path(f"{name}-cache{size}")))
         if "attack" in took:  # by steps, on the larger set; its roofs and clean detections are kept
-            took["attack"] = [cpu_seconds([*attack, path(f"steps{steps}"), "--iterations", str(steps)], path("attack"))
-                              for steps in (4, 24)]
-            most = usage([*attack, path("wide"), "--iterations", "16"], path("attack")).ru_maxrss
+            cache = path(f"attack-cache{sizes[-1]}")
+            took["attack"] = [cpu_seconds([*attack, path(f"steps{steps}"), "--iterations", str(steps)], cache) for steps in (4, 24)]
+            most = usage([*attack, path("wide"), "--iterations", "16"], cache).ru_maxrss
             figures["attack_peak_memory_gb"] = most / 1e6
         for name, (few, more) in took.items():
             count = 20 if name == "attack" else cars[1] - cars[0]

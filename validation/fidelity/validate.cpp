@@ -95,18 +95,66 @@ void require_same_run(const ValidationSettings& settings) {
     spdlog::warn("{}: the trade-off was measured on another run's object", settings.tradeoff.string());
 }
 
+/// What words of --expect vary, however they are put; others as they are.
+json varied_by(const json& words) {
+  try {
+    return fields_json(parse_expectation(words.get<std::string>()));
+  } catch (const std::exception&) {  // no program of ours wrote them
+    return words;
+  }
+}
+
+/// The rules by which a result of `mirage evaluate` or this validation was made, by the names that a reader
+/// knows them by; what a result does not say is left out. `result`: result.json of mirage evaluate, or what
+/// of this validation stands under the same keys.
+std::vector<std::pair<std::string, json>> rules_of(const json& result) {
+  std::vector<std::pair<std::string, json>> rules;
+  const auto add = [&](const std::string& name, const char* place) {
+    const json::json_pointer pointer(place);
+    if (result.contains(pointer) && !result.at(pointer).is_null())
+      rules.emplace_back(name, result.at(pointer));
+  };
+  add("detector", "/provenance/detector");
+  add("weights", "/provenance/weights_hash");
+  add("defence", "/provenance/defense");
+  add("data", "/provenance/data");
+  add("--iou", "/detected_iou");
+  add("--score", "/score_threshold");
+  add("--matching", "/plane");
+  add("--expect", "/provenance/settings/expect");
+  add("--place", "/placement");
+  add("--place's file", "/placed");
+  for (const char* field : {"rig", "depth", "rooftop", "cameras", "classes", "sun", "precision", "locality"})
+    add(std::string("--") + field, (std::string("/provenance/settings/") + field).c_str());
+  if (!result.contains("simulation") || !result.at("simulation").is_object()) return rules;
+  for (const auto& [name, value] : result.at("simulation").items()) {
+    rules.emplace_back(name, value);
+    if (value.is_object()) rules.back().second.erase("seed");  // the same noise, drawn otherwise
+  }
+  return rules;
+}
+
 /// In what the evaluation was made otherwise than this validation: "detector: lidar there, fusion here".
+/// `own`: as rules_of() takes it.
 std::vector<std::string> evaluation_differences(const fs::path& evaluation, const json& own) {
   std::vector<std::string> differences;
   if (evaluation.empty()) return differences;
-  const json theirs = provenance_of(evaluation);
-  const std::pair<const char*, const char*> records[] = {
-      {"detector", "detector"}, {"weights_hash", "weights"}, {"defense", "defence"}, {"data", "data"}};
-  for (const auto& [key, name] : records) {
-    const json there = theirs.value(key, json()), here = own.value(key, json());
-    if (!there.is_string() || !here.is_string() || there == here) continue;
-    differences.push_back(
-        fmt::format("{}: {} there, {} here", name, there.get<std::string>(), here.get<std::string>()));
+  const auto theirs = rules_of(read_json(evaluation));
+  const auto told = [](const json& value) {
+    return value.is_string() ? value.get<std::string>() : value.dump();
+  };
+  bool other_place = false;
+  for (const auto& rule : rules_of(own)) {
+    const auto& [name, here] = rule;
+    const auto there = std::find_if(theirs.begin(), theirs.end(),
+                                    [&](const auto& entry) { return entry.first == rule.first; });
+    if (there == theirs.end() || there->second == here) continue;
+    if (name == "--expect" && varied_by(there->second) == varied_by(here)) continue;
+    if (name == "--place's file" && other_place) continue;  // told by its name
+    other_place = other_place || name == "--place";
+    differences.push_back(here.is_structured()
+                              ? fmt::format("{}: other values there", name)
+                              : fmt::format("{}: {} there, {} here", name, told(there->second), told(here)));
     spdlog::warn("{}: {}", evaluation.string(), differences.back());
   }
   return differences;
@@ -117,6 +165,12 @@ std::vector<std::string> evaluation_differences(const fs::path& evaluation, cons
 std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std::vector<HostId>& hosts,
                                            std::vector<AbandonedVehicle>& failed) {
   const ValidationSettings& settings = context.settings;
+  const std::string version = context.detector.capabilities().version,
+                    said_by = detector_identity(settings.detector, version);
+  if (said_by.empty() && rank_count() > 1)
+    throw InputError("validate", "mpirun",
+                     "processes share finished vehicles, and this detector tells no version to keep them by",
+                     "start it without mpirun");
   std::map<std::string, std::string> keys;  // by frame
   const std::vector<bool> has_ladder =
       ladder_hosts(hosts, settings.ladder < 0 && !(settings.budget > 0) ? kLadder : settings.ladder);
@@ -129,10 +183,10 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
     std::string& key = keys[hosts[i].frame];
     if (key.empty())
       key = content_hash(validation_key(settings, context.run, hosts[i].frame, context.renderer.identity()) +
-                         to_json(context.learned).dump());
+                         to_json(context.learned).dump() + version);
     const fs::path file = settings.out / "hosts" / (name + ".json");
     std::optional<VehicleResult>& result = results[i];
-    result = stored_result(settings.out, file, key, has_ladder[i]);
+    if (!said_by.empty()) result = stored_result(settings.out, file, key, has_ladder[i]);
     if (!result) {
       try {
         result = validate_vehicle(context, hosts[i], has_ladder[i]);
@@ -146,13 +200,32 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
       write_json(file, stored);
     }
     // As the data set has it now: stored results need not be made again for it.
-    result->track = track_of(context.run.settings, hosts[i]);
+    result->track = track_of(context.run.settings,
+                             {hosts[i].frame, result->victim < 0 ? hosts[i].label : result->victim});
     progress.update(++done, name);
   }
   std::vector<VehicleResult> validated;
   for (std::optional<VehicleResult>& result : results)
     if (result) validated.push_back(std::move(*result));
   return validated;
+}
+
+/// How many of the vehicles that the verdict is on the run was learned on. Warns of those that were held
+/// back.
+int trained_on(const Run& run, const std::vector<VehicleResult>& results, const Verdict& verdict,
+               const std::set<std::string>& test_frames) {
+  const bool held_back = &verdict.judged() == &verdict.held_back;
+  std::vector<HostId> judged;
+  for (const VehicleResult& vehicle : results)
+    if (vehicle.seen && vehicle.seen->detected && (!held_back || test_frames.contains(vehicle.host.frame)))
+      judged.push_back(vehicle.host);
+  const std::size_t learned =
+      hosts_learned_on(run, run.settings, judged, frames_learned_on(run, run.settings.data)).size();
+  if (learned > 0 && held_back && rank() == 0)
+    spdlog::warn(
+        "the adversary was learned on {} of the {} held-back vehicles, in other frames of their drive",
+        learned, judged.size());
+  return static_cast<int>(learned);
 }
 
 }  // namespace
@@ -222,12 +295,6 @@ std::vector<HostId> shown_hosts(const Run& run, int frames) {
   return frames == 0 ? run.test : select_hosts(run, frames);
 }
 
-bool learned_on(const Run& run, const HostId& vehicle) {
-  return std::any_of(run.train.begin(), run.train.end(), [&](const HostId& own) {
-    return own.frame == vehicle.frame && own.label == vehicle.label;
-  });
-}
-
 std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count) {
   std::vector<bool> on_ladder(hosts.size(), count < 0);
   std::map<std::string, int> of_frame;
@@ -259,6 +326,7 @@ Validation validate(const ValidationSettings& requested, const StartReference& s
   if (hosts.empty())
     throw InputError((settings.run / "run.json").string(), "test", "no vehicles to validate",
                      "run mirage attack on a data set with cars in view");
+  require_unchanged(run, hosts);
   const std::unique_ptr<ReferenceRenderer> renderer = start(settings.out);
   for (const char* folder : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / folder);
   fs::remove(settings.out /
@@ -290,6 +358,7 @@ Validation validate(const ValidationSettings& requested, const StartReference& s
   for (const HostId& id : run.test) test_frames.insert(id.frame);
   validation.summary = summarize_vehicles(results, test_frames);
   validation.verdict = verdict(results, test_frames);
+  validation.trained_on = trained_on(run, results, validation.verdict, test_frames);
   if (settings.budget > 0)
     validation.budget = choose_rungs(
         results, {settings.budget, settings.budget_of, settings.seed, settings.budget_confidence});
@@ -306,8 +375,14 @@ Validation validate(const ValidationSettings& requested, const StartReference& s
   settings.provenance->input(validation.reference.key, validation.reference.version);
   add_frames(*settings.provenance, run.settings, hosts);
   add_detector(*settings.provenance, settings.detector);
-  validation.evaluation_differences =
-      evaluation_differences(settings.evaluation, settings.provenance->json());
+  validation.evaluation_differences = evaluation_differences(
+      settings.evaluation, {{"provenance", settings.provenance->json()},
+                            {"detected_iou", settings.evaluation_settings.detected_iou},
+                            {"score_threshold", settings.evaluation_settings.score_threshold},
+                            {"plane", detectors.front()->capabilities().matching().name()},
+                            {"placement", text_of(run.settings.placement)},
+                            {"placed", to_json(run.settings.placement)},
+                            {"simulation", to_json(learned)}});
   return validation;
 }
 
@@ -354,6 +429,7 @@ json to_json(const Validation& validation) {
   out.update({{"verdict", to_json(validation.verdict)},
               {"reliance", to_json(validation.reliance)},
               {"hosts", validation.hosts},
+              {"hosts_trained_on", validation.trained_on},
               {"failed", std::move(failed)},
               {"unseen", validation.unseen},
               {"samples", validation.settings.samples},

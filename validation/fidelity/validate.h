@@ -36,7 +36,10 @@ struct Validation {
   std::vector<std::pair<std::string, ReferenceLoss>> losses;
   std::vector<AbandonedVehicle> failed;
   std::vector<std::string> unseen;  ///< names of vehicles on which no camera shows the object: in no figure
-  /// In what the evaluation that the report shows was made otherwise: detector, weights, defence, data.
+  /// Vehicles of verdict.judged() that the run was learned on, in these frames or in others of their track.
+  int trained_on = 0;
+  /// In what the evaluation that the report shows was made otherwise: detector, weights, defence and data,
+  /// rules of judging, placement, and the simulation, of which this is the run's own.
   std::vector<std::string> evaluation_differences;
   ReferenceIdentity reference;
   ValidationSettings settings;  ///< as asked for
@@ -72,8 +75,6 @@ inline constexpr std::size_t kVerdictVehicles = 100;
 std::vector<HostId> select_hosts(const Run& run, int frames);
 /// Of what shows a run's vehicles: as select_hosts; 0: of all test frames, and of no others.
 std::vector<HostId> shown_hosts(const Run& run, int frames);
-/// Whether the run learned on the vehicle: it is no evidence of how the object meets others.
-bool learned_on(const Run& run, const HostId& vehicle);
 
 /// Which of the hosts get the ladders: the first of each frame in the hosts' order, then the second of each,
 /// …, `count` in all (−1: every one).

@@ -257,7 +257,9 @@ struct VehicleResult {
   bool from_box = false;
   double visible_share = 0;
   int adversary_points = 0;
-  int track = -1;  ///< identity in the data set; not stored: the set may learn it later
+  int victim = -1;  ///< the label that is judged in the host's place (HostOutcome::victim); −1: the host
+  /// Identity in the data set of what is judged; not stored: the set may learn it later.
+  int track = -1;
   std::optional<SeenResult> seen;
   std::vector<ReferenceLoss> losses;
   /// What the report alone shows: bev, picture_boxes, host_rect, crop_rect.
@@ -267,6 +269,7 @@ struct VehicleResult {
 template <class Visitor, FieldsOf<VehicleResult> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "name", .plain = true}, s.name);
+  visit({.name = "victim", .range = {-1, Range::kMax}, .lacking = "-1"}, s.victim);
   visit({.name = "from_box"}, s.from_box);
   visit({.name = "visible_share", .range = kNotNegative}, s.visible_share);
   visit({.name = "adversary_points", .range = kNotNegative}, s.adversary_points);

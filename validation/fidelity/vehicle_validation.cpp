@@ -274,6 +274,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   VehicleResult result;
   result.host = id;
   result.name = name;
+  result.victim = scene.placement.neighbour.value_or(-1);
   result.from_box = scene.placement.carrier->from_box;
   result.visible_share = simulated.best_share();
   result.adversary_points = simulated.adversary_points;
@@ -333,9 +334,8 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
     in_cycles[at.camera] = &at.full.image;
     if (at.camera == 0) as_recorded.changed = united(at.full.rect, learned.rect);
   }
-  const ObjectBoxes host_boxes = boxes_of(boxes.own      ? *boxes.own
-                                          : boxes.victim ? scene.placement.targets.front()
-                                                         : *scene.host);
+  const Label& judged = boxes.own ? *boxes.own : boxes.victim ? scene.placement.targets.front() : *scene.host;
+  const ObjectBoxes judged_boxes = boxes_of(judged);
   const auto outcome_of = [&](const Pictures& pictures, const Sweep& sweep) -> Judged {
     const Capabilities can = context.detector.capabilities();
     SensorView view = view_of(prepared, simulated, can);
@@ -347,7 +347,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
       if (pictures[k] && can.names(frame.name_of(k)))
         view.others.push_back(sensor_beside(frame, k - 1, pictures[k]));
     if (can.why_whole.empty()) view.clean = &as_recorded;
-    ViewResponse response = evaluate_view(context.detector, view, host_boxes, judge_by);
+    ViewResponse response = evaluate_view(context.detector, view, judged_boxes, judge_by);
     return {judge(id, frame, clean, std::move(response.found), judge_by, boxes), response.logit};
   };
   const Judged seen_raster_as = outcome_of(pictures_of(simulated), simulated.sweep);
@@ -375,15 +375,17 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
     };
     seen.ladder = ladders(context.renderer, best, simulated, outcome);
   }
-  result.shown["bev"] = bev_json(prepared, *scene.host, simulated, raster, cycles);
+  result.shown["bev"] = bev_json(prepared, judged, simulated, raster, cycles);
   if (judge_by.matching.in_picture())
-    result.shown["picture_boxes"] = picture_json(frame, *scene.host, boxes.object, raster, cycles);
+    result.shown["picture_boxes"] = picture_json(frame, judged, boxes.object, raster, cycles);
 
-  const Label& host = *scene.host;
   result.shown["crop_rect"] = {full.rect.u0, full.rect.v0, full.rect.u1, full.rect.v1};
-  result.shown["host_rect"] = as_size(host.camera) == best.camera
-                                  ? json({host.left, host.top, host.right, host.bottom})
+  result.shown["host_rect"] = as_size(judged.camera) == best.camera && judged.right > judged.left
+                                  ? json({judged.left, judged.top, judged.right, judged.bottom})
                                   : result.shown["crop_rect"];
+  Simulated plain;  // what the clean detections are of, where that is not the frame as recorded
+  if (boxes.plain)
+    plain = simulate(prepared, scene.placement, plain_object(scene.placement), scene.simulation);
   for (const DrawnView& at : drawn_views) {
     const auto save = [&](const std::string& picture, const ImageF& image) {
       const std::string kind = &at == &best ? picture : picture + "_" + frame.name_of(at.camera);
@@ -391,7 +393,8 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
       write_srgb(out / file, image);
       seen.pictures[kind] = file;
     };
-    save("clean", frame.image_of(at.camera));
+    const ImageF* clean_picture = boxes.plain ? &plain.sight(at.camera).image : nullptr;
+    save("clean", clean_picture && !clean_picture->empty() ? *clean_picture : frame.image_of(at.camera));
     save("attacked", at.simulated.image);
     save("cycles", at.full.image);
     save("raster_crop", at.full.raster);

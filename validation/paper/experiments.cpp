@@ -98,7 +98,7 @@ class CaseList {
                   {"texel_rate", fmt::format("{}", recipe.texel_rate)},
                   {"fp_top_k", std::to_string(recipe.objective.fp_top_k)},
                   {"lidar_gradient", to_word(LidarGradient::silhouette)},
-                  {"free", "true"},  // as the paper's mesh is
+                  {"free", variant.solid ? "false" : "true"},  // the paper's mesh is no solid
                   {"seed", std::to_string(settings_.seed)}},
                  {}};
     if (variant.size > 0) command.settings["size"] = fmt::format("{:.1f}", variant.size);
@@ -224,7 +224,9 @@ Row read_row(ConfigTable fields, const Table& table, CaseList& list) {
   const auto text = [&](const char* key) { return fields.has(key) ? fields.text(key) : std::string(); };
   const std::string name = fields.text("attack"), onto = text("on");
   row.mesh = text("mesh");
-  Variant variant{.defense = text("defense"), .parts = text("parts")};
+  Variant variant{.defense = text("defense"),
+                  .parts = text("parts"),
+                  .solid = fields.has("solid") && fields.number("solid", 0, 1) == 1};
   if (fields.has("size")) {
     row.size = fields.number("size", 0.05, 10);
     variant.size = of_size(row.size).size;
@@ -387,6 +389,7 @@ std::string run_name(const std::string& attack, const Variant& variant) {
   std::string name = attack;
   if (variant.size > 0) name += fmt::format("-size{:.1f}", variant.size);
   if (!variant.parts.empty()) name += "-" + variant.parts;
+  if (variant.solid) name += "-solid";
   return name + defense_suffix(variant.defense);
 }
 

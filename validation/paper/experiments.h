@@ -108,6 +108,7 @@ struct Variant {
   double size = 0;           ///< L, m; 0: the default box
   std::string defense = {};  ///< word of --defense; empty: none
   std::string parts = {};    ///< word of --parts; empty: shape and texture
+  bool solid = false;        ///< as --free is not given: a mesh that can be printed
 };
 
 /// With a box of half length `size`, m; 0.8 is the default one's.

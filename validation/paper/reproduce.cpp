@@ -376,10 +376,13 @@ class Steps {
 /// Texts and page. The page's file; empty if it could not be written.
 fs::path write_page(const fs::path& out, const json& tables) {
   // None of an earlier run stays where Python is missing.
+  fs::remove(out / "reproduce.html");
   fs::remove(text_file(out, "reproduce"));
   for (const json& table : tables) fs::remove(text_file(out, table.at("name")));
-  if (run_script("validation/paper/paper_page.py", out) == 0) return out / "reproduce.html";
-  spdlog::warn("no page: install python3-jinja2 and python3-pil (all figures are in {})",
+  std::string why;
+  if (run_script("validation/paper/paper_page.py", out, &why) == 0) return out / "reproduce.html";
+  spdlog::warn("no page: {} (all figures are in {})",
+               why.empty() ? "install python3-jinja2 and python3-pil" : why,
                (out / "reproduce.json").string());
   return {};
 }

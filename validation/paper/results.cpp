@@ -191,22 +191,7 @@ Difference difference(const std::vector<Term>& terms, const Question& question) 
   }
   const Interval interval = factors == std::vector<double>{1, -1} ? share_difference(shares[0], shares[1])
                                                                   : combined_shares(shares, factors);
-  // As the interval's own jackknife has it.
-  SumsByCrossing all;  // each share's two sums
-  for (std::size_t k = 0; k < shares.size(); ++k)
-    for (const auto& [name, of] : shares[k].sums()) {
-      std::vector<double>& sums = all[name];
-      sums.resize(2 * shares.size());
-      std::copy(of.begin(), of.end(), sums.begin() + static_cast<std::ptrdiff_t>(2 * k));
-    }
-  if (all.empty()) return {interval, 1};
-  const Estimate estimate = jackknife(all, [&](std::span<const double> sums) {
-    double value = 0;
-    for (std::size_t k = 0; k < shares.size(); ++k)
-      value += sums[2 * k + 1] > 1e-9 ? factors[k] * sums[2 * k] / sums[2 * k + 1] : std::nan("");
-    return value;
-  });
-  return {interval, clusters_of(estimate)};
+  return {interval, clusters_of(combined_estimate(shares, factors))};
 }
 
 Outcomes shared_hosts(const Outcomes& a, const Outcomes& b) {

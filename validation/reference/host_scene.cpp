@@ -10,6 +10,7 @@ namespace mirage {
 SimulationSettings hard_limit(SimulationSettings settings, bool occluded) {
   settings.raster.sigma = kHardSigma;
   settings.raster.gamma = 1e-6;
+  settings.exact_coverage = false;  // which has no σ, no γ and no samples
   settings.light = LightModel::plain;
   settings.supersampling = 1;  // Cycles' matched render samples pixel centres
   if (!occluded) settings.occlusion_margin = 1e9;

@@ -55,14 +55,14 @@ def main(folder):
         data = json.load(file)
     curves = {curve["name"]: curve for curve in data["curves"]}
     figure, grid = plt.subplots(2, 2, figsize=(9, 7.4), sharex=True, sharey=True)
-    for row, (overlap, label) in enumerate((("iou50", "IoU 0.5"), ("iou70", "IoU 0.7"))):
+    for row, (overlap, label) in enumerate((("iou50", "overlap 0.5"), ("iou70", "overlap 0.7"))):
         for column, (title, names) in enumerate(PANELS):
             draw(grid[row][column], curves, names, overlap)
             grid[row][column].set_title(f"{label}, {title}", loc="left", fontsize=10)
         grid[row][0].set_ylabel("precision")
     for axes in grid[1]:
         axes.set_xlabel("recall")
-    figure.suptitle(f"{data['title']}: bird's-eye view, 40-point AP", x=0.02, ha="left", fontsize=12)
+    figure.suptitle(f"{data['title']}, 40-point AP", x=0.02, ha="left", fontsize=12)
     figure.tight_layout()
     for kind, options in (("png", {"dpi": 150}), ("svg", {"metadata": {"Date": None}})):
         path = os.path.join(folder, "precision_recall." + kind)

@@ -47,7 +47,7 @@ def box_lines(axes, pixels, colour, width=1.4, style="-"):
 
 
 def show_image(axes, image, boxes, host, colour, window=None):
-    """The image with the detections' boxes and the host's; `window`: (left, right, bottom, top) of a close-up."""
+    """The image with the detections' boxes and that of what is judged; `window`: (left, right, bottom, top) of a close-up."""
     axes.imshow(image, interpolation="nearest" if window else "antialiased")
     box_lines(axes, host["pixels"], HOST, 1.6, ":")
     for box in boxes:
@@ -70,7 +70,7 @@ def show_image(axes, image, boxes, host, colour, window=None):
 
 
 def close_up(window, size, aspect):
-    """A window of the given width/height around the host's 2-D box with room for what stands on its roof."""
+    """A window of the given width/height around that 2-D box with room for what stands on its roof."""
     left, top, right, bottom = window
     top -= 0.6 * (bottom - top)
     height = max(1.25 * (bottom - top), 1.3 * (right - left) / aspect, 60)
@@ -88,6 +88,11 @@ def legend(figure, entries, y=0.0):
                   bbox_to_anchor=(0.01, y), labelcolor=MUTED)
 
 
+def judged(data):
+    """Whose boxes are looked at, in one word."""
+    return {"neighbour": "neighbour", "object": "object"}.get(data["victim"], "host")
+
+
 def in_picture(data):
     """Whether the detector is judged in the picture."""
     return data["plane"] == "picture"
@@ -103,9 +108,9 @@ def hidden(data, host, folder, path):
     figure = plt.figure(figsize=(width, height))
     window = close_up(host["window"], size, aspect)
     found = f"IoU {host['attacked_iou']:.2f} is too little" if host["attacked_iou"] > 0 else "no detection overlaps it"
-    titles = [f"clean: the vehicle is found, IoU {host['clean_iou']:.2f}, score {host['clean_score']:.2f}",
-              f"with the adversary on its roof: {found} (limit {data['detected_iou']:g})"
-              if host["attacked_iou"] > 0 else f"with the adversary on its roof: {found}"]
+    clean = "a plain cuboid in the object's place" if data["victim"] == "object" else "clean: the vehicle"
+    titles = [f"{clean} is found, IoU {host['clean_iou']:.2f}, score {host['clean_score']:.2f}",
+              f"with the adversary: {found}" + (f" (limit {data['detected_iou']:g})" if host["attacked_iou"] > 0 else "")]
     for k, (image, boxes, colour) in enumerate(zip(images, (host["clean"], host["attacked"]), (CLEAN, ATTACKED))):
         bottom = foot + (1 - k) * (row + head)
         whole = figure.add_axes((margin / width, bottom / height, wide / width, row / height))
@@ -113,8 +118,8 @@ def hidden(data, host, folder, path):
         show_image(whole, image, boxes, host["host"], colour)
         show_image(near, image, boxes, host["host"], colour, window)
         whole.set_title(titles[k], loc="left")
-    figure.text(margin / width, 1 - 0.09 / height, f"{host['name']}: hidden, {host['range']:.0f} m away" + (f", {host['camera']}" if host.get("camera") else ""), va="top", fontsize=12)
-    legend(figure, [("host, as labelled", HOST, ":", ""), ("detections, clean", CLEAN, "-", ""),
+    figure.text(margin / width, 1 - 0.09 / height, f"{host['title']}: hidden, {host['range']:.0f} m away" + (f", {host['camera']}" if host.get("camera") else ""), va="top", fontsize=12)
+    legend(figure, [(judged(data) + ("" if data["victim"] == "object" else ", as labelled"), HOST, ":", ""), ("detections, clean", CLEAN, "-", ""),
                     ("detections, attacked", ATTACKED, "-", "")])
     note = ("a box around vehicle and object is no miss" if in_picture(data) else
             f"boxes have the height of the label they overlap, else {data['nominal_height']} m on the host's ground")
@@ -138,7 +143,7 @@ def view_from_above(axes, region):
     axes.set_ylabel("ahead, m")
 
 
-def false_positives_in_picture(host, folder, path):
+def false_positives_in_picture(data, host, folder, path):
     image = plt.imread(os.path.join(folder, "attacked.png"))
     wide = 11.0
     figure, axes = plt.subplots(figsize=(wide, wide * image.shape[0] / image.shape[1] + 0.7))
@@ -158,16 +163,16 @@ def false_positives_in_picture(host, folder, path):
     axes.set_xticks([])
     axes.set_yticks([])
     made = "one detection made" if len(host["new"]) == 1 else f"{len(host['new'])} detections made"
-    axes.set_title(f"{host['name']}: {made}; beside: distance from the host, score", loc="left", fontsize=9.5)
+    axes.set_title(f"{host['title']}: {made}; beside: distance from the {judged(data)}, score", loc="left", fontsize=9.5)
     legend(figure, [("ground truth", TRUTH, "-", ""), ("clean", CLEAN, "-", ""), ("attacked", ATTACKED, "--", ""),
-                    ("made by the adversary", NEW, "-", ""), ("host", HOST, ":", "")])
+                    ("made by the adversary", NEW, "-", ""), (judged(data), HOST, ":", "")])
     figure.subplots_adjust(left=0.01, right=0.99, top=0.93, bottom=0.1)
     save(figure, path)
 
 
 def false_positives(data, host, folder, path):
     if in_picture(data):
-        false_positives_in_picture(host, folder, path)
+        false_positives_in_picture(data, host, folder, path)
         return
     region = data["region"]
     points = np.fromfile(os.path.join(folder, "points.f32"), dtype="<f4").reshape(-1, 3)
@@ -197,7 +202,7 @@ def false_positives(data, host, folder, path):
     axes.plot(-mesh[:, 1], mesh[:, 0], ".", color=HOST, markersize=2, zorder=7)
     view_from_above(axes, region)
     made = "one detection made" if len(host["new"]) == 1 else f"{len(host['new'])} detections made"
-    axes.set_title(f"{host['name']}: host {host['range']:.0f} m away, {made}; beside: distance from the host, score",
+    axes.set_title(f"{host['title']}: {judged(data)} {host['range']:.0f} m away, {made}; beside: distance from the {judged(data)}, score",
                    loc="left", fontsize=9.5)
     legend(figure, [("ground truth", TRUTH, "-", ""), ("clean", CLEAN, "-", ""), ("attacked", ATTACKED, "--", ""),
                     ("made by the adversary", NEW, "-", ""), (f"{DISTANT:.0f} m or more away", NEW, "", "o"),
@@ -207,7 +212,7 @@ def false_positives(data, host, folder, path):
 
 
 def mark_host(axes, host, colour, stride):
-    """The host's 2-D box."""
+    """The 2-D box of what is judged."""
     left, top, right, bottom = (value / stride - 0.5 for value in host["window"])
     axes.plot([left, right, right, left, left], [top, top, bottom, bottom, top], color=colour, linewidth=0.9)
 
@@ -255,8 +260,8 @@ def features(data, host, folder, path):
                 beside = figure.add_axes(((lefts[k] + wide + 0.06) / width, top / height, 0.09 / width, tall / height))
                 figure.colorbar(shown, cax=beside).outline.set_visible(False)
                 beside.tick_params(labelsize=7)
-    figure.text(0.12 / width, 1 - 0.09 / height, f"{host['name']}: magnitude (Euclidean norm over the channels) of the image "
-                "features, and where fusion carries them; outlined: the host", va="top", fontsize=11)
+    figure.text(0.12 / width, 1 - 0.09 / height, f"{host['title']}: magnitude (Euclidean norm over the channels) of the image "
+                f"features, and where fusion carries them; outlined: the {judged(data)}", va="top", fontsize=11)
     save(figure, path)
 
 

@@ -27,6 +27,7 @@ MADE_OF = [
     ("data", ("provenance.data", "provenance.settings.data")),
     ("data, hash", ("provenance.data_hash", "provenance.inputs.data")),
     ("run", ("run",)),
+    ("place", ("placement",)),
     ("object as built", ("expect",)),
     ("run's seed", ("provenance.settings.seed",)),
     ("seed", ("provenance.seed",)),
@@ -138,6 +139,24 @@ def outcome(host, key):
     if not host[key]["hidden"]:
         return "found", "good"
     return ("vanished" if host[key]["iou"] <= VANISHED_IOU else "misplaced"), "bad"
+
+
+def realistic(host, light):
+    """What the detector makes of a vehicle found clean, drawn by that light and met by realistic returns."""
+    return next(arm for arm in host["arms"] if arm["light"] == light and arm["returns"] == "realistic")
+
+
+def judges_object(result):
+    """Whether the object itself is judged: then a plain cuboid in its place counts as clean."""
+    return result.get("placed", {}).get("victim") == "object"
+
+
+def title(result, host):
+    """What is judged, by name: the host, its neighbour, or the object."""
+    name, victim = host["name"], host.get("victim", -1)
+    if victim >= 0:
+        return f"{name.rpartition('_')[0]}_{victim} (host {name})"
+    return f"object at {name}" if judges_object(result) else name
 
 
 def made_of(result):

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <optional>
 #include <set>
 
 #include "attack/observation.h"
@@ -17,6 +18,11 @@
 
 namespace mirage {
 namespace {
+
+/// Why a script made no plot, by its last line.
+std::string reason(const std::string& last_line) {
+  return last_line.empty() ? "install python3-matplotlib" : last_line;
+}
 
 /// One point a hit: between hits the recall stays.
 nlohmann::json curve_json(const PrecisionRecall& result) {
@@ -125,36 +131,54 @@ std::string picture_name(const RunEvaluation& evaluation, const HostOutcome& out
   return name;
 }
 
+/// What the pictures call it: `name`, and before it what is judged in the host's place. `itself`: the object
+/// is.
+std::string picture_title(const HostOutcome& outcome, bool itself, const std::string& name) {
+  if (itself) return "object at " + name;
+  if (outcome.victim < 0) return name;
+  return fmt::format("{} (host {})", host_name({outcome.id.frame, outcome.victim}), name);
+}
+
 /// Simulates the host again and writes what its pictures show.
 json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, const fs::path& data) {
   FrameStore& store = *evaluation.store;
   Detector& detector = *evaluation.detectors.front();
   const HostId& id = outcome.id;
-  const auto frame_handle = store.get(id.frame);
-  const PreparedFrame& prepared = *frame_handle;
-  const Frame& frame = prepared.frame;
-  const Label& host = label_of(frame, {id.frame, outcome.victim < 0 ? id.label : outcome.victim});
+  const SimulationSettings& simulation = evaluation.target_run.settings.simulation;
   const TexturedMesh& mesh =
       evaluation.objects.empty() ? evaluation.run.adversary : evaluation.objects[as_size(outcome.mesh)].mesh;
-  const Simulated simulated =
-      simulate(prepared, store.placement(id), mesh, evaluation.target_run.settings.simulation);
+  JudgedScene scene(store, id, mesh, simulation, evaluation.settings);
+  const Frame& frame = scene.recorded().frame;
+  const Simulated& simulated = scene.observation().simulated();
+  const Placement placement = store.placement(id);
+  const bool itself = placement.victim == Victim::object;  // the clean frame has a plain object in it
+  const TexturedMesh plain = itself ? plain_object(placement) : TexturedMesh();
+  std::optional<JudgedScene> with_plain;
+  if (itself) with_plain.emplace(store, id, plain, simulation, evaluation.settings);
+  const Label host =
+      itself ? in_a_camera(own_label(placement, place(mesh, placement).mesh, frame.calibration), simulated)
+             : label_of(frame, {id.frame, outcome.victim < 0 ? id.label : outcome.victim});
   const std::string name = picture_name(evaluation, outcome);
   const fs::path folder = data / name;
   // The camera that the host's label is in; boxes of a detector that is judged in the picture are the
   // first's.
   const std::size_t camera = outcome.matching.in_picture() ? 0 : as_size(host.camera);
-  const ImageF& recorded = frame.image_of(camera);
-  const ImageF& seen = simulated.sight(camera).image;
-  write_srgb(folder / "clean.png", recorded);
-  write_srgb(folder / "attacked.png",
-             seen.empty() ? recorded : seen);  // empty: it shows nothing of the object
-  std::vector<float> points;                   // x, y, whether it is a return on the adversary
+  // The picture of another camera that shows nothing of the object is empty.
+  const auto shown = [&](const Simulated& of) -> const ImageF& {
+    const ImageF& seen = of.sight(camera).image;
+    return seen.empty() ? frame.image_of(camera) : seen;
+  };
+  write_srgb(folder / "clean.png",
+             itself ? shown(with_plain->observation().simulated()) : frame.image_of(camera));
+  write_srgb(folder / "attacked.png", shown(simulated));
+  std::vector<float> points;  // x, y, whether it is a return on the adversary
   const auto first = simulated.sweep.size() - as_size(simulated.adversary_points);
   for (std::size_t i = 0; i < simulated.sweep.size(); ++i)
     points.insert(points.end(), {simulated.sweep[i].x, simulated.sweep[i].y, i >= first ? 1.0f : 0.0f});
   write_floats(folder / "points.f32", points);
   auto truth = json::array();
-  const HostTruth labelled(frame, host, outcome.matching);
+  const HostTruth labelled =
+      itself ? HostTruth::of_object(frame, host, outcome.matching) : HostTruth(frame, host, outcome.matching);
   for (const ObjectBoxes& box : labelled.labels()) truth.push_back(bev_json(outcome.matching.flat(box)));
   auto new_boxes = json::array();
   for (const NewBox& found : outcome.new_boxes) {
@@ -165,8 +189,11 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
                          {"score", found.score},
                          {"distance", found.distance}});
   }
-  const SensorView clean = view_of(frame), attacked = view_of(prepared, simulated, detector.capabilities());
+  const SensorView clean =
+      itself ? with_plain->observation().view(detector.capabilities(), false) : view_of(frame);
+  const SensorView attacked = scene.observation().view(detector.capabilities(), false);
   return {{"name", name},
+          {"title", picture_title(outcome, itself, name)},
           {"folder", folder.filename().string()},
           {"camera", camera == 0 ? json() : json(frame.name_of(camera))},
           {"range", outcome.range},
@@ -208,8 +235,8 @@ std::vector<std::string> plot_precision_recall(std::span<const ScoredStratum> pa
     curves.push_back(
         {{"name", part.stratum.name}, {"iou50", curve_json(part.at50)}, {"iou70", curve_json(part.at70)}});
   write_json(out / "precision_recall.json", {{"title", title}, {"curves", curves}});
-  if (run_script("validation/report/detection_plot.py", out) != 0) {
-    spdlog::warn("no precision-recall plot: install python3-matplotlib (the curves are in {})",
+  if (std::string why; run_script("validation/report/detection_plot.py", out, &why) != 0) {
+    spdlog::warn("no precision-recall plot: {} (the curves are in {})", reason(why),
                  (out / "precision_recall.json").string());
     return {};
   }
@@ -249,6 +276,7 @@ std::vector<std::string> draw_evaluation_pictures(const RunEvaluation& evaluatio
                 {"score_threshold", evaluation.settings.score_threshold},
                 {"detected_iou", evaluation.settings.detected_iou},
                 {"nominal_height", kNominalHeight},
+                {"victim", to_word(evaluation.target_run.settings.placement.victim)},
                 {"hosts", json::array()}};
   const auto contains = [](const std::vector<std::size_t>& list, std::size_t i) {
     return std::find(list.begin(), list.end(), i) != list.end();
@@ -267,9 +295,8 @@ std::vector<std::string> draw_evaluation_pictures(const RunEvaluation& evaluatio
     about["hosts"].push_back(std::move(host));
   }
   write_json(out / "data" / "pictures.json", about);
-  if (run_script("validation/report/evaluation_pictures.py", out) != 0) {
-    spdlog::warn("no pictures: install python3-matplotlib (what they show is in {})",
-                 (out / "data").string());
+  if (std::string why; run_script("validation/report/evaluation_pictures.py", out, &why) != 0) {
+    spdlog::warn("no pictures: {} (what they show is in {})", reason(why), (out / "data").string());
     return {};
   }
   return names;

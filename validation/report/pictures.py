@@ -104,29 +104,29 @@ def picture_mark(box, kind, tip):
             f'<title>{escape(tip)}</title></rect>')
 
 
-def in_picture(host, scenes):
-    """[(class, title, SVG)]: the same windows as in the triptych with the boxes that the detector finds there."""
+def in_picture(host, scenes, words):
+    """[(class, title, SVG)]: the same windows as in the triptych with the boxes that the detector finds there. `words`: report.words."""
     view = host["picture_boxes"]
     left, top, right, bottom = scenes["window"]
     panels = []
-    for key, kind, title, scene in (("clean", "clean", "As recorded", "clean"),
+    for key, kind, title, scene in (("clean", "clean", words["recorded"].capitalize(), "clean"),
                                     ("raster", "raster", "Attacked, rasteriser", "attacked"),
                                     ("cycles", "cycles", "Attacked, Cycles", "cycles")):
         parts = [f'<image href="{scenes[scene]}" x="{left}" y="{top}" width="{right - left}" height="{bottom - top}"/>']
         parts += [picture_mark(box, "truth", "label") for box in view["truth"]]
-        parts.append(picture_mark(view["host"], "host", "the vehicle's label"))
+        parts.append(picture_mark(view["host"], "host", words["judged"]))
         parts += [picture_mark(found["box"], kind, f"score {found['score']:.2f}") for found in view[key]]
         panels.append((kind, title, Markup(f'<svg class="bev seen" viewBox="{left} {top} {right - left} {bottom - top}" role="img" '
                                            f'aria-label="{escape(title)}">{"".join(parts)}</svg>')))
     return panels
 
 
-def bev(host):
-    """[(class, title, SVG)]: the sweep from above as recorded, attacked, and attacked with the Cycles picture."""
+def bev(host, words):
+    """[(class, title, SVG)]: the sweep from above as recorded, attacked, and attacked with the Cycles picture. `words`: report.words."""
     view = host["bev"]
     sweep = point_map(view["points"], view)
     panels = []
-    for key, kind, title in (("clean", "clean", "As recorded"), ("raster", "raster", "Attacked, rasteriser"),
+    for key, kind, title in (("clean", "clean", words["recorded"].capitalize()), ("raster", "raster", "Attacked, rasteriser"),
                              ("cycles", "cycles", "Attacked, Cycles")):
         parts = []
         if key == "clean":  # the other two maps show the same picture
@@ -138,7 +138,7 @@ def bev(host):
                 parts.append(f'<circle class="hit" cx="{u:.1f}" cy="{v:.1f}" r="1.6"/>')
         for box in view["truth"]:
             parts.append(box_mark(box, view, "truth", "label"))
-        parts.append(box_mark(view["host"], view, "host", "the vehicle's label"))
+        parts.append(box_mark(view["host"], view, "host", words["judged"]))
         for found in view[key]:
             parts.append(box_mark(found["box"], view, kind, f"score {found['score']:.2f}"))
         scale = 5 / view["reach"] * BEV / 2

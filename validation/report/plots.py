@@ -30,11 +30,11 @@ def arms(verdict, raster_alone):
     return charts.intervals("Attack success by light and returns", rows, "attack success rate (95 % interval)", high)
 
 
-def scores(verdict):
-    """Detector score under the rasteriser against the score under Cycles."""
+def scores(verdict, titles):
+    """Detector score under the rasteriser against the score under Cycles. `titles`: of the vehicles, by name."""
     flipped = {flip["name"] for flip in verdict["flips"]}
     points = [("bad" if pair["name"] in flipped else "held" if pair["split"] == "test" else "rung", pair["soft"],
-               pair["cycles"], f"{pair['name']}: rasteriser {pair['soft']:.3f}, Cycles {pair['cycles']:.3f}")
+               pair["cycles"], f"{titles[pair['name']]}: rasteriser {pair['soft']:.3f}, Cycles {pair['cycles']:.3f}")
               for pair in verdict["pairs"] if pair["detected"]]
     points.sort(key=lambda point: ("rung", "held", "bad").index(point[0]))
     if not points:

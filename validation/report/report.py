@@ -63,22 +63,29 @@ def objects(result):
             if arm["name"] in OBJECTS]
 
 
-def flips_of(result, folder):
+def flips_of(result, titles, folder):
     """Vehicles whose outcome flips."""
     crop = lambda flip, name: pictures.pixels(os.path.join(folder, flip["pictures"][name]))
-    return [{**flip, "index": index, "raster": crop(flip, "raster_crop"), "cycles": crop(flip, "cycles_crop")}
+    return [{**flip, "index": index, "title": titles[flip["name"]], "raster": crop(flip, "raster_crop"), "cycles": crop(flip, "cycles_crop")}
             for index, flip in enumerate(result["verdict"]["flips"][:PICTURED_FLIPS])]
 
 
-def host_view(index, host):
-    return {"index": index, "name": host["name"], "raster": figures.outcome(host, "raster"),
+def words(result):
+    """What the page calls the frame that counts as clean, and what is judged."""
+    if figures.judges_object(result):
+        return {"recorded": "with a plain cuboid", "without": "with a plain cuboid in the object's place", "judged": "the object"}
+    return {"recorded": "as recorded", "without": "without the object", "judged": "the vehicle"}
+
+
+def host_view(result, index, host):
+    return {"index": index, "name": host["name"], "title": figures.title(result, host), "raster": figures.outcome(host, "raster"),
             "cycles": figures.outcome(host, "cycles")}
 
 
-def pictured_view(folder, index, host):
-    scenes, seen = pictures.triptych(folder, host), "picture_boxes" in host
-    return {**host_view(index, host), "scenes": scenes, "crops": pictures.crops(folder, host), "seen": seen,
-            "maps": pictures.in_picture(host, scenes) if seen else pictures.bev(host)}
+def pictured_view(result, folder, index, host):
+    scenes, seen, called = pictures.triptych(folder, host), "picture_boxes" in host, words(result)
+    return {**host_view(result, index, host), "scenes": scenes, "crops": pictures.crops(folder, host), "seen": seen,
+            "maps": pictures.in_picture(host, scenes, called) if seen else pictures.bev(host, called)}
 
 
 def judged(result, host):
@@ -90,6 +97,10 @@ def judged(result, host):
 def speaks_against(result):
     """Sentences: what takes from the figures above, in words of the report."""
     lines = []
+    if result.get("hosts_trained_on"):
+        held_back = result["verdict"]["of"] == "held_back"
+        lines.append(f"The attack was learned on {result['hosts_trained_on']} of these {result['verdict'][result['verdict']['of']]['vehicles']} "
+                     f"{'held-back vehicles, in other frames of their drive' if held_back else 'vehicles, in these frames or in others'}.")
     for key, sentence in (("failed", "Blender was lost on {}, in no figure: {}."), ("unseen", "No camera shows the object on {}, in no figure: {}.")):
         names = [one["name"] if key == "failed" else one for one in result.get(key, [])]
         if names:
@@ -104,12 +115,13 @@ def speaks_against(result):
 
 
 def by_distance(hosts):
-    """[{name, found, raster, cycles}]: vehicles found clean, and hidden by each way of drawing, a band of distance."""
+    """[{name, found, raster, cycles}]: vehicles found clean, and hidden by each way of drawing, a band of distance. Returns are realistic,
+    as in the headline."""
     rows = []
     for low, high in BANDS:
         of = [host for host in hosts if low <= host["range"] < high and host["detected"]]
         name = f"{low}\u2013{high} m" if math.isfinite(high) else f"{low} m and more"
-        rows.append({"name": name, "found": len(of), **{key: sum(host[key]["hidden"] for host in of) for key in ("raster", "cycles")}})
+        rows.append({"name": name, "found": len(of), **{key: sum(figures.realistic(host, key)["hidden"] for host in of) for key in ("raster", "cycles")}})
     return rows
 
 
@@ -128,9 +140,10 @@ def untested(result):
 
 def sign_off(environment, hosts):
     """The page to sign, of the environment that page() filled."""
-    result, known = environment.globals["result"], environment.globals["hidden"]
+    result, nearest = environment.globals["result"], environment.globals["hosts"]
+    hidden = lambda host: host["detected"] and judged(result, host) and figures.realistic(host, "cycles")["hidden"]
     return environment.get_template("sign_off.html.j2").render(
-        bands=by_distance([host for host in hosts if judged(result, host)]), hidden=[host for host in known if judged(result, host)],
+        bands=by_distance([host for host in hosts if judged(result, host)]), hidden=[host for host in nearest if hidden(hosts[host["index"]])],
         named=NAMED_HIDDEN, untested=untested(result), against=speaks_against(result),
         style=figures.asset(HERE, "a4.css"))
 
@@ -143,16 +156,17 @@ def page(environment, result, hosts, folder, model, viewer, origin):
     seen = ["vanished", "misplaced", "found", "not found clean"]
     order = sorted(range(len(hosts)), key=lambda i: ([seen.index(figures.outcome(hosts[i], key)[0])
                                                       for key in ("cycles", "raster")], hosts[i]["range"]))
-    nearest = [{**host_view(i, hosts[i]), "learned_on": not judged(result, hosts[i])} for i in sorted(range(len(hosts)), key=lambda i: hosts[i]["range"])]
+    titles = {host["name"]: figures.title(result, host) for host in hosts}
+    nearest = [{**host_view(result, i, hosts[i]), "learned_on": not judged(result, hosts[i])} for i in sorted(range(len(hosts)), key=lambda i: hosts[i]["range"])]
     environment.globals.update(
         result=result, fig=fig, interval=figures.interval_function(result, fig), group=verdict["of"], shown=plots.SHOWN,
-        arms=arms(result), checks=figures.targets(result), made_of=figures.made_of(result), objects=objects(result), flips=flips_of(result, folder),
-        note=note, light_names=plots.LIGHT, tradeoff=beside.get("tradeoff"), pareto=plots.pareto(beside.get("tradeoff")),
+        arms=arms(result), checks=figures.targets(result), made_of=figures.made_of(result), objects=objects(result), flips=flips_of(result, titles, folder),
+        words=words(result), note=note, light_names=plots.LIGHT, tradeoff=beside.get("tradeoff"), pareto=plots.pareto(beside.get("tradeoff")),
         viewer_missing=NO_VIEWER, model=model,
         plots={"loss": plots.loss(beside.get("loss")), "recall": plots.recall(beside.get("evaluation")),
-               "success": plots.arms(verdict, bool(note)), "scores": plots.scores(verdict), "ladder": plots.ladder(result),
+               "success": plots.arms(verdict, bool(note)), "scores": plots.scores(verdict, titles), "ladder": plots.ladder(result),
                "remaining": plots.remaining(result), "ladder_cost": plots.ladder_cost(result)},
-        pictured=[pictured_view(folder, i, hosts[i]) for i in order[:PICTURED_HOSTS]],
+        pictured=[pictured_view(result, folder, i, hosts[i]) for i in order[:PICTURED_HOSTS]],
         hosts=nearest, hidden=[host for host in nearest if host["cycles"][1] == "bad"])
     return environment.get_template("page.html.j2").render(style=figures.asset(HERE, "style.css"), script=figures.asset(HERE, "page.js"),
                                                            viewer=viewer)

@@ -6,7 +6,8 @@ their success in Cycles with realistic returns:
         [--lights plain,visible,exact,exact-visible,exact-fine,cycles,cycles-exact] [--seeds 1,2,3,4,5] [--iterations N] [--frames F] [--samples S] [-- ...]
 
 A light may name its own number of steps (plain@240): so attacks of equal time are compared. Everything after -- goes to every `mirage attack`. One attack and one `mirage validate` for each detector, light and
-seed, in OUT/DETECTOR/LIGHT-SEED; what is finished is kept, and a stopped one goes on. All meshes are judged by the
+seed, in OUT/DETECTOR/LIGHT-SEED; what is finished is kept, and a stopped one goes on. Other arguments, frames or another program want
+another OUT. All meshes are judged by the
 same arms (validation/fidelity/vehicle_validation.h): default quality, plain light, Cycles with S samples; and "own" by `mirage evaluate`, the
 rasteriser that the mesh was learned by (of Cycles' the one whose gradient it took). Prints a table and writes
 OUT/attack_light.json. A seed splits the frames anew; shares are of the held-back vehicles that were found clean, pooled
@@ -20,9 +21,9 @@ import argparse
 import json
 import pathlib
 import random
-import subprocess
 import sys
-import time
+
+import kept
 
 HERE = pathlib.Path(__file__).resolve().parents[2]
 LIGHTS = {"plain": [], "visible": ["--light", "visible"], "exact": ["--quality", "exact"],
@@ -34,25 +35,13 @@ ARMS = [OWN, ("raster", "ideal"), ("visible", "ideal"), ("cycles", "ideal"), ("c
 DRAWS = 10000
 
 
-def run(arguments):
-    started = time.time()
-    if subprocess.run([str(a) for a in arguments], stdout=subprocess.DEVNULL).returncode:
-        sys.exit("failed: " + " ".join(str(a) for a in arguments))
-    return time.time() - started
-
-
-def finished(folder, iterations):
-    result = folder / "result.json"
-    return result.exists() and json.loads(result.read_text()).get("iterations", 0) >= max(1, iterations)
-
-
 def outcomes(folder, seed):
     """{(seed, frame, label): {arm: attacked successfully, "logit": its fall}} of the held-back vehicles found clean."""
     test = {(h["frame"], h["label"]) for h in json.loads((folder / "run.json").read_text())["test"]}
     own = {(h["frame"], h["label"]): h for h in json.loads((folder / "evaluate" / "result.json").read_text())["outcomes"]}
     found = {}
-    for file in sorted((folder / "validate" / "hosts").glob("*.json")):
-        host = json.loads(file.read_text())
+    for name in json.loads((folder / "validate" / "result.json").read_text())["hosts"]:  # files of others may lie there, too
+        host = json.loads((folder / "validate" / "hosts" / f"{name}.json").read_text())
         vehicle = (host["frame"], host["label"])
         if vehicle not in test or not host.get("detected"):
             continue
@@ -87,7 +76,7 @@ def shown(of, unit=100, digits=1):
 def main():
     split = sys.argv.index("--") if "--" in sys.argv else len(sys.argv)
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", required=True)
+    parser.add_argument("--data", required=True, type=pathlib.Path)
     parser.add_argument("--out", required=True, type=pathlib.Path)
     parser.add_argument("--detectors", default="camera,late,fusion")
     parser.add_argument("--lights", default=",".join(LIGHTS))
@@ -98,7 +87,8 @@ def main():
     parser.add_argument("--threads", type=int, default=0)
     parser.add_argument("--mirage", default=str(HERE / "build" / "release" / "mirage"))
     options = parser.parse_args(sys.argv[1:split])
-    more, table, threads = sys.argv[split + 1:], [], ["--threads", options.threads]
+    options.data, options.out = options.data.resolve(), options.out.resolve()
+    more, table = sys.argv[split + 1:], []
     for detector in options.detectors.split(","):
         pooled = {}
         for light in options.lights.split(","):
@@ -108,21 +98,18 @@ def main():
             steps_asked = ["--iterations", iterations] if iterations else []
             for seed in options.seeds.split(","):
                 folder = options.out / detector / f"{light}-{seed}"
-                if not iterations or not finished(folder, iterations):  # it goes on where it was
-                    run([options.mirage, "attack", "--data", options.data, "--detector", detector, "--seed", seed,
-                         *steps_asked, "--quiet", "--out", folder, *threads, *LIGHTS[kind], *more])
-                result = json.loads((folder / "result.json").read_text())
+                result = kept.result(folder, options.mirage, ["attack", "--data", options.data, "--detector", detector, "--seed", seed,
+                                                              *steps_asked, *LIGHTS[kind], *more], options.threads,
+                                     data=kept.listing(options.data))
                 steps += result["stages"]["iterations"]
                 seconds += result["stages"]["iterations"] * result["seconds_per_iteration"]
                 test = json.loads((folder / "run.json").read_text())["test"]
                 frames = options.frames or len({host["frame"] for host in test})
-                judged = folder / "evaluate" / "result.json"
-                if not judged.exists() or judged.stat().st_mtime < (folder / "adversary.glb").stat().st_mtime:
-                    run([options.mirage, "evaluate", "--run", folder, "--data", options.data, "--random-meshes", 0, "--quiet",
-                         "--out", folder / "evaluate", *threads])
-                run([options.mirage, "validate", "--run", folder, "--data", options.data, "--frames", frames, "--ladder", 0,
-                     "--samples", options.samples, "--quality", "default", "--light", "plain", "--quiet", "--out",
-                     folder / "validate", *threads])
+                kept.result(folder / "evaluate", options.mirage, ["evaluate", "--run", folder, "--data", options.data, "--random-meshes", 0],
+                            options.threads, attack=result["provenance"]["identity"])
+                kept.run([options.mirage, "validate", "--run", folder, "--data", options.data, "--frames", frames, "--ladder", 0,
+                          "--samples", options.samples, "--quality", "default", "--light", "plain", "--quiet", "--out",
+                          folder / "validate", "--threads", options.threads])
                 pooled.setdefault(light, {}).update(outcomes(folder, seed))
             row = {"detector": detector, "light": light, "vehicles": len(pooled[light]),
                    "seconds_per_step": seconds / steps if steps else None, "arms": {}}
@@ -137,7 +124,7 @@ def main():
                     row[name] = interval({key: of[what] - plain[key][what]
                                           for key, of in pooled[light].items() if key in plain})
             table.append(row)
-            (options.out / "attack_light.json").write_text(json.dumps(table, indent=1) + "\n")
+            (options.out / "attack_light.json").write_text(json.dumps({**kept.origin(result), "rows": table}, indent=1) + "\n")
     print("| detector, learned under | vehicles | s a step |", " | ".join(", ".join(arm) for arm in ARMS),
           "| kept | over plain | logit | over plain |")
     print("|---" * (7 + len(ARMS)) + "|")

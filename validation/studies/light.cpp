@@ -35,6 +35,7 @@
 #include <vector>
 
 #include "attack/adversary.h"
+#include "attack/evaluation.h"
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
@@ -306,7 +307,7 @@ int study(const Options& options) {
       if (mesh == "random")
         provenance.set("mesh", mesh);
       else
-        provenance.file("mesh", mesh);
+        provenance.input("mesh", hash_of(read_object(mesh)));
       renderer->identity().add_to(provenance);
       for (const Variant& variant : list) {
         Provenance its;

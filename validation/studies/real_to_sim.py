@@ -9,22 +9,22 @@ DRIVES is KITTI's tracking layout. Of each Car and Van as many frames are judged
 Reflectance and the share that returns at all come from the returns of the same frames, texels from their photographs.
 Both are drawn by mirage.insert. Beside this arm, `fitted`, stand the same mesh with a unit's effects by word in place of measured losses
 (`unit`, `as-recorded`), a cuboid of the label's size, no returns of the car at all (`removed`), and the next recorded frame.
-Writes OUT/real-to-sim.json and a picture of each judged vehicle (recorded, fitted, cuboid); a stopped run goes on. Needs
-PYTHONPATH=build/release/python.
+Writes OUT/real-to-sim.json and a picture of each judged vehicle (recorded, fitted, cuboid); a stopped run goes on. Other frames or
+another program want another OUT. Needs PYTHONPATH=build/release/python.
 """
 
 import argparse
-import datetime
 import json
 import math
 import os
 import pathlib
 import re
-import subprocess
 
+import fitted_vehicle
+import kept
 import mirage
 import numpy as np
-from fitted_vehicle import HERE, Fit, Sight, against_recording, beside, insert, rays_of, read, returned, to_box, turn, without
+from fitted_vehicle import Fit, Sight, against_recording, beside, insert, rays_of, read, returned, to_box, turn, without
 from PIL import Image
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -214,11 +214,16 @@ def compare(options, writer, name, track, judged):
                      "back": ray["of_car"][body].tolist()}}
 
 
+def detected(options, arm, detector):
+    """The folder of its answers."""
+    return options.out / "detections" / f"{arm} {detector}"
+
+
 def detections(options, arm, detector):
     """{name: [(score, box)]} of an arm's frames; `detector` with its weights: "lidar real"."""
-    out = options.out / "detections" / f"{arm} {detector}"
+    out = detected(options, arm, detector)
     name, weights = detector.split()
-    if not (out / "detections.json").exists():
+    if not (out / "result.json").exists():
         mirage.detect(name, data=options.out / "arms" / arm, out=out, weights=None if weights == "free" else weights)
     found = json.loads((out / "detections.json").read_text())["frames"]
     return {f["frame"]: [(d["score"], [d[k] for k in ("x", "y", "length", "width", "yaw")]) for d in f["detections"]] for f in found}
@@ -351,6 +356,9 @@ def main():
     parser.add_argument("--frames", type=int, default=3)
     parser.add_argument("--apart", type=int, default=2)
     options = parser.parse_args()
+    kept.require_same(options.out, data=str(options.data.resolve()), files=kept.listing(options.data), frames=options.frames,
+                      apart=options.apart, program=kept.program(mirage._core.__file__),
+                      study=kept.content(__file__, fitted_vehicle.__file__))
     for folder in ("rows", "pictures"):
         (options.out / folder).mkdir(parents=True, exist_ok=True)
     tracks = {}
@@ -379,9 +387,9 @@ def main():
         row["parked"] = stands(options.data, tracks[row["vehicle"]])
         row["answers"] = {detector: {arm: judged(of[f"{k:06d}"], row["next" if arm == "next" else "box"]) for arm, of in by_arm.items()
                                      if row["next"] or arm != "next"} for detector, by_arm in answers.items()}
+    last = json.loads((detected(options, ARMS[-1], next(reversed(answers))) / "result.json").read_text())
     result = {"command": "python3 validation/studies/real_to_sim.py --data DRIVES", "mirage": mirage.__version__,
-              "commit": subprocess.run(["git", "-C", HERE, "rev-parse", "--short=12", "HEAD"], capture_output=True,
-                                       text=True).stdout.strip(), "date": datetime.date.today().isoformat(), "figures": figures(rows), "rows": [
+              **kept.origin(last), "figures": figures(rows), "rows": [
                   {**{key: row[key] for key in ("vehicle", "frame", "parked", "range", "returns")}, "logits": {
                       name: [of["recorded"]["logit"], of["fitted"]["logit"]] for name, of in row["answers"].items()}} for row in rows]}
     temporary = options.out / "real-to-sim.tmp"

@@ -343,6 +343,7 @@ std::vector<TradeoffPoint> cycles_points(const TradeoffSettings& settings, const
     job.samples = settings.cycles_samples;
     job.effects = all_effects();
     const Rendered reference = renderer->render(job);
+    ++job.seed;  // of what is compared with it, so that noise of one seed does not cancel
     const ImageF background = crop(photograph, job.rect), right = over(reference, background);
     const ImageF mask = alpha_mask(reference.rgba);
     const double mean = mean_absolute_error(right, ImageF(right.width, right.height, 3), mask);
@@ -378,14 +379,17 @@ std::vector<TradeoffPoint> cycles_points(const TradeoffSettings& settings, const
   return points;
 }
 
-/// Names of the files that validation/tradeoff/plot.py made.
+/// Names of the plots that validation/tradeoff/plot.py made beside its page.
 std::vector<std::string> plot(const std::filesystem::path& out) {
-  if (run_script("validation/tradeoff/plot.py", out) != 0) {
-    spdlog::warn("no page: install python3-matplotlib (the points are in {})",
-                 (out / "tradeoff.json").string());
-    return {};
-  }
-  return {"tradeoff.png", "tradeoff.svg"};
+  const std::vector<std::string> plots = {"tradeoff.png", "tradeoff.svg"};
+  // None of an earlier study stays where Python fails.
+  std::filesystem::remove(out / "tradeoff.html");
+  for (const std::string& name : plots) std::filesystem::remove(out / name);
+  std::string output;
+  if (run_script("validation/tradeoff/plot.py", out, &output) == 0) return plots;
+  spdlog::warn("no page: {} (the points are in {})", output.empty() ? "install python3-matplotlib" : output,
+               (out / "tradeoff.json").string());
+  return {};
 }
 
 void mark_fronts(std::vector<TradeoffPoint>& points) {

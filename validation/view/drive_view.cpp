@@ -4,6 +4,8 @@
 
 #include <algorithm>
 
+#include "attack/evaluate_run.h"
+#include "attack/evaluation.h"
 #include "attack/zoo.h"
 #include "base/child_process.h"
 #include "base/error.h"
@@ -12,6 +14,7 @@
 #include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "detection/defenses.h"
+#include "frames/frame_provenance.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
 #include "simulation/insertion.h"
@@ -91,7 +94,7 @@ Overrides asked_of(const fs::path& file, const JsonFields& result, TrustRun trus
   if (trust == TrustRun::yes) return overrides;
   const auto refuse = [&](const char* field) {
     throw InputError(file.string(), field, "would be loaded, which is code: " + overrides.at(field),
-                     fmt::format("if you trust it, name it yourself (--{}) or add --trust-run", field));
+                     "if you trust it, add --trust-run");
   };
   if (overrides.contains("depth") && !is_shipped_depth(overrides.at("depth"))) refuse("depth");
   if (overrides.contains("sensors"))
@@ -100,14 +103,45 @@ Overrides asked_of(const fs::path& file, const JsonFields& result, TrustRun trus
   return overrides;
 }
 
+/// Where the object is.
+fs::path object_file(const JsonFields& result, const DriveChoice& choice) {
+  return choice.run.empty() ? fs::path(result.text("object")) : choice.run;
+}
+
 /// A run's adversary or a mesh.
 Run object_of(const fs::path& file, const JsonFields& result, const DriveChoice& choice) {
-  const fs::path object = choice.run.empty() ? fs::path(result.text("object")) : choice.run;
+  const fs::path object = object_file(result, choice);
   if (fs::is_directory(object)) return read_run(object, choice.trust);
   if (object.has_parent_path() && !fs::exists(object))
     throw InputError(file.string(), "object", fmt::format("\"{}\" is not there", object.string()),
                      "say where it is now: --run");
   return run_of_objects(read_objects({object}));
+}
+
+/// InputError for an object, or for frames and what prepares them, that are not, by content, those that the
+/// drive judged: its verdict is of nothing else.
+void require_same_inputs(const JsonFields& provenance, const Run& run, const fs::path& object,
+                         const fs::path& drive) {
+  const JsonFields inputs = provenance.object("inputs"), settings = provenance.object("settings");
+  const auto require = [&](const std::string& name, const std::string& hash, const fs::path& where,
+                           const char* what, const char* fix) {
+    if (inputs.text(name) != hash)
+      throw InputError(where.string(), name, fmt::format("{} that {} judged", what, drive.string()),
+                       fmt::format("{}, or {}", fix, kAgain));
+  };
+  require("object", hash_of(run.adversary), object, "is not the object", "say where that is: --run");
+  SequencePart part;
+  read_fields(settings, part);
+  std::vector<std::string> frames;
+  for (const Sequence& sequence : read_sequences(run.settings.data, part))
+    for (const SequenceFrame& frame : sequence.frames) frames.push_back(frame.id);
+  Provenance here;
+  add_frames(here, run.settings, frames);
+  const json now = here.provenance().at("inputs");
+  for (const auto& [name, hash] : now.items())
+    require(name, hash, run.settings.data,
+            name == "data" ? "are not the frames" : "is not what prepared the frames",
+            "give the data set of the drive with --data");
 }
 
 }  // namespace
@@ -134,10 +168,10 @@ DriveView::DriveView(const DriveChoice& choice) {
   clean_ = shown_of(vehicle, DriveVersion::clean, vehicle_.frames.size());
   attacked_ = shown_of(vehicle, DriveVersion::attacked, vehicle_.frames.size());
 
-  run_ = object_of(file, result, choice);
-  object_ = fs::weakly_canonical(choice.run.empty() ? fs::path(result.text("object")) : choice.run).stem();
-  Overrides overrides = choice.overrides;
-  overrides.merge(asked_of(file, result, choice.trust));
+  const Run learned = object_of(file, result, choice);  // on its own data set
+  run_ = learned;
+  object_ = fs::weakly_canonical(object_file(result, choice)).stem();
+  Overrides overrides = asked_of(file, result, choice.trust);
   overrides["data"] = choice.data.empty() ? provenance.text("data") : choice.data.string();
   override_settings(run_, overrides, provenance.counter("seed"), true);
 
@@ -166,6 +200,10 @@ DriveView::DriveView(const DriveChoice& choice) {
     hosts_.push_back({id, label});
     on_vehicle.emplace_back(at->second->moment, hosts_.back());
   }
+  if (provenance.has("inputs"))
+    require_same_inputs(provenance, run_, object_file(result, choice), choice.drive);
+  const std::set<std::string> learned_frames = frames_learned_on(learned, run_.settings.data);
+  learned_on_ = !hosts_learned_on(learned, run_.settings, hosts_, learned_frames).empty();
   store_ = std::make_unique<FrameStore>(run_.settings);
   carriers_ = roof_track(*store_, on_vehicle).carriers;
 }
@@ -180,7 +218,7 @@ void DriveView::add(ViewFrame& view) {
   attack.found = attacked_[k];
   const auto& observations = vehicle_.frames[k].observations;
   const auto found = [&](DriveVersion version) { return observations[as_size(version)].found; };
-  attack.outcome.update({{"learned_on", false},
+  attack.outcome.update({{"learned_on", learned_on_},
                          {"detected", found(DriveVersion::clean)},
                          {"hidden", found(DriveVersion::clean) && !found(DriveVersion::attacked)}});
   view.attacks.push_back(std::move(attack));

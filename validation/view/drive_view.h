@@ -22,14 +22,14 @@ struct DriveChoice {
   std::string vehicle;  ///< SEQUENCE_TRACK; empty: the one whose gap of detection the object prolongs most
   std::filesystem::path run;   ///< or mesh, where it has moved; empty: the drive's
   std::filesystem::path data;  ///< likewise
-  Overrides overrides;
   TrustRun trust = TrustRun::no;
 };
 
 class DriveView {
  public:
   /// InputError if the folder is no finished drive, holds another vehicle's name (it tells which there are),
-  /// was made of code that is not trusted, or if the data set lacks a frame of the vehicle's.
+  /// was made of code that is not trusted, if the data set lacks a frame of the vehicle's, or if the object
+  /// or the drive's frames are not, by content, those that it judged.
   explicit DriveView(const DriveChoice& choice);
 
   /// The frames in which the vehicle is labelled, in their order.
@@ -54,6 +54,7 @@ class DriveView {
   std::string name_, object_, detector_;
   double score_threshold_ = 0;
   Shown clean_, attacked_;
+  bool learned_on_ = false;  ///< whether the object was learned on the vehicle, in whatever frame
   std::vector<std::string> frames_;
   std::map<std::string, std::size_t> places_;  ///< of frames
   std::vector<HostId> hosts_;

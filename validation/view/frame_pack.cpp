@@ -123,6 +123,14 @@ json page_box(const PictureBox& box) {
   return {rounded(box.left, 10), rounded(box.top, 10), rounded(box.right, 10), rounded(box.bottom, 10)};
 }
 
+json label_json(const Label& label) {
+  json entry = {{"type", label.type}, {"picture", page_box(picture_box(label))}};
+  if (label.camera > 0) entry["camera"] = label.camera;
+  if (has_box(label)) entry["box"] = page_box(label.box);
+  if (label.track >= 0) entry["track"] = label.track;
+  return entry;
+}
+
 json labels_json(const ViewFrame& view) {
   std::vector<int> returns(view.frame.labels.size());
   for (const int k : view.instance)
@@ -130,27 +138,31 @@ json labels_json(const ViewFrame& view) {
   json list = json::array();
   for (std::size_t k = 0; k < view.frame.labels.size(); ++k) {
     const Label& label = view.frame.labels[k];
-    json entry = {{"type", label.type}, {"picture", page_box(picture_box(label))}};
-    if (label.camera > 0) entry["camera"] = label.camera;
+    json& entry = list.emplace_back(label_json(label));
     if (has_box(label))
-      entry.update({{"box", page_box(label.box)},
-                    {"occluded", label.occluded},
+      entry.update({{"occluded", label.occluded},
                     {"truncated", rounded(label.truncated, 100)},
                     {"returns", returns[k]}});
-    if (label.track >= 0) entry["track"] = label.track;
-    list.push_back(entry);
   }
   return list;
 }
 
+/// The camera's number in the frame; −1: it has none of that name.
+int camera_number(const Frame& frame, const std::string& name) {
+  for (std::size_t k = 0; k < frame.cameras(); ++k)
+    if (name.empty() || frame.name_of(k) == name) return static_cast<int>(k);
+  return -1;
+}
+
 /// Null if the frame was not looked at.
-json detections_json(const ViewDetections& detections) {
+json detections_json(const ViewDetections& detections, const Frame& frame) {
   if (!detections.looked) return nullptr;
   json list = json::array();
   for (const KittiDetection& detection : detections.found) {
     json entry = {{"type", detection.type}, {"score", rounded(detection.score)}};
     if (detection.box) entry["box"] = page_box(*detection.box);
     if (detection.picture) entry["picture"] = page_box(*detection.picture);
+    if (const int camera = camera_number(frame, detection.camera); camera != 0) entry["camera"] = camera;
     list.push_back(entry);
   }
   return list;
@@ -205,9 +217,9 @@ std::string container(const ViewFrame& view, const std::vector<std::string>& pho
                 {"cameras", json::array()},
                 {"labels", labels_json(view)},
                 {"true_instance", view.true_instance},
-                {"found", detections_json(view.found)},
+                {"found", detections_json(view.found, frame)},
                 {"tracks", tracks_json(view.found.tracks)},
-                {"file", detections_json(view.from_file)},
+                {"file", detections_json(view.from_file, frame)},
                 {"total", frame.sweep.size()}};
   for (std::size_t k = 0; k < frame.cameras(); ++k) {
     const Calibration& calibration = frame.calibration_of(k);
@@ -238,9 +250,11 @@ std::string container(const ViewFrame& view, const std::vector<std::string>& pho
                   {"label", attack.label},
                   {"removed", blobs.add(words(removed))},
                   {"added", blobs.add(packed_points(added, std::vector<unsigned char>(added.size())))},
-                  {"found", detections_json(attack.found)},
+                  {"found", detections_json(attack.found, frame)},
                   {"tracks", tracks_json(attack.found.tracks)},
                   {"outcome", attack.outcome}};
+    if (attack.victim) entry["victim"] = *attack.victim;
+    if (attack.object) entry["object"] = label_json(*attack.object);
     for (const ViewAttack::Patch& patch : attack.patches) {
       const PixelRect& r = patch.rect;
       entry["patches"].push_back({{"camera", patch.camera},

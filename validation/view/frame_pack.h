@@ -2,6 +2,7 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,6 +32,10 @@ struct ViewDetections {
 struct ViewAttack {
   std::string name;  ///< host_name()
   int label = 0;     ///< of the host
+  /// Whose detection is judged, where it is not the host's: with Victim::neighbour that label's, with
+  /// Victim::object the object's own.
+  std::optional<int> victim = {};
+  std::optional<Label> object = {};  ///< in_a_camera()
   /// What changed of a camera's picture.
   struct Patch {
     std::size_t camera = 0;  ///< by its number

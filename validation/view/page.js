@@ -47,23 +47,32 @@ function makeColumn(side) {
   return made;
 }
 
+// How alike two boxes are is told as; without the object, who is judged.
+const overlap = told.matching === "centre" ? "overlap" : "IoU", before = told.plain ? "as a plain cuboid" : "as recorded";
+// The label by which an attack is judged: its victim's, the object's own, or its host's.
+const judged = (frame, attack) => attack.object ?? frame.labels[attack.victim ?? attack.label];
+const nameOf = (frame, label) => `${frame.id}_${label}`;
+
 // The boxes of a column, each with its kind, colour and what is told about it.
 function boxesOf(frame, attack, side) {
-  const boxes = [];
-  if (state.layers.label)
+  const boxes = [], chosen = frame.attacks[state.vehicle];
+  if (state.layers.label) {
     frame.labels.forEach((label, k) => {
-      const host = frame.attacks.length > 0 && k === frame.attacks[state.vehicle]?.label;
+      const host = k === chosen?.label, victim = k === chosen?.victim;
       if (host && drive) return; // it has a mark
-      if (label.type !== "DontCare") boxes.push({...label, kind: "label", colour: "truth", host});
+      if (label.type !== "DontCare") boxes.push({...label, kind: "label", colour: "truth", host, victim, tag: victim ? "victim" : undefined});
       else boxes.push({...label, kind: "region", colour: "muted"});
     });
+    if (attack?.object) boxes.push({...attack.object, type: "Object", kind: "label", colour: "truth", victim: true, tag: "object"});
+  }
   const add = (found, kind, colour) => (found ?? []).filter(one => one.score >= state.score - 1e-9)
     .forEach(one => boxes.push({...one, kind, colour}));
   if (state.layers.found) {
     add(attack ? attack.found : frame.found, "found", side);
-    const of = frame.attacks[state.vehicle]?.outcome ?? {}, score = attack ? of.attacked_score : of.clean_score;
+    const of = chosen?.outcome ?? {}, score = attack ? of.attacked_score : of.clean_score;
     const own = boxes.find(box => box.kind === "found" && Math.abs(box.score - score) < 1e-4);
-    if (own && (attack ? of.attacked_iou : of.clean_iou) > 0) own.own = true;
+    // What is found of a plain object is not found in the frame as recorded.
+    if (own && (attack ? of.attacked_iou : told.plain ? 0 : of.clean_iou) > 0) own.own = true;
   }
   if (state.layers.track)
     for (const {identity, box, detected} of (attack ?? frame).tracks)
@@ -98,7 +107,8 @@ function drawNow() {
       if (view.panel.offsetParent) view.draw(scene);
     }
     title.lastChild.textContent = attack
-      ? `${attack.outcome.returns} returns on the object, ${attack.outcome.removed} behind it removed` : "";
+      ? `${attack.outcome.returns} returns on the object, ${attack.outcome.removed} behind it removed`
+      : told.file && !frame.file ? `this frame is not in ${told.file}` : "";
   }
   document.documentElement.dataset.frame = frame.id;
 }
@@ -123,6 +133,7 @@ function describe(box) {
   }
   if (box.occluded !== undefined) lines.push(`occlusion ${box.occluded} of 3 · truncation ${box.truncated} · ${box.returns} returns`);
   if (box.host) lines.push("carries the object in the attacked frame");
+  if (box.victim) lines.push("is judged: found, or hidden");
   return lines.join("\n");
 }
 
@@ -140,19 +151,22 @@ function tell(view, event) {
 function outcome() {
   const line = byId("outcome"), attack = current.attacks[state.vehicle];
   line.replaceChildren();
-  if (!attack || drive) return; // a drive's own strip tells
+  if (!attack) return;
   const of = attack.outcome, part = (text, name) => make(line, "span", name, text);
-  if (of.learned_on) part("Learned on, so no evidence: ", "bad");
+  if (of.learned_on) part(`Learned on, so no evidence${drive ? "." : ": "}`, "bad");
+  if (drive) return; // its own strip tells
+  if (attack.object) part("The object: ");
+  if (attack.victim !== undefined) part(`The victim ${nameOf(current, attack.victim)}: `);
   if (of.clean_score === undefined) {
     part(`${Math.round(100 * of.visible)} % of the object is in view.`, "quiet");
     return;
   }
-  const found = (score, iou) => iou > 0 ? `score ${score.toFixed(2)}, IoU ${iou.toFixed(2)}` : "nothing there";
-  if (!of.detected) part("Not found as recorded", "quiet");
+  const found = (score, iou) => iou > 0 ? `score ${score.toFixed(2)}, ${overlap} ${iou.toFixed(2)}` : "nothing there";
+  if (!of.detected) part(`Not found ${before}`, "quiet");
   else part(!of.hidden ? "Still found" : of.vanished ? "Vanished" : "Misplaced", of.hidden ? "bad" : "good");
-  part(`: ${found(of.clean_score, of.clean_iou)} as recorded, ${found(of.attacked_score, of.attacked_iou)} attacked`);
+  part(`: ${found(of.clean_score, of.clean_iou)} ${before}, ${found(of.attacked_score, of.attacked_iou)} attacked`);
   part(of.new_boxes ? `, ${of.new_boxes} new false ${of.new_boxes > 1 ? "boxes" : "box"}.` : ".", of.new_boxes ? "bad" : "");
-  part(` Found means IoU > ${told.judged_iou} at score ≥ ${told.judged_at}.`, "quiet");
+  part(` Found means ${overlap} > ${told.judged_iou} at score ≥ ${told.judged_at}.`, "quiet");
 }
 
 function legend() {
@@ -217,7 +231,7 @@ const attacked = words => told.attacks.flatMap((of, frame) => of.flatMap((word, 
 
 // Which vehicles N and P step through, and how many they are.
 const AMONG = [["all", told.drive ? "All frames" : "All vehicles", ["hidden", "found", "unfound", ""]], ["hidden", "Hidden", ["hidden"]],
-               ["found", "Still found", ["found"]], ["unfound", "Not found as recorded", ["unfound"]]]
+               ["found", "Still found", ["found"]], ["unfound", `Not found ${before}`, ["unfound"]]]
   .map(([name, text, words]) => ({name, text, vehicles: attacked(words)}));
 
 function jump(forward) {
@@ -227,24 +241,27 @@ function jump(forward) {
   return next && show(...next);
 }
 
-// The page's address names the frame and its vehicle (from 1): #000007,2. Once the page is at rest: browsers refuse
-// an address that changes all the time.
+// The page's address names the vehicle as all results do, by its frame and label: #000007_2; a drive's, or a frame
+// without attacks, the frame alone. Once the page is at rest: browsers refuse an address that changes all the time.
 let addressing = 0;
 function address() {
   clearTimeout(addressing);
   addressing = setTimeout(() => {
-    const vehicle = current.attacks.length ? `,${state.vehicle + 1}` : "", hash = `#${encodeURIComponent(current.id)}${vehicle}`;
+    const hash = `#${encodeURIComponent(drive ? current.id : current.attacks[state.vehicle]?.name ?? current.id)}`;
     if (location.hash !== hash) history.replaceState(null, "", hash);
   }, 250);
 }
 function follow() {
-  const [id, vehicle] = location.hash.slice(1).split(",");
-  let index = -1;
-  try { index = told.frames.indexOf(decodeURIComponent(id)); } catch { /* no address of ours: "#%" */ }
-  if (index >= 0) return show(index, vehicle > 0 ? vehicle - 1 : undefined);
+  let name = "";
+  try { name = decodeURIComponent(location.hash.slice(1)); } catch { /* no address of ours: "#%" */ }
+  for (const id of [name, name.slice(0, Math.max(0, name.lastIndexOf("_")))]) {
+    const index = told.frames.indexOf(id);
+    if (index >= 0) return show(index, name);
+  }
   return show(...(!drive && AMONG[1].vehicles[0] || [0])); // a hidden vehicle, if there is one
 }
 
+// `vehicle`: its place among those of the frame, or its name.
 async function show(index, vehicle) {
   index = Math.max(0, Math.min(told.frames.length - 1, index));
   state.index = index;
@@ -255,14 +272,15 @@ async function show(index, vehicle) {
   if (state.index !== index) return; // another was asked for meanwhile
   current = frame;
   frame.index = index;
-  const first = told => frame.attacks.findIndex(attack => attack.outcome[told]);
-  state.vehicle = vehicle < frame.attacks.length ? vehicle : Math.max(0, first("hidden") >= 0 ? first("hidden") : first("detected"));
+  const first = is => frame.attacks.findIndex(is), found = [first((attack, k) => vehicle === k || vehicle === attack.name),
+    first(attack => attack.outcome.hidden), first(attack => attack.outcome.detected)];
+  state.vehicle = found.find(place => place >= 0) ?? 0;
   if (state.close) closeUp();
   const list = byId("vehicle").querySelector("select");
   list.replaceChildren(...frame.attacks.map((attack, k) => {
     const [x, y] = frame.labels[attack.label].box;
-    const learned = attack.outcome.learned_on ? ", learned on" : "";
-    return new Option(`${k + 1} of ${frame.attacks.length}: ${frame.labels[attack.label].type}, ${number(Math.hypot(x, y), 0)} m${learned}`, k);
+    const learned = attack.outcome.learned_on ? ", learned on" : "", victim = attack.victim === undefined ? "" : `, victim ${nameOf(frame, attack.victim)}`;
+    return new Option(`${attack.name}: ${frame.labels[attack.label].type}, ${number(Math.hypot(x, y), 0)} m${victim}${learned}`, k);
   }));
   list.value = state.vehicle;
   const cameras = byId("camera").querySelector("select");
@@ -284,17 +302,17 @@ function lookAt(camera) {
   byId("camera").querySelector("select").value = state.camera;
 }
 
-// All views at the attacked vehicle; at the nearest label without a run.
+// All views at what is judged of the attacked vehicle; at the nearest label without a run.
 function closeUp() {
   const boxed = current.labels.filter(label => label.box), away = label => Math.hypot(label.box[0], label.box[1]);
-  const label = current.labels[current.attacks[state.vehicle]?.label] ?? boxed.sort((a, b) => away(a) - away(b))[0];
+  const attack = current.attacks[state.vehicle], label = attack ? judged(current, attack) : boxed.sort((a, b) => away(a) - away(b))[0];
   state.close = !!label;
   if (!label) return;
   state.camera = label.camera ?? 0;
   byId("camera").querySelector("select").value = state.camera;
   const [x, y, bottom, length, , height] = label.box, [left, top, right, low] = label.picture;
   const [w, h] = current.cameras[state.camera].size;
-  Object.assign(eyes.zoom, {u: (left + right) / 2 / w, v: (1.6 * top + 0.4 * low) / 2 / h,
+  if (right > left) Object.assign(eyes.zoom, {u: (left + right) / 2 / w, v: (1.6 * top + 0.4 * low) / 2 / h,
                             scale: Math.max(1, Math.min(12, w / 3.5 / Math.max(1, right - left), h / 2.6 / Math.max(1, low - top)))});
   Object.assign(eyes.top, {x, y, span: 5 * length});
   Object.assign(eyes.orbit, {x, y, z: bottom + 0.7 * height, heading: Math.atan2(y, x) - 0.5, down: 0.3, distance: 3 * length});

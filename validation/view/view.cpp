@@ -7,7 +7,9 @@
 #include <limits>
 #include <map>
 #include <optional>
+#include <set>
 
+#include "attack/evaluate_run.h"
 #include "attack/evaluation.h"
 #include "attack/observation.h"
 #include "base/error.h"
@@ -37,7 +39,12 @@ constexpr double kMegabyte = 1e6;
 /// A run's adversary on its hosts, and what its detector says.
 class Attacker {
  public:
-  Attacker(const ViewSettings& settings, Run& run) : run_(run), store_(run.settings) {
+  /// `shown`: the vehicles of all frames.
+  Attacker(const ViewSettings& settings, Run& run, const std::vector<HostId>& shown)
+      : run_(run), store_(run.settings) {
+    const std::vector<HostId> learned =
+        hosts_learned_on(run, run.settings, shown, frames_learned_on(run, run.settings.data));
+    learned_.insert(learned.begin(), learned.end());
     if (!settings.detect) return;
     DetectorOptions options = settings.detector;
     use_detector_of(run, options);
@@ -48,6 +55,10 @@ class Attacker {
   }
 
   const std::string& detector() const { return name_; }
+  /// How its boxes are compared; as they are made for without a detector.
+  Matching matching() const { return evaluation_.matching; }
+  /// Whether what stands there is judged, and as recorded a plain object in its place.
+  bool judges_object() const { return run_.settings.placement.victim == Victim::object; }
 
   void add(ViewFrame& view, const std::vector<HostId>& hosts) {
     const auto prepared = store_.get(view.frame.id);
@@ -55,24 +66,24 @@ class Attacker {
     std::vector<Detection> clean;
     if (detector_) {
       clean = detections(*detector_, view_of(seen), evaluation_);
-      view.found = {
-          kitti_detections(clean, evaluation_.matching, view.frame, detector_->capabilities().types), true};
+      view.found = {listed(clean, seen, view.frame), true};
     }
     for (const HostId& id : hosts) {
       const Placement placement = store_.placement(id);
       require_hosted(store_.place(), placement, id);
       const Simulated simulated = simulate(*prepared, placement, run_.adversary, run_.settings.simulation);
       ViewAttack attack = attack_of(view, *prepared, id, simulated);
-      attack.outcome["learned_on"] = learned_on(run_, id);
+      attack.outcome["learned_on"] = learned_.contains(id);
+      const EvaluationLabels boxes = labelled_boxes(placement, place(run_.adversary, placement).mesh,
+                                                    seen.calibration, carried_box(simulated, placement));
+      attack.victim = boxes.victim;
+      if (boxes.own) attack.object = in_a_camera(*boxes.own, simulated);
       if (detector_)
         judge_attack(view.frame, *prepared, id,
                      placement.victim == Victim::object
                          ? clean_of(*detector_, *prepared, placement, run_.settings.simulation, evaluation_)
                          : clean,
-                     simulated,
-                     labelled_boxes(placement, place(run_.adversary, placement).mesh, seen.calibration,
-                                    carried_box(simulated, placement)),
-                     attack);
+                     simulated, boxes, attack);
       view.attacks.push_back(std::move(attack));
     }
     const auto range = [&](const ViewAttack& attack) {
@@ -83,14 +94,20 @@ class Attacker {
   }
 
  private:
+  /// `seen`: the frame as the detector gets it.
+  std::vector<KittiDetection> listed(const std::vector<Detection>& found, const Frame& seen,
+                                     const Frame& whole) const {
+    const Capabilities can = detector_->capabilities();
+    return kitti_detections(found, evaluation_.matching, whole, can.types, cameras_by_place(seen, can));
+  }
+
   void judge_attack(const Frame& whole, const PreparedFrame& prepared, const HostId& id,
                     const std::vector<Detection>& clean, const Simulated& simulated,
                     const EvaluationLabels& boxes, ViewAttack& attack) {
     const Frame& seen = prepared.frame;
     const auto attacked =
         detections(*detector_, view_of(prepared, simulated, detector_->capabilities()), evaluation_);
-    attack.found = {kitti_detections(attacked, evaluation_.matching, whole, detector_->capabilities().types),
-                    true};
+    attack.found = {listed(attacked, seen, whole), true};
     EvaluationSettings judging = evaluation_;
     judging.score_threshold = EvaluationSettings{}.score_threshold;
     const auto sure = [&](std::vector<Detection> proposals) {
@@ -110,6 +127,7 @@ class Attacker {
 
   Run& run_;
   FrameStore store_;
+  std::set<HostId> learned_;  ///< of the vehicles that are shown
   std::unique_ptr<Detector> detector_;
   EvaluationSettings evaluation_;
   std::string name_;
@@ -157,12 +175,12 @@ json make_view(const ViewSettings& requested) {
   Stopwatch clock;
   std::optional<Run> run;
   std::optional<DriveView> drive;
+  std::vector<HostId> shown;
   std::map<std::string, std::vector<HostId>> hosts;
   std::vector<std::string> ids;
   Cameras cameras = Cameras::all;
   if (!settings.drive.empty()) {
-    drive.emplace(DriveChoice{settings.drive, settings.vehicle, settings.run, settings.data,
-                              settings.overrides, settings.trust});
+    drive.emplace(DriveChoice{settings.drive, settings.vehicle, settings.run, settings.data, settings.trust});
     ids = drive->frames();
     settings.data = drive->settings().data;
     cameras = drive->settings().cameras;
@@ -173,7 +191,9 @@ json make_view(const ViewSettings& requested) {
     require_own_data(*run, settings.data);
     run->settings.data = settings.data;
     cameras = run->settings.cameras;
-    for (const HostId& id : shown_hosts(*run, settings.frames)) hosts[id.frame].push_back(id);
+    shown = shown_hosts(*run, settings.frames);
+    require_unchanged(*run, shown);
+    for (const HostId& id : shown) hosts[id.frame].push_back(id);
     for (const auto& [id, of_frame] : hosts) ids.push_back(id);
     if (ids.empty())
       throw InputError((settings.run / "run.json").string(), "test", "no test vehicles to show",
@@ -194,9 +214,11 @@ json make_view(const ViewSettings& requested) {
   }
   warn_of_labels(count_labels(settings.data, ids));
   std::optional<DetectionFiles> file;
+  std::ptrdiff_t looked_at = 0;  // frames that the file has
   if (!settings.detections.empty()) {
     file.emplace(settings.detections);
-    if (std::none_of(ids.begin(), ids.end(), [&](const std::string& id) { return file->has(id); }))
+    looked_at = std::ranges::count_if(ids, [&](const std::string& id) { return file->has(id); });
+    if (looked_at == 0)
       throw InputError(settings.detections.string(), "frames",
                        "has none of the frames of " + settings.data.string() + " (" + ids.front() + ", …)",
                        "give the detections of that data set");
@@ -210,7 +232,7 @@ json make_view(const ViewSettings& requested) {
                      fmt::format("is too small for {} frames", ids.size()), "give more, or fewer --frames");
 
   std::optional<Attacker> attacker;
-  if (run) attacker.emplace(settings, *run);
+  if (run) attacker.emplace(settings, *run, shown);
   std::optional<DriveAnimation> animation;
   if (!settings.animation.empty()) animation.emplace(settings.animation);
   std::string frames;
@@ -279,6 +301,8 @@ json make_view(const ViewSettings& requested) {
                 {"attacks", attacks},
                 {"judged_at", drive ? drive->score_threshold() : EvaluationSettings{}.score_threshold},
                 {"judged_iou", EvaluationSettings{}.detected_iou},
+                {"matching", attacker ? attacker->matching().name() : kFromAbove.name()},
+                {"plain", attacker && attacker->judges_object()},
                 {"lowest_score", faintest},
                 {"height", {lowest, highest}},
                 {"reflectance", brightest},
@@ -303,6 +327,7 @@ json make_view(const ViewSettings& requested) {
                  {"quality", coarsest.quality},
                  {"seconds", clock.lap()}};
   if (drive) result["vehicle"] = drive->name();
+  if (file) result["frames_in_file"] = looked_at;
   if (animation) result["animation"] = fs::file_size(settings.animation);
   return result;
 }

@@ -32,7 +32,8 @@ struct ViewSettings {
 
 /// Writes the page (atomically), and the animation where one is asked for, and returns what the result shall
 /// hold: page, bytes, frames, vehicles (attacked), learned_on (of them), points, kept_points, step and
-/// quality (the coarsest of any frame), seconds; and of a drive animation (its bytes) and vehicle.
+/// quality (the coarsest of any frame), seconds; with `detections` frames_in_file (how many of the frames
+/// they are of); and of a drive animation (its bytes) and vehicle.
 nlohmann::json make_view(const ViewSettings& settings);
 
 }  // namespace mirage

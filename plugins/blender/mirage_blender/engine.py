@@ -13,7 +13,7 @@ from .scene_export import ExportError, SceneExport
 
 NOTHING_HIT = 1e10  # Blender's depth where there is no surface
 HARD = {"sigma": 1e-18, "gamma": 1e-6, "samples": 1}  # σ as kHardSigma of sensors/raster/limits.h
-LAST = {}  # result.json of the latest render in this process, and its light
+LAST = {}  # result.json of the latest render in this process, its light, and the export's notes
 
 
 def arguments(settings, window, color, scene, out):
@@ -22,9 +22,11 @@ def arguments(settings, window, color, scene, out):
                                         "samples": settings.samples}
     line = ["render", "--scene", scene, "--renderer", settings.renderer.lower(), "--out", out, "--quiet",
             "--parts", "all", "--seed", str(settings.seed), "--samples", str(exact["samples"]),
-            "--sigma", f"{exact['sigma']:.9g}", "--window", ",".join(map(str, window))]
-    if exact["gamma"] > 0:
-        line += ["--gamma", f"{exact['gamma']:.9g}"]
+            "--window", ",".join(map(str, window))]
+    if settings.renderer == "SOFT":
+        line += ["--sigma", f"{exact['sigma']:.9g}"]
+        if exact["gamma"] > 0:
+            line += ["--gamma", f"{exact['gamma']:.9g}"]
     if settings.background == "PHOTOGRAPH" and not settings.hard:
         return line + ["--background", "photograph"]
     return line + ["--background", "plain", "--color", ",".join(f"{c:.9g}" for c in color)]
@@ -60,7 +62,8 @@ class MirageEngine(bpy.types.RenderEngine):
             self.report({"ERROR"}, str(error).replace("\n", " "))
         finally:
             shutil.rmtree(folder, ignore_errors=True)
-        self.hand_over(color, depth)  # in every case: Blender crashes writing an EXR without a result
+        # In every case: Blender crashes writing an EXR without a result.
+        self.hand_over(depsgraph.view_layer.name, color, depth)
 
     def picture(self, depsgraph, window, folder):
         """(height x width x 4, height x width), row 0 on top; None when cancelled."""
@@ -81,16 +84,16 @@ class MirageEngine(bpy.types.RenderEngine):
             return None
         with open(os.path.join(folder, "result.json"), encoding="utf-8") as file:
             LAST.clear()
-            LAST.update(json.load(file), lighting=export.lighting())
+            LAST.update(json.load(file), lighting=export.lighting(), notes=export.notes)
         color = exr.read_image(os.path.join(folder, "image.exr"), "R", "G", "B", "A")
         if not see_through or photograph and not settings.hard:
             color[:, :, 3] = 1
         depth = next(iter(exr.read_channels(os.path.join(folder, "depth.exr")).values()))
         return color, numpy.where(depth > 0, depth, numpy.float32(NOTHING_HIT))
 
-    def hand_over(self, color, depth):
+    def hand_over(self, view_layer, color, depth):
         height, width = depth.shape
-        result = self.begin_result(0, 0, width, height)
+        result = self.begin_result(0, 0, width, height, layer=view_layer)  # else one with all view layers
         if not result:
             return
         try:

@@ -6,7 +6,8 @@ import bpy
 
 # Inputs of the principled shader: the names since Blender 4.0, and those before.
 PRINCIPLED = {"specular": ("Specular IOR Level", "Specular"), "coat": ("Coat Weight", "Clearcoat"),
-              "coat roughness": ("Coat Roughness", "Clearcoat Roughness")}
+              "coat roughness": ("Coat Roughness", "Clearcoat Roughness"),
+              "transmission": ("Transmission Weight", "Transmission"), "emission": ("Emission Color", "Emission")}
 # The glTF importer's arguments by what they say; an importer that lacks one does what it says by default.
 IMPORTER = {"shading": ("import_shading",), "lighting": ("export_import_convert_lighting_mode", "convert_lighting_mode"),
             "merge": ("merge_vertices",)}

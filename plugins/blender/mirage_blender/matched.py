@@ -53,7 +53,8 @@ def drop_own_normals():
 
 
 def match_light(scene, light):
-    """Every surface that Mirage draws becomes Lambert under `light`; everything else is hidden."""
+    """Every surface that Mirage draws becomes Lambert under `light`; everything else is hidden. What a material loses by
+    that is in the notes of the export, which reads it by the same paint_of."""
     import bpy
 
     from mirage_blender import cycles_light
@@ -107,7 +108,7 @@ def main(out):
     seconds["mirage_total"] = timed_render(mirage_path)
     if not engine.LAST:
         raise RuntimeError("Mirage drew nothing")
-    seconds["mirage"], faces = engine.LAST["seconds"], engine.LAST["faces"]
+    seconds["mirage"], faces, notes = (engine.LAST[key] for key in ("seconds", "faces", "notes"))
     match_light(scene, engine.LAST["lighting"])
     render.engine = "CYCLES"
     seconds["cycles"] = timed_render(cycles_path)
@@ -118,7 +119,7 @@ def main(out):
         raise RuntimeError("camera: sees no surface, so nothing was compared; point it at one")
     numpy.save(os.path.join(out, "difference.npy"), difference)
     figures.update(seconds=seconds, faces=faces, width=difference.shape[1],
-                   height=difference.shape[0], frame=scene.frame_current)
+                   height=difference.shape[0], frame=scene.frame_current, notes=notes)
     with open(os.path.join(out, "result.json"), "w", encoding="utf-8") as file:
         json.dump(figures, file, indent=2)
 

@@ -100,7 +100,7 @@ class Validation:
             raise program.ProgramError(self.error())
         with open(path, encoding="utf-8") as file:
             figures = json.load(file)
-        self.scene["mirage_validation"] = figures
+        self.scene["mirage_validation"] = {**figures, "notes": "\n".join(figures["notes"])}  # holds no list of texts
         show_difference(self.scene, numpy.load(os.path.join(self.folder, "difference.npy")))
         if output:
             shutil.copyfile(path, bpy.path.abspath(output))
@@ -163,6 +163,8 @@ class ValidateMatchedLight(bpy.types.Operator):
             return {"CANCELLED"}
         finally:
             self.run.clean()
+        for note in figures["notes"]:
+            self.report({"WARNING"}, note)
         self.report({"INFO"}, f"mask IoU {figures['mask_iou']:.6f}, mean error {figures['mae']:.2e}, "
                               f"worst {figures['max_error']:.2e}")
         return {"FINISHED"}

@@ -4,15 +4,18 @@ from typing import NamedTuple
 
 import numpy
 
+from . import features
+
 
 class Paint(NamedTuple):
     color: tuple = (0.8, 0.8, 0.8)  # scene-linear; Cycles' own grey of a mesh without material
     image: object = None  # bpy.types.Image, in place of the colour
     extension: str = "EXTEND"  # beyond the image's edge: EXTEND, REPEAT or CLIP
-    note: str = ""  # what is not followed, for the user
+    uv_map: str = ""  # the layer that the image asks for; empty: the one that is active in renders
+    notes: tuple = ()  # what is not followed, for the user
 
 
-def surface_node(material):
+def surface_node(material, notes):
     """The BSDF at the output; the first of a mix or a sum."""
     outputs = [n for n in material.node_tree.nodes if n.type == "OUTPUT_MATERIAL" and n.is_active_output]
     links = outputs[0].inputs["Surface"].links if outputs else ()
@@ -21,30 +24,77 @@ def surface_node(material):
         if node is None or node.type not in ("MIX_SHADER", "ADD_SHADER"):
             break
         shaders = [s for s in node.inputs if s.type == "SHADER" and s.links]
+        if shaders:
+            notes.append(f"only the first shader of {node.name} is drawn")
         node = shaders[0].links[0].from_node if shaders else None
     return node
 
 
-def paint_of(material):
-    if material is None:
-        return Paint()
+def is_over_zero(socket):
+    """Whether a number or a colour may be more than 0."""
+    value = socket.default_value
+    return bool(socket.links) or (max(value[:3]) if hasattr(value, "__len__") else value) > 0
+
+
+def shader_notes(node):
+    """What of a shader a matt surface of its colour lacks, but for gloss."""
+    if node.type == "BSDF_DIFFUSE":
+        return []
+    if node.type != "BSDF_PRINCIPLED":
+        return [f"{node.name} is drawn matt, opaque and without a light of its own"]
+    notes = []
+    alpha, strength = node.inputs["Alpha"], node.inputs["Emission Strength"]
+    if alpha.links or alpha.default_value < 1:
+        notes.append("its alpha is ignored")
+    if is_over_zero(features.principled_input(node, "transmission")):
+        notes.append("its transmission is ignored")
+    if is_over_zero(strength) and is_over_zero(features.principled_input(node, "emission")):
+        notes.append("its emission is ignored")
+    return notes
+
+
+def image_paint(shown, node, output, notes):
+    """The paint of an image texture that gives its colour from this output."""
+    links, uv_map = node.inputs["Vector"].links, ""
+    if links and links[0].from_node.type == "UVMAP":
+        uv_map = links[0].from_node.uv_map
+    elif links and not (links[0].from_node.type == "TEX_COORD" and links[0].from_socket.name == "UV"):
+        notes.append("its texture mapping is ignored")
+    if node.projection != "FLAT":
+        notes.append("its texture projection is ignored")
+    if output != "Color":
+        notes.append(f"its image gives its colours in place of its {output.lower()}")
+    return Paint(shown, node.image, node.extension, uv_map)
+
+
+def followed(material, notes):
+    """The paint of a material, without its notes, which go to the list."""
     shown = tuple(material.diffuse_color[:3])
     if not material.use_nodes or material.node_tree is None:
         return Paint(shown)
-    node = surface_node(material)
+    node = surface_node(material, notes)
     socket = node and (node.inputs.get("Base Color") or node.inputs.get("Color"))
     if socket is None:
-        return Paint(shown, note=f"{material.name}: no base colour; its viewport colour is used")
+        notes.append("no base colour; its viewport colour is used")
+        return Paint(shown)
+    notes += shader_notes(node)
     if not socket.links:
         return Paint(tuple(socket.default_value[:3]))
     source = socket.links[0].from_node
     if source.type == "RGB":
         return Paint(tuple(source.outputs[0].default_value[:3]))
     if source.type == "TEX_IMAGE" and source.image is not None:
-        mapped = source.inputs["Vector"].links and source.inputs["Vector"].links[0].from_node.type != "UVMAP"
-        note = f"{material.name}: its texture mapping is ignored" if mapped else ""
-        return Paint(shown, source.image, source.extension, note)
-    return Paint(shown, note=f"{material.name}: base colour comes from {source.name}; its viewport colour is used")
+        return image_paint(shown, source, socket.links[0].from_socket.name, notes)
+    notes.append(f"base colour comes from {source.name}; its viewport colour is used")
+    return Paint(shown)
+
+
+def paint_of(material):
+    if material is None:
+        return Paint()
+    notes = []
+    paint = followed(material, notes)
+    return paint._replace(notes=tuple(f"{material.name}: {note}" for note in notes))
 
 
 def linear_pixels(image):

@@ -23,6 +23,8 @@ def draw_figures(layout, scene):
         row = column.split(factor=0.6)
         row.label(text=name)
         row.label(text=value)
+    for note in figures.get("notes", "").splitlines():  # neither renderer drew it as Blender would
+        column.label(text=note, icon="ERROR")
     if DIFFERENCE in bpy.data.images:
         column.label(text=f"Image \"{DIFFERENCE}\": |Δ| × {scene.get('mirage_difference_gain', 1):.3g}")
 

@@ -76,7 +76,7 @@ class SceneExport:
             raise ExportError("scene: meshes: there is nothing to draw; add a mesh that is visible in renders")
 
     def note(self, text):
-        if text and text not in self.notes:
+        if text not in self.notes:
             self.notes.append(text)
 
     def add_light(self, thing, matrix):
@@ -137,11 +137,11 @@ class SceneExport:
         faces = column(mesh.loop_triangles, "vertices", numpy.int32, 3, count)
         loops = column(mesh.loop_triangles, "loops", numpy.int32, 3, count)
         slots = column(mesh.loop_triangles, "material_index", numpy.int32, 1, count)[:, 0]
-        layers = [layer for layer in mesh.uv_layers if layer.active_render]
+        layer = next((layer for layer in mesh.uv_layers if layer.active_render), None)
         uv = None
-        if layers:
-            uv = column(layers[0].data, "uv", numpy.float32, 2, len(mesh.loops)).astype(numpy.float64)[loops]
-        texels, resolution = self.texels(thing, slots, uv, count)
+        if layer:
+            uv = column(layer.data, "uv", numpy.float32, 2, len(mesh.loops)).astype(numpy.float64)[loops]
+        texels, resolution = self.texels(thing, slots, layer and (layer.name, uv), count)
         stored = thing.original.data.get("mirage_resolution", 1) if thing.original.data else 1
         if resolution == 1 and stored > 1:
             whole = whole_faces(vertices[faces], texels, stored)
@@ -153,15 +153,20 @@ class SceneExport:
             faces, texels = faces[:, [1, 0, 2]], swapped(texels, resolution)
         self.meshes.append((thing.name, vertices, faces, texels, resolution))
 
-    def texels(self, thing, slots, uv, count):
-        """Colours of the triangles: count x C² x 3 as one table, and C."""
+    def texels(self, thing, slots, layer, count):
+        """Colours of the triangles: count x C² x 3 as one table, and C. `layer`: name and coordinates of the UV map
+        that is active in renders, or None."""
         paints = [paint_of(slot.material) for slot in thing.material_slots] or [paint_of(None)]
         slots = numpy.clip(slots, 0, len(paints) - 1)
         textured = [k for k, paint in enumerate(paints) if paint.image is not None and (slots == k).any()]
         resolution = 1
+        name, uv = layer or ("", None)
         if textured and uv is None:
             self.note(f"{thing.name}: has an image but no UV map")
             textured = []
+        for k in textured:
+            if paints[k].uv_map not in ("", name):
+                self.note(f"{thing.name}: its UV map {name}, active in renders, is used in place of {paints[k].uv_map}")
         if textured:
             seen = uv[numpy.isin(slots, textured)]
             if numpy.abs(seen - seen[:, :1]).max() > 1e-7:
@@ -175,7 +180,8 @@ class SceneExport:
             mine = slots == k
             if not mine.any():
                 continue
-            self.note(paint.note)
+            for note in paint.notes:
+                self.note(note)
             pixels = self.pixels(paint.image) if k in textured else None
             if pixels is None:
                 texels[mine] = paint.color

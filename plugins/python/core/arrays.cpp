@@ -1,5 +1,7 @@
 #include "arrays.h"
 
+#include <fmt/format.h>
+
 #include "base/error.h"
 #include "base/memory.h"
 #include "base/sizes.h"
@@ -58,6 +60,16 @@ std::vector<Vec3d> rows_of_three(const py::handle& values, const std::string& na
   const py::array_t<double, py::array::c_style | py::array::forcecast> array(any);
   copy_bytes(to, array.data(), rows.size() * sizeof(Vec3d));
   return rows;
+}
+
+void check_albedo(std::span<const Vec3d> texels) {
+  constexpr double kSlack = 1e-3;
+  for (const Vec3d& texel : texels)
+    for (const double value : texel)
+      if (!(value >= -kSlack && value <= 1 + kSlack))
+        throw InputError(
+            "texels", "", fmt::format("{:g} is no albedo", value),
+            "give scene-linear RGB in [0, 1] (8-bit values / 255 are sRGB, which is not linear)");
 }
 
 }  // namespace mirage::python

@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <cstring>
 #include <memory>
+#include <span>
 #include <string>
 #include <type_traits>
 #include <vector>
@@ -114,5 +115,8 @@ bool take(const Strided<T>& from, const PixelRect& rect, int count, const Pixel&
 
 /// Rows of three numbers. InputError naming `name` if the array does not hold whole rows.
 std::vector<Vec3d> rows_of_three(const py::handle& values, const std::string& name);
+
+/// InputError for a texel outside [0, 1], of more than the step of a central difference.
+void check_albedo(std::span<const Vec3d> texels);
 
 }  // namespace mirage::python

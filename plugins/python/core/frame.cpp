@@ -41,17 +41,17 @@ using cli::InsertionOptions;
 std::vector<HostHandle> hosts_of(const std::shared_ptr<FrameHandle>& frame, double min_view,
                                  const InsertionOptions& settings) {
   const py::gil_scoped_release free;
-  const auto prepared = frame->prepared(settings.depth, settings.sun);
+  const auto prepared = frame->prepared(settings);
   const auto& labels = prepared->frame.labels;
   std::vector<Carrier> carriers(labels.size());
   for (std::size_t i = 0; i < labels.size(); ++i)
-    if (labels[i].type == "Car" && has_box(labels[i]))
-      carriers[i] = frame->carrier(settings.rooftop, static_cast<int>(i));
+    if (is_sought(labels[i]) && has_box(labels[i]))
+      carriers[i] = frame->carrier(settings, static_cast<int>(i));
   constexpr std::array<double, 4> kRegion = {0, 70, -40, 40};  // of a detector that names none
   std::vector<HostHandle> hosts;
   for (const HostView& seen :
        host_views(*prepared, carriers, settings.placement, kRegion, settings.simulation))
-    if (seen.share >= min_view) hosts.push_back({seen.label, labels[as_size(seen.label)], seen.share});
+    if (seen.share >= min_view) hosts.push_back({frame, seen.label, labels[as_size(seen.label)], seen.share});
   return hosts;
 }
 
@@ -84,9 +84,13 @@ Frame frame_of_arrays(const py::object& image, const py::object& points,
   const auto sweep = array_of<float>(points, "points", {-1, 4});
   frame.sweep.resize(as_size(sweep.shape(0)));
   copy_bytes(frame.sweep.data(), sweep.data(), frame.sweep.size() * sizeof(LidarPoint));
-  for (const LidarPoint& point : frame.sweep)
+  for (const LidarPoint& point : frame.sweep) {
     if (!point.position().allFinite())
       throw InputError("points", "", "are not finite", "drop those that are not");
+    if (!(point.reflectance >= 0 && point.reflectance <= 1))
+      throw InputError("points", "reflectance", fmt::format("{:g} is not within [0, 1]", point.reflectance),
+                       "divide by the largest that the unit can report, often 255");
+  }
   const auto matrix = array_of<double>(camera_from_velo, "camera_from_velo", {3, 4});
   frame.calibration.camera_from_velo.matrix().topRows<3>() =
       Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(matrix.data());
@@ -105,8 +109,9 @@ Frame frame_of_arrays(const py::object& image, const py::object& points,
     if (const std::string problem = label_problem(box); !problem.empty())
       throw InputError("labels", fmt::format("{} at ({:g}, {:g})", type, b[0], b[1]), problem,
                        "give x, y, z of the centre, length, width, height (m), yaw (rad)");
-    const auto label = projected_label(kitti_type(type), box, frame.calibration);
-    if (label) frame.labels.push_back(*label);
+    // One that the camera does not see has no box in the picture, and keeps its index.
+    frame.labels.push_back(projected_label(kitti_type(type), box, frame.calibration)
+                               .value_or(Label{.type = kitti_type(type), .truncated = 1, .box = box}));
   }
   frame.lighting = with_road_exposure(frame);
   return frame;
@@ -134,6 +139,7 @@ void bind_labels(py::module_& module) {
           "height", [](const Label& l) { return l.box.height; }, "m")
       .def("__repr__", [](const Label& l) { return "<mirage.Label " + words(l) + ">"; });
   py::class_<HostHandle>(module, "Host", "A vehicle of a frame that can carry a mesh on its roof.")
+      .def_readonly("frame", &HostHandle::frame, "the frame that it is a vehicle of")
       .def_readonly("index", &HostHandle::index, "which of frame.labels it is")
       .def_readonly("label", &HostHandle::label, "its label")
       .def_readonly("share_in_view", &HostHandle::share_in_view,
@@ -152,32 +158,57 @@ FrameHandle::FrameHandle(const std::filesystem::path& data, const std::string& i
       frame_(read_frame(data, id)) {}
 
 FrameHandle::FrameHandle(Frame frame, const std::string& rig)
-    : rig_(rig), lidar_(read_lidar_model(rig_file(rig))), recorded_("unit"), frame_(std::move(frame)) {}
+    : rig_(rig.empty() ? "kitti64" : rig),
+      rig_is_assumed_(rig.empty()),
+      lidar_(read_lidar_model(rig_file(rig_))),
+      recorded_("unit"),
+      frame_(std::move(frame)) {}
 
-std::shared_ptr<const PreparedFrame> FrameHandle::prepared(const std::string& depth, const std::string& sun) {
+std::shared_ptr<const PreparedFrame> FrameHandle::prepared(const InsertionOptions& settings) {
   const std::lock_guard lock(mutex_);
-  auto& slot = prepared_[{depth, sun}];
+  auto& slot = prepared_[{settings.depth, settings.sun, settings.classes}];
   if (!slot) {
     if (!data_.empty()) check_data(data_, rig_, UnitUse::casts_rays);
-    const SunChoice choice = parse_sun(sun);
-    const auto completion = cached<DepthCompletion>(
-        depth, [&] { return std::shared_ptr<const DepthCompletion>(load_depth_completion({depth})); });
+    const SunChoice choice = parse_sun(settings.sun);
+    const auto completion = cached<DepthCompletion>(settings.depth, [&] {
+      return std::shared_ptr<const DepthCompletion>(load_depth_completion({settings.depth}));
+    });
     Frame frame = frame_;
     frame.lighting = with_sun(frame, choice);
-    slot = std::make_shared<PreparedFrame>(prepare(std::move(frame), lidar_, completion.get()));
+    seek(classes_of(settings.classes), frame.labels);
+    auto made = std::make_shared<PreparedFrame>(prepare(std::move(frame), lidar_, completion.get()));
+    if (data_.empty()) check_sweep(made->index);
+    slot = std::move(made);
   }
   return slot;
 }
 
-Carrier FrameHandle::carrier(const std::string& finder, int label) {
-  const Label& host = vehicle_of(frame_, label, "host");
+void FrameHandle::check_sweep(const SweepIndex& index) const {
+  constexpr double kEnoughOnRays = 0.95;     // as check_data
+  constexpr std::size_t kMinReturns = 2000;  // fewer say nothing of the unit
+  if (frame_.sweep.size() < kMinReturns || index.assigned_share() >= kEnoughOnRays) return;
+  const std::string problem = fmt::format(
+      "{:.1f} % of them lie on a ray of the LiDAR of the rig {}{}: another unit recorded them, or in "
+      "other axes",
+      100 * index.assigned_share(), rig_, rig_is_assumed_ ? ", which is assumed" : "");
+  const std::string fix = "name the unit that did (rig=; mirage rig finds one), with x forward, y left, z up";
+  if (rig_is_assumed_) throw InputError("points", "", problem, fix);
+  spdlog::warn("points{}: {}; {}", frame_.id.empty() ? "" : fmt::format(" of frame {}", frame_.id), problem,
+               fix);
+}
+
+Carrier FrameHandle::carrier(const InsertionOptions& settings, int label) {
+  const auto sought = prepared(settings);
+  const Label& host = vehicle_of(sought->frame, label, "host");
   const std::lock_guard lock(mutex_);
-  const auto slot = carriers_.find({finder, label});
+  const std::string& finder = settings.rooftop;
+  const std::tuple key(finder, settings.classes, label);
+  const auto slot = carriers_.find(key);
   if (slot != carriers_.end()) return slot->second;
   const auto finds = cached<RoofFinder>(
       finder + " " + rig_ + " " + (data_.empty() ? "" : std::filesystem::absolute(data_).string()),
       [&] { return std::shared_ptr<const RoofFinder>(make_roof_finder(finder, lidar_)); });
-  return carriers_[{finder, label}] = finds->find(frame_, host);
+  return carriers_[key] = finds->find(frame_, host);
 }
 
 void bind_frames(py::module_& module) {
@@ -187,11 +218,12 @@ void bind_frames(py::module_& module) {
       .def(py::init([](const NamedSettings& named, const std::string& where) {
              auto options = std::make_shared<InsertionOptions>();
              CLI::App table;
-             options->add(table, {"data", "rig", "cameras"});
+             options->add(table, {"data", "rig", "cameras", "sensors"});  // what nothing here reads
              cli::parse_settings(table, named, where);
              options->apply();
              options->quality.app = nullptr;  // the table ends here
              parse_sun(options->sun);
+             classes_of(options->classes);
              return options;
            }),
            py::arg("named"), py::arg("where"));
@@ -213,11 +245,12 @@ void bind_frames(py::module_& module) {
            }),
            py::kw_only(), py::arg("image"), py::arg("points"), py::arg("intrinsics"),
            py::arg("camera_from_velo"), py::arg("labels") = std::vector<NamedBox>(), py::arg("id") = "",
-           py::arg("rig") = std::filesystem::path("kitti64"),
-           "A frame of arrays: image H×W×3, scene-linear in [0, 1]; points N×4, the whole sweep; intrinsics "
-           "fx, fy, cx, cy; camera_from_velo 3×4; labels [(\"Car\", (x, y, z, length, width, height, yaw)), "
-           "…], those in view; rig: the unit that recorded it, a word of --rig or a file. The light is as "
-           "strong as the road says, as in recorded frames.")
+           py::arg("rig") = "",  // an empty path would be Python's "."
+           "A frame of arrays: image H×W×3, scene-linear in [0, 1]; points N×4, the whole sweep, "
+           "reflectances in [0, 1]; intrinsics fx, fy, cx, cy; camera_from_velo 3×4; labels [(\"Car\", "
+           "(x, y, z, length, width, height, yaw)), …], in view or not; rig: the unit that recorded it, a "
+           "word of --rig or a file (else kitti64 is assumed, and a sweep of another unit refused). The "
+           "light is as strong as the road says, as in recorded frames.")
       .def_property_readonly(
           "id", [](const FrameHandle& f) { return f.frame().id; }, "e.g. \"000008\"")
       .def_property_readonly(
@@ -248,8 +281,7 @@ void bind_frames(py::module_& module) {
             std::shared_ptr<const PreparedFrame> prepared;
             {
               const py::gil_scoped_release free;
-              const InsertionOptions settings;
-              prepared = f->prepared(settings.depth, settings.sun);
+              prepared = f->prepared(InsertionOptions());
             }
             return view(prepared->depth.data.data(), {prepared->depth.height, prepared->depth.width},
                         prepared, false);

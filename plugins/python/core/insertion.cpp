@@ -32,13 +32,14 @@ Result insert(const std::shared_ptr<FrameHandle>& frame, int host, const Texture
               const cli::InsertionOptions& options, bool in_double) {
   const py::gil_scoped_release free;
   check_object(mesh, "mesh");
+  check_albedo(mesh.atlas.texels);  // the arrays may have been written to
   auto result = std::make_shared<ResultHandle>();
   result->frame = frame;
-  result->prepared = frame->prepared(options.depth, options.sun);
+  result->prepared = frame->prepared(options);
   result->resolution = mesh.atlas.resolution;
   result->in_double = in_double;
   const Placement placement =
-      placement_of(options.placement, frame->carrier(options.rooftop, host), result->prepared->frame.labels);
+      placement_of(options.placement, frame->carrier(options, host), result->prepared->frame.labels);
   result->simulated =
       simulate(*result->prepared, placement, mesh,
                settings_of(options, result->prepared->lidar, frame->recorded_effects(), in_double));
@@ -168,9 +169,9 @@ std::vector<double> time_insertions(const std::shared_ptr<FrameHandle>& frame, i
                                     const TexturedMesh& mesh, const cli::InsertionOptions& options,
                                     int count) {
   const py::gil_scoped_release free;
-  const auto prepared = frame->prepared(options.depth, options.sun);
+  const auto prepared = frame->prepared(options);
   const Placement placement =
-      placement_of(options.placement, frame->carrier(options.rooftop, host), prepared->frame.labels);
+      placement_of(options.placement, frame->carrier(options, host), prepared->frame.labels);
   const ImageF& picture = prepared->frame.image;
   const ImageF d_image(picture.width, picture.height, 3, 1.f);
   std::vector<std::array<float, 4>> d_points;

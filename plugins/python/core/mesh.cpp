@@ -51,6 +51,7 @@ SharedMesh make(const py::handle& vertices, const py::handle& faces, const py::o
   else
     mesh->atlas = atlas_of(texels, mesh->mesh.faces.size());
   check_mesh(*mesh, "mesh");
+  check_albedo(mesh->atlas.texels);
   return mesh;
 }
 
@@ -68,13 +69,15 @@ py::array_t<double> texels(const SharedMesh& mesh) {
 }
 
 /// Into the memory that views of it see.
-void assign(std::vector<Vec3d>& values, const py::handle& source, const char* name) {
+void assign(std::vector<Vec3d>& values, const py::handle& source, const char* name,
+            void (*check)(std::span<const Vec3d>) = nullptr) {
   const std::vector<Vec3d> rows = rows_of_three(source, name);
   if (rows.size() != values.size())
     throw InputError(
         name, "shape",
         std::to_string(rows.size()) + " rows where the mesh has " + std::to_string(values.size()),
         "make another mesh: mirage.Mesh(vertices, faces, texels)");
+  if (check) check(rows);
   std::copy(rows.begin(), rows.end(), values.begin());
 }
 
@@ -106,6 +109,7 @@ SharedMesh read(const std::filesystem::path& file) {
 void write(const TexturedMesh& mesh, const std::filesystem::path& file) {
   const py::gil_scoped_release free;
   check_mesh(mesh, "mesh");  // the arrays may have been written to
+  check_albedo(mesh.atlas.texels);
   write_textured_mesh(file, mesh);
 }
 
@@ -132,7 +136,7 @@ void bind_meshes(py::module_& module) {
           "F×3 int32, indices of vertices. A view, read-only.")
       .def_property(
           "texels", &texels,
-          [](TexturedMesh& m, const py::object& t) { assign(m.atlas.texels, t, "texels"); },
+          [](TexturedMesh& m, const py::object& t) { assign(m.atlas.texels, t, "texels", &check_albedo); },
           "F×C×C×3 float64, scene-linear albedo in [0, 1]. A view: writing to it changes the mesh.")
       .def("write", &write, py::arg("file"),
            "Writes a .glb that keeps every bit of vertices and texels and that every viewer shows as it is,\n"

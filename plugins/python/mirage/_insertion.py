@@ -31,7 +31,8 @@ _core.Frame.view = view
 
 
 def hosts(self: _core.Frame, min_view: float = 0.7, **settings: Any) -> list[_core.Host]:
-    """Cars within 70 m ahead and 40 m to the sides that show at least `min_view` of a mesh on their roof.
+    """Vehicles (classes="Car" by default) within 70 m ahead and 40 m to the sides that show at least `min_view` of a mesh on
+    their roof.
 
     Settings are those of `mirage.insert`.
     """
@@ -41,23 +42,27 @@ def hosts(self: _core.Frame, min_view: float = 0.7, **settings: Any) -> list[_co
 _core.Frame.hosts = hosts
 
 
-def host_index(host: _core.Host | int) -> int:
-    """Of its label."""
-    return host.index if isinstance(host, _core.Host) else int(host)
+def host_index(frame: _core.Frame, host: _core.Host | int) -> int:
+    """Of its label. InputError for a vehicle of another frame."""
+    if not isinstance(host, _core.Host):
+        return int(host)
+    if host.frame is not frame:
+        raise _core.InputError(f"host: {host!r} is of another frame; give one of this frame's hosts(), or the index of a label")
+    return host.index
 
 
 def insert(frame: _core.Frame, host: _core.Host | int, mesh: _core.Mesh, *, double: bool = False,
            **settings: Any) -> _core.Insertion:
     """Puts a mesh on a vehicle's roof, as camera and LiDAR see it, with occlusion between it and the scene.
 
-    host: one of frame.hosts(), or the index of a label. mesh: its lowest vertex is set on the roof.
+    host: one of this frame's hosts(), or the index of a label. mesh: its lowest vertex is set on the roof.
     double: draw with the plain loop in float64, which is some forty times as slow and what derivatives are checked
     with; faces are then dropped only where they cover less than 1e-13.
-    settings: place, depth, rooftop, quality, sigma, gamma, supersampling, light, lidar_effects, camera_effects and
-    sun, as of `mirage simulate`. place="2,-1.5,0,90" puts it elsewhere (m and degrees in the vehicle's frame; with
-    "world:" before them in `velo`'s).
+    settings: place, classes, depth, rooftop, quality, sigma, gamma, supersampling, light, lidar_effects,
+    camera_effects and sun, as of `mirage simulate`. place="2,-1.5,0,90" puts it elsewhere (m and degrees in the
+    vehicle's frame; with "world:" before them in `velo`'s).
 
     The result has .image (H×W×3), .points (M×4), .mask (H×W), .depth (H×W, m) and
     .vjp(d_image, d_points) -> (d_vertices (V×3), d_texels (F×C×C×3)).
     """
-    return _core.insert(frame, host_index(host), mesh, insertion_settings(settings, "mirage.insert"), double)
+    return _core.insert(frame, host_index(frame, host), mesh, insertion_settings(settings, "mirage.insert"), double)

@@ -7,6 +7,8 @@ from typing import Any, Sequence
 
 import torch
 
+from ._core import InputError
+
 
 def voxels_of(points: torch.Tensor, bounds: Sequence[float], size: Sequence[float], most_points: int, most_voxels: int,
               ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -54,20 +56,31 @@ def turned_back(boxes: torch.Tensor, angle: float) -> torch.Tensor:
     return torch.cat(parts, 1)
 
 
+def region_of(bounds: Sequence[float], angle: float) -> tuple[float, float, float, float]:
+    """x_min, x_max, y_min, y_max (m) in the old axes of bounds in axes that stand turned by quarter turns."""
+    quarters = round(angle / (math.pi / 2))
+    if abs(angle - quarters * math.pi / 2) > 1e-3:
+        raise InputError(f"angle: {angle:g} rad is no quarter turn; give 0, π/2, −π/2 or π")
+    x, y = (bounds[0], bounds[3]), (bounds[1], bounds[4])
+    for _ in range(quarters % 4):
+        x, y = (-y[1], -y[0]), x
+    return (*x, *y)
+
+
 class Wrapped:
     """A network of a framework as mirage.attack takes it."""
 
     heights = True
 
-    def __init__(self, model: Any, bounds: Sequence[float], classes: Sequence[str], angle: float):
-        self.model, self.angle = model.eval(), angle
+    def __init__(self, model: Any, bounds: Sequence[float], classes: Sequence[str], angle: float, intensity: float):
+        self.model, self.angle, self.intensity = model.eval(), angle, intensity
         self.bounds = [float(edge) for edge in bounds]
         self.classes = list(classes)
-        if angle == 0:
-            self.region = (self.bounds[0], self.bounds[3], self.bounds[1], self.bounds[4])
+        self.region = region_of(self.bounds, angle)
         self.device = next(model.parameters()).device
 
     def __call__(self, points: torch.Tensor):
+        points = torch.cat([points[:, :3], self.intensity * points[:, 3:4]], 1)
         return self.detect(turned(points, self.angle))
 
     def detect(self, points: torch.Tensor):

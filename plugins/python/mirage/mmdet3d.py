@@ -14,26 +14,28 @@ from ._core import InputError
 from ._voxels import Wrapped, turned_back, voxels_of
 
 
-def wrap(model: Any, *, angle: float = 0.0, meta: dict[str, Any] | None = None) -> "MMDet3D":
-    """model: of mmdet3d.apis.init_model. angle: of its x axis from straight ahead, rad, counter-clockwise: 0 for KITTI and
-    Waymo, −π/2 for nuScenes' own axes. meta: what its head asks of a sample (None: box_type_3d, LiDARInstance3DBoxes).
+def wrap(model: Any, *, angle: float = 0.0, intensity: float = 1.0, meta: dict[str, Any] | None = None) -> "MMDet3D":
+    """model: of mmdet3d.apis.init_model. angle: of its x axis from straight ahead, rad, counter-clockwise, in quarter turns: 0
+    for KITTI and Waymo, −π/2 for nuScenes' own axes. intensity: what a reflectance of 1 is in its points' fourth number: 1 for
+    KITTI, 255 for nuScenes (0 where that number is a time). meta: what its head asks of a sample (None: box_type_3d,
+    LiDARInstance3DBoxes).
 
     Its answers are those after its own suppression: lower test_cfg.score_thr of the model to have more."""
     if meta is None:
         from mmdet3d.structures import Box3DMode, LiDARInstance3DBoxes
 
         meta = {"box_type_3d": LiDARInstance3DBoxes, "box_mode_3d": Box3DMode.LIDAR}
-    return MMDet3D(model, angle, meta)
+    return MMDet3D(model, angle, intensity, meta)
 
 
 class MMDet3D(Wrapped):
-    def __init__(self, model: Any, angle: float, meta: dict[str, Any]):
+    def __init__(self, model: Any, angle: float, intensity: float, meta: dict[str, Any]):
         for name in ("data_preprocessor", "extract_feat", "bbox_head", "dataset_meta"):
             if not hasattr(model, name):
                 raise InputError(f"model: has no {name}; give a detector of mmdet3d.apis.init_model")
         self.layer, self.meta = model.data_preprocessor.voxel_layer, meta
         classes = model.dataset_meta.get("classes") or model.dataset_meta["CLASSES"]
-        super().__init__(model, self.layer.point_cloud_range, classes, angle)
+        super().__init__(model, self.layer.point_cloud_range, classes, angle, intensity)
 
     def detect(self, points: torch.Tensor):
         most = self.layer.max_voxels

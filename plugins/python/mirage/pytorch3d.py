@@ -8,7 +8,9 @@ becomes
 for what PyTorch3D draws without lights. PyTorch3D itself is neither needed nor imported: meshes, cameras and settings are
 told by what they have. What is computed is its softmax_rgb_blend over sigmoid(−dists / σ), with these differences:
 every face counts, not the nearest faces_per_pixel; outside a face barycentrics are clipped on screen before they are
-corrected for perspective, not after; and the gradient is the exact one of what is drawn.
+corrected for perspective, not after; and the gradient is the exact one of what is drawn. Refused are what PyTorch3D would draw
+otherwise: depths that are linear on screen (orthographic cameras, perspective_correct=False), and faces that reach behind the
+camera, which would have to be cut.
 """
 
 from __future__ import annotations
@@ -25,6 +27,45 @@ BLUR_FLOOR = 1e-30  # of the coverage at the blur radius: beyond it float64 has 
 
 def _array(tensor: torch.Tensor) -> Any:
     return tensor.detach().cpu().numpy()
+
+
+def _drawn(verts: torch.Tensor, faces: torch.Tensor, z_clip_value: float,
+           cull_backfaces: bool) -> tuple[torch.Tensor | None, float, float]:
+    """Which of the faces PyTorch3D draws, F booleans (None: all of them), and the least and largest depth of these. InputError for
+    faces that would have to be cut."""
+    verts = verts.detach()
+    z = verts[:, 2][faces]
+    if not len(faces):
+        return None, math.inf, -math.inf
+    least, most = (float(depth) for depth in z.aminmax())
+    if least > max(z_clip_value, 0) and math.isfinite(most) and not cull_backfaces:
+        return None, least, most
+    before = (z >= z_clip_value) & (z > 0)
+    kept = before.all(1) & z.isfinite().all(1)
+    cut = int((before.any(1) & (~before & z.isfinite()).any(1)).sum())
+    if cut:
+        raise _core.InputError(f"faces: {cut} of {len(faces)} reach behind z = {max(z_clip_value, 0):g} m, and only whole faces are "
+                               "drawn; cut them there, leave them out, or move the camera")
+    if cull_backfaces:
+        x, y = verts[:, :2][faces].unbind(2)
+        # With x to the left what is seen from its front turns clockwise.
+        kept &= (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) <= (y[:, 1] - y[:, 0]) * (x[:, 2] - x[:, 0])
+    z = z[kept]
+    return kept, *((float(z.min()), float(z.max())) if len(z) else (math.inf, -math.inf))
+
+
+def _depth_numbers(least: float, most: float, gamma: float, znear: float, zfar: float) -> dict[str, float]:
+    """near, far, gamma and epsilon of the rasteriser for faces between these depths. It colours nothing outside of its depth
+    range, and PyTorch3D does. A range that holds all depths, with γ and the background's logit scaled to it, leaves every weight
+    what it is."""
+    if not zfar > znear:
+        raise _core.InputError(f"soft_rasterize: znear, zfar: {znear:g} and {zfar:g} are no depth range; give znear < zfar, in m")
+    if least > most:  # there are no faces
+        least = most = 1.0
+    near = znear if 0 < znear < least else 0.9 * least  # a margin: rounded depths stay within
+    far = zfar if zfar > most else 1.1 * most
+    share = (zfar - znear) / (far - near)
+    return {"near": near, "far": far, "gamma": gamma * share, "epsilon": 1e-10 * share + (far - zfar) / (far - near)}
 
 
 class _Soft(torch.autograd.Function):
@@ -53,42 +94,70 @@ class _Soft(torch.autograd.Function):
 def soft_rasterize(verts_ndc: torch.Tensor | Sequence[torch.Tensor], faces: torch.Tensor | Sequence[torch.Tensor],
                    colors: torch.Tensor | Sequence[torch.Tensor], image_size: int | Sequence[int], *,
                    sigma: float = 1e-4, gamma: float = 1e-4, blur_radius: float | None = None,
-                   background_color: Sequence[float] = (1.0, 1.0, 1.0), znear: float = 1.0,
-                   zfar: float = 100.0) -> torch.Tensor:
+                   background_color: Sequence[float] = (1.0, 1.0, 1.0), znear: float = 1.0, zfar: float = 100.0,
+                   cull_backfaces: bool = False, z_clip_value: float = 0.0) -> torch.Tensor:
     """One mesh, H×W×4: colour and alpha, as softmax_rgb_blend(colors, rasterize_meshes(…), BlendParams(sigma, gamma)).
     Of lists (meshes, or one mesh in several views) N×H×W×4 in one call.
 
     verts_ndc: V×3 in PyTorch3D's NDC (x to the left, y up, the shorter side of the picture from −1 to 1) with the depth
     in the view in z (m, positive in front). faces: F×3. colors: F×R×R×3 (TexturesAtlas) or V×3 (TexturesVertex).
     image_size: an int or (H, W). blur_radius: as of RasterizationSettings, squared NDC distance outside a face from which
-    on it is skipped (None: log(1/1e-4 − 1)·sigma, as in its tutorials; 0: hard outlines). float64 in, float64 through.
+    on it is skipped (None: log(1/1e-4 − 1)·sigma, as in its tutorials; 0: hard outlines). znear, zfar: depths (m) that γ is a
+    share of, as of softmax_rgb_blend; nearer and farther faces are drawn, too. cull_backfaces: leave out faces that turn
+    clockwise on screen. z_clip_value: leave out faces nearer than that (m). float64 in, float64 through.
     """
     height, width = (image_size, image_size) if isinstance(image_size, int) else (int(side) for side in image_size)
     if blur_radius is None:
         blur_radius = math.log(1 / 1e-4 - 1) * sigma
     scale = min(height, width) / max(height, width)  # Mirage's NDC is of the longer side
     cut_off = min(max(1 / (math.exp(min(blur_radius / sigma, 600.0)) + 1), BLUR_FLOOR), 0.5 - 1e-9)
-    numbers = {"sigma": sigma * scale**2, "gamma": gamma, "epsilon": 1e-10, "dist_eps": cut_off, "near": znear,
-               "far": zfar}
     one = isinstance(verts_ndc, torch.Tensor)
     verts, faces, colors = ([item] if one else list(item) for item in (verts_ndc, faces, colors))
     if not verts or len({len(verts), len(faces), len(colors)}) > 1:
         raise _core.InputError(f"soft_rasterize: {len(verts)} verts, {len(faces)} faces, {len(colors)} colors; give as many")
+    told = [_drawn(v, f, z_clip_value, cull_backfaces) for v, f in zip(verts, faces)]
+    for k, (kept, _, _) in enumerate(told):
+        if kept is not None:
+            faces[k], colors[k] = faces[k][kept], colors[k] if colors[k].dim() == 2 else colors[k][kept]
+    least, most = min(low for _, low, _ in told), max(high for _, _, high in told)
+    numbers = {"sigma": sigma * scale**2, "dist_eps": cut_off, **_depth_numbers(least, most, gamma, znear, zfar)}
     return _Soft.apply(one, faces, colors[0].dim() == 2, (-scale, scale, 1.0), height, width,
                        [float(channel) for channel in background_color], numbers, *verts, *colors)
 
 
-class SoftRenderer(torch.nn.Module):
-    """A renderer for PyTorch3D's own Meshes, Cameras, RasterizationSettings and BlendParams: N×H×W×4."""
+def _number_of(owner: Any, name: str, otherwise: Any) -> Any:
+    """An attribute that is a number, or a tensor with one for each camera. InputError where these differ."""
+    value = getattr(owner, name, None)
+    if not isinstance(value, torch.Tensor):
+        return otherwise if value is None else value
+    if value.min() != value.max():
+        raise _core.InputError(f"cameras: {name}: is {value.tolist()}; give cameras with one {name}, or draw them one by one")
+    return float(value.flatten()[0])
 
-    def __init__(self, cameras: Any, raster_settings: Any, blend_params: Any, *, znear: float = 1.0,
-                 zfar: float = 100.0):
+
+class SoftRenderer(torch.nn.Module):
+    """A renderer for PyTorch3D's own Meshes, Cameras, RasterizationSettings and BlendParams: N×H×W×4.
+
+    znear, zfar: of softmax_rgb_blend (None: the cameras', or 1 and 100 m of those that have none, as in PyTorch3D's shaders).
+    """
+
+    def __init__(self, cameras: Any, raster_settings: Any, blend_params: Any, *, znear: float | None = None,
+                 zfar: float | None = None):
         super().__init__()
         self.cameras, self.raster_settings, self.blend_params = cameras, raster_settings, blend_params
         self.znear, self.zfar = znear, zfar
 
     def forward(self, meshes: Any) -> torch.Tensor:
         blend, raster, textures = self.blend_params, self.raster_settings, meshes.textures
+        perspective = getattr(raster, "perspective_correct", None)
+        if not (getattr(self.cameras, "is_perspective", lambda: True)() if perspective is None else perspective):
+            raise _core.InputError("cameras, raster_settings: depths would be linear on screen, and are drawn in perspective alone; "
+                                   "give perspective cameras and perspective_correct=None, or use PyTorch3D's renderer")
+        znear, zfar = (_number_of(self.cameras, name, otherwise) if own is None else own
+                       for name, own, otherwise in (("znear", self.znear, 1.0), ("zfar", self.zfar, 100.0)))
+        z_clip = getattr(raster, "z_clip_value", None)
+        if z_clip is None:
+            z_clip = _number_of(self.cameras, "znear", 0.0) / 2
         colors = textures.atlas_list() if hasattr(textures, "atlas_list") else textures.verts_features_list()
         screen = []
         view = self.cameras.get_world_to_view_transform()
@@ -102,4 +171,5 @@ class SoftRenderer(torch.nn.Module):
             screen.append(torch.cat([ndc[camera][:, :2], in_view[camera][:, 2:]], 1))
         return soft_rasterize(
             screen, meshes.faces_list(), colors, raster.image_size, sigma=blend.sigma, gamma=blend.gamma,
-            blur_radius=raster.blur_radius, background_color=blend.background_color, znear=self.znear, zfar=self.zfar)
+            blur_radius=raster.blur_radius, background_color=blend.background_color, znear=znear, zfar=zfar,
+            cull_backfaces=getattr(raster, "cull_backfaces", False), z_clip_value=z_clip)

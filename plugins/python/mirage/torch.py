@@ -72,5 +72,5 @@ def insert(frame: _core.Frame, host: _core.Host | int, vertices: torch.Tensor, t
         faces = _faces_of_icosphere(vertices.shape[0])
     elif isinstance(faces, torch.Tensor):
         faces = _array(faces)
-    return Insertion.apply(vertices, texels, faces, frame, host_index(host),
+    return Insertion.apply(vertices, texels, faces, frame, host_index(frame, host),
                            insertion_settings(settings, "mirage.torch.insert"), double)

@@ -230,8 +230,7 @@ class KittiObject : public DataSet {
                          "give each label its line (-1 where the vehicle is unknown)");
       for (std::size_t i = 0; i < numbers->size(); ++i) {
         const int number = result.labels[i].track = (*numbers)[i];
-        if (number >= 0 && std::find(numbers->begin(), numbers->begin() + static_cast<std::ptrdiff_t>(i),
-                                     number) != numbers->begin() + static_cast<std::ptrdiff_t>(i))
+        if (number >= 0 && std::ranges::count(result.labels, number, &Label::track) > 1)
           throw InputError(track_file(data(), id).string(), fmt::format("label {}", i),
                            fmt::format("has the identity {} of a label before", number),
                            "give each vehicle of a frame its own number");

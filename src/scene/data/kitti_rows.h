@@ -130,6 +130,7 @@ struct KittiDetection {
   std::optional<Box3> box = {};            ///< in `velo`
   std::optional<PictureBox> picture = {};  ///< pixels
   double score = 0;                        ///< the higher the surer
+  std::string camera = {};  ///< whose picture (Frame::name_of); empty: the first, which the files have alone
 };
 
 /// The smallest box in the picture that holds what the camera sees of the upright box; none if that is

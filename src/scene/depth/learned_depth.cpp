@@ -29,7 +29,7 @@ namespace fs = std::filesystem;
 constexpr const char* kDepthPlugins = "depth";
 
 fs::path find_plugin(const std::string& backend) {
-  if (fs::path(backend).extension() == ".so") {
+  if (is_plugin_path(backend)) {
     if (!fs::exists(backend))
       throw InputError(backend, "", "no such depth completion plugin", "check --depth");
     return fs::absolute(backend);
