@@ -203,14 +203,14 @@ Vec3d ego_velocity(const std::vector<SceneFrame>& frames, std::size_t i) {
 void set_observations(DriveVersion version, const DriveScene& scene, const TrackedVehicle& followed,
                       const SceneDetections& scene_detections, const Tracks& tracks, int birth,
                       VehicleDrive& vehicle) {
-  const MissCriterion& rule = kMissCriteria.front();
+  const double least = kMissCriteria.front().iou;
   std::set<int> phantoms;
   std::map<int, int> hits;  // of tracks on the vehicle, since it carries the object
   for (std::size_t i = 0; i < followed.frames.size(); ++i) {
     const std::size_t at = followed.frames[i];
     const ObjectBoxes truth = boxes_of(followed.label(scene, i));
     const auto is_on_it = [&](const ObjectBoxes& boxes) {
-      return scene.matching().overlap(boxes, truth) > rule.iou;
+      return scene.matching().overlap(boxes, truth) > least;
     };
     DriveObservation& observation = vehicle.frames[i].observations[version] = {};
     for (const Detection& detection : scene_detections[at])
