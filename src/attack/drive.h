@@ -77,8 +77,8 @@ struct DriveRequest {
 
 /// InputError if the detector finds boxes in the picture alone or is judged there, if no vehicle has frames
 /// enough, and for a tracker that does not read kDetections alone, remembers nothing or gives a box no
-/// identity. After Ctrl-C, Interrupted: finished vehicles are kept. Ranks share the vehicles. Results do not
-/// depend on the number of detectors or ranks.
+/// identity. After Ctrl-C, Interrupted: finished vehicles go on where DriveRequest::goes_on. Ranks share the
+/// vehicles. Results do not depend on the number of detectors or ranks.
 DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request);
 
 // One sequence of a drive, as all its vehicles share it: its frames before anything is inserted, what a
