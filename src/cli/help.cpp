@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <map>
+#include <set>
 #include <sstream>
 #include <vector>
 
@@ -133,8 +134,8 @@ class Formatter : public CLI::Formatter {
     if (const std::string standing = option->get_default_str();
         takes && !standing.empty() && standing != "\"\"" && standing != "[]")
       more.push_back("default " + standing);
-    for (const CLI::Option* other : option->get_needs()) more.push_back("with " + other->get_name());
-    for (const CLI::Option* other : option->get_excludes()) more.push_back("not with " + other->get_name());
+    add_names(more, "with ", option->get_needs());
+    add_names(more, "not with ", option->get_excludes());
     std::string text = option->get_description();
     if (!more.empty()) text += fmt::format(" ({})", fmt::join(more, "; "));
     return entry(name, text);
@@ -150,6 +151,13 @@ class Formatter : public CLI::Formatter {
   }
 
  private:
+  static void add_names(std::vector<std::string>& more, const char* word,
+                        const std::set<CLI::Option*>& options) {
+    std::set<std::string> names;  // in an order that is every build's
+    for (const CLI::Option* option : options) names.insert(option->get_name());
+    if (!names.empty()) more.push_back(fmt::format("{}{}", word, fmt::join(names, ", ")));
+  }
+
   static std::string placeholder(const std::string& type, const std::string& limits) {
     if (type.starts_with('{') || limits.starts_with('{')) return "WORD";
     if (type == "INT" || type == "UINT") return "N";

@@ -272,8 +272,8 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "detector",
          .help =
              "lidar, camera, painted, fusion, late, refined, torchscript, onnx, clusters, a plugin "
-             "(*.so), or a program of yours: \"exec:python3 my_detector.py\" (a run notices changes of files "
-             "that the command names, --weights=FILE too, not of folders or -m modules)"},
+             "(*.so), or a program of yours: \"exec:python3 my_detector.py\". A run notices when a file that "
+             "the command names has changed. It does not notice changes in folders or -m modules"},
         s.detector);
   visit({.name = "weights",
          .help =

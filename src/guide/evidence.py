@@ -216,6 +216,68 @@ def parts(source):
     return by_label(experiment(source, "parts"), "learned")
 
 
+def transfer(source):
+    """A mesh learned elsewhere, and that of the attacked detector's own run."""
+    made = experiment(source, "table3")
+    own = {row["target"]: row for row in made["rows"] if row["source"] == row["target"]}
+    rows = [[row["source"], row["target"], *rate(row), rate(own[row["target"]])[0], *points(row["values"]["net_vanished"])]
+            for row in made["rows"] if row["source"] != row["target"] and row["target"] in own]
+    return table(["learned on", "attacked", "vanished, %", "95 %", "white box, %", "net", "95 %"], rows) + commands(made)
+
+
+# The fusions, the earliest first.
+FUSED = (("painted", "early"), ("fusion", "mid"), ("refined", "mid, second stage"), ("late", "late"))
+
+
+def sides(source):
+    """What an attack through one sensor hides from each fusion, net of a random mesh of its size."""
+    made = experiment(source, "fusions")
+    checks = {check["rig"].rsplit(", ", 1)[1]: check["comparisons"][0]["difference"] for check in made["findings"]["fusions-side"]}
+    net = {(row["source"], row["target"]): row["values"]["net_vanished"] for row in made["rows"]}
+    rows = [[f"`{name}`, {said}", *(signed(net[f"{name}, {sensor}", name]["value"]) for sensor in ("image", "LiDAR")), *points(checks[name])]
+            for name, said in FUSED]
+    return table(["detector", "through the image", "through LiDAR", "image less LiDAR", "95 %"], rows) + commands(made)
+
+
+def real_frames(source):
+    """Meshes learned on generated frames, on the vehicles of recorded ones."""
+    made = experiment(source, "fusions-real")
+    rows = [[f"`{row['target']}`", str(row["vehicles"]), *rate(row), *points(row["values"]["net_vanished"])]
+            for row in sorted(made["rows"], key=lambda row: -row["values"]["vanished"]["value"])
+            if row["source"].split(",")[0] == row["target"]]
+    return table(["detector", "cars", "vanished, %", "95 %", "net", "95 %"], rows) + commands(made)
+
+
+def option(row):
+    """The word of --defense of a row of table4."""
+    name = row["case"].removeprefix("evaluations/kitti64-fusion-both").lstrip("-")
+    word = re.sub(r"^(jpeg|ceiling)(?=\d)", r"\1:", name).replace("adversarial-", "adversarial+")
+    return f"`{word}`" if word else "none"
+
+
+def defences(source):
+    """Each attacked by who knows it."""
+    made = experiment(source, "table4")
+    rows = [[option(row), str(row["vehicles"]), *rate(row), *rate(row, "asr"), printed(row, "asr"), percent(row["values"]["ap70"]["value"])]
+            for row in made["rows"]]
+    checks = made["findings"]
+
+    def taken(name):
+        return told(checks[name][0]["comparisons"][0]["difference"])
+
+    return table(["`--defense`", "cars", "vanished, %", "95 %", "ASR, %", "95 %", "paper's ASR, %", "clean AP 0.7"], rows) + commands(made) + f"""
+ASR taken off, in points: adversarial training {taken("adversarial")}, of which more than its control on roofs {taken("roof-objects")}; shadows besides
+{taken("adversarial+shadows")}; `jpeg:50` {taken("jpeg")}.
+"""
+
+
+def worth(source):
+    """Of each defence in short."""
+    made = experiment(source, "table4")
+    rows = [[option(row), *(percent(row["values"][key]["value"]) for key in ("vanished", "asr", "ap70"))] for row in made["rows"]]
+    return table(["`--defense`", "vanished, %", "ASR, %", "clean AP 0.7, %"], rows)
+
+
 def cubes(source):
     """Plain cubes on the road with a box on them, by distance: what `--place debris` has beside its object."""
     rows, trained = [], DETECTORS[:1] + DETECTORS[2:]
@@ -364,6 +426,14 @@ def speed(source):
     return text + table(["picture and VJP", "σ", "kernel, ms", "C++, ms", "`mirage.rasterize`, ms", "`mirage.pytorch3d`, ms"], rows) + commands(made)
 
 
+def fleet(source):
+    """Processor time of each command."""
+    made = stored(source, "fleet")
+    rows = [[f"`{name}`" + (", 1000 steps of 8" if name == "attack" else ""), f"{made['figures']['fleet_cpu_s_per_1000_' + name]:.0f}"]
+            for name in ("generate", "fit", "detect", "audit", "evaluate", "certify", "validate", "attack")]
+    return table(["command", "seconds"], rows) + commands(made)
+
+
 def zoo(source):
     """The shipped objects (scenes/objects/zoo.json, which `mirage zoo` writes): {objects, command}."""
     with open(os.path.join(source, "scenes", "objects", "zoo.json"), encoding="utf-8") as file:
@@ -389,7 +459,8 @@ def sayings(source):
 
 
 TABLES = {"detectors": detectors, "recorded": recorded, "gradients": gradients, "real_to_sim": real_to_sim, "depth": depth, "roofs": roofs,
-          "certificates": certificates, "certified": certified, "insertion": insertion, "agreement": agreement, "rays": rays, "speed": speed, "matched": matched, "success": success,
+          "certificates": certificates, "certified": certified, "insertion": insertion, "agreement": agreement, "rays": rays, "speed": speed, "matched": matched, "success": success, "transfer": transfer, "sides": sides, "real_frames": real_frames,
+          "defences": defences, "worth": worth, "fleet": fleet,
           "sizes": sizes, "parts": parts, "where": where, "cubes": cubes}
 
 

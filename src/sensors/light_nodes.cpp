@@ -282,21 +282,6 @@ const std::vector<std::vector<int>>& texel_neighbours(int n, double apart) {
   });
 }
 
-TexturedMesh texels_as_faces(const TexturedMesh& mesh) {
-  TexturedMesh parts{{}, {1, mesh.atlas.texels}};
-  const auto& corners = texel_corners(mesh.atlas.resolution);
-  for (const Face& face : mesh.mesh.faces) {
-    const auto [a, b, c] = mesh.mesh.corners(face);
-    for (const auto& triangle : corners) {
-      const int first = static_cast<int>(parts.mesh.vertices.size());
-      for (const Vec2f& corner : triangle)
-        parts.mesh.vertices.push_back(a + corner.x() * (b - a) + corner.y() * (c - a));
-      parts.mesh.faces.push_back({first, first + 1, first + 2});
-    }
-  }
-  return parts;
-}
-
 LightNodes light_nodes(const TexturedMesh& placed, const Vec3d& centre, RayPencil* pencil,
                        const LightSurroundings* around, const Vec3d* eye,
                        const VisibleLightSettings& settings) {

@@ -70,9 +70,6 @@ const std::vector<std::vector<int>>& texel_neighbours(int n, double apart);
 /// the one whose triangle the part's own lies in. Made once a thread.
 const std::vector<std::vector<int>>& centroids_within(int p, int n);
 
-/// The same mesh with every texel as a face of its own, in the atlas's order.
-TexturedMesh texels_as_faces(const TexturedMesh& mesh);
-
 /// `pencil` holds the object alone, about `centre`; null for one without faces. `around` and `eye` as of
 /// find_visibility.
 LightNodes light_nodes(const TexturedMesh& placed, const Vec3d& centre, RayPencil* pencil,

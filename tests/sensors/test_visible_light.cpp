@@ -28,6 +28,22 @@ TexturedMesh ball(std::uint64_t seed, double crumpled, int subdivisions = 1, int
   return textured;
 }
 
+/// The same mesh with every texel as a face of its own, in the atlas's order.
+TexturedMesh texels_as_faces(const TexturedMesh& mesh) {
+  TexturedMesh parts{{}, {1, mesh.atlas.texels}};
+  parts.mesh.faces.resize(mesh.atlas.texels.size());
+  for (std::size_t f = 0; f < mesh.mesh.faces.size(); ++f) {
+    const auto [a, b, c] = mesh.mesh.corners(mesh.mesh.faces[f]);
+    for (const AtlasTriangle& triangle : atlas_triangles(mesh.atlas.resolution)) {
+      const int first = static_cast<int>(parts.mesh.vertices.size());
+      for (const Vec2d& corner : triangle.corners)
+        parts.mesh.vertices.push_back(corner.x() * a + corner.y() * b + (1 - corner.sum()) * c);
+      parts.mesh.faces[f * mesh.atlas.per_face() + as_size(triangle.texel)] = {first, first + 1, first + 2};
+    }
+  }
+  return parts;
+}
+
 VisibleLight<double> light_of(const TexturedMesh& mesh, const Lighting& light,
                               const LightSurroundings* around, const VisibleLightSettings& settings = {}) {
   return visible_light(face_normals(mesh.mesh), mesh.atlas.texels, light,

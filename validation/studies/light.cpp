@@ -1,6 +1,6 @@
 // How far the light-weight light models are from Cycles, front-lit and back-lit:
 //
-//     mirage_light_study DATA MESHES OUT [VEHICLES [SAMPLES [VARIANTS]]]
+//     mirage_light_study DATA MESHES OUT [VEHICLES [SAMPLES]]
 //
 // MESHES: adversaries (.glb) with commas between them, of which the vehicles take one each in turn, or
 // "random": another random mesh for each. VEHICLES (4): the nearest cars of DATA, one a frame; "all":
@@ -8,29 +8,25 @@
 // light with the sun 40° up, 30° beside the line behind the camera (front) or beyond the vehicle (back).
 // Cycles renders each with everything (sun of 0.53° with shadows, occluded sky, 4 bounces, specular; host and
 // road as unseen surroundings), as two independent halves of SAMPLES (64). The rasteriser draws with hard
-// edges and 8×8 samples a pixel. VARIANTS: "models" (default) or "all", which varies the model's settings.
+// edges and 8×8 samples a pixel.
 // What is measured of a vehicle is kept in OUT and not measured again while it is made of the same
 // (base/provenance.h): program, frame, mesh, models' settings.
 //
 // Over the pixels that the object covers by more than half, of scene-linear RGB, all as shares of the
 // object's mean radiance in Cycles:
 //     mean |Δ|    from the mean of the halves, whose noise is in it, and in brackets the mean difference
-//     no noise    mean |Δ| at twice that noise (from either half), carried on in a straight line to none: it
-//     grows
-//                 slower the more noise there is already, so this is not less than what is looked for
+//     no noise    mean |Δ| at twice that noise (from either half), extrapolated linearly to none: an upper
+//                 bound, because the error grows more slowly the more noise there is
 //     noise       mean |half − other half| / 2: what a perfect picture would have
 //     RMS         of the noise-free difference, by both halves (validation/reference/unbiased_error.h), the
-//     mean
-//                 square over vehicles, with 95 % over frames
+//                 mean square over vehicles, with 95 % over frames
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cstdio>
-#include <limits>
 #include <map>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -48,7 +44,6 @@
 #include "frames/frame_provenance.h"
 #include "frames/hosts.h"
 #include "scene/data/read_frames.h"
-#include "sensors/light_nodes.h"
 #include "validation/blender/blender_process.h"
 #include "validation/fidelity/picture_errors.h"
 #include "validation/reference/host_scene.h"
@@ -60,64 +55,15 @@ namespace {
 struct Variant {
   std::string name;
   SimulationSettings settings;
-  bool uniform = false;   ///< the hemisphere's light from everywhere
-  bool as_faces = false;  ///< every texel a face of its own
 };
 
-std::vector<Variant> variants(bool all) {
+std::vector<Variant> variants() {
   SimulationSettings hard = hard_limit({}, false);
   hard.supersampling = 8;
-  SimulationSettings visible = hard;
+  SimulationSettings visible = hard, fine = hard;
   visible.light = LightModel::visible;
-  SimulationSettings fine = hard;
   fine.light = LightModel::fine;
-  Variant coarse{"visible, whole faces", visible};
-  coarse.settings.visible_light.node_angle = coarse.settings.visible_light.enclosed_node_angle =
-      std::numeric_limits<double>::infinity();
-  std::vector<Variant> list = {
-      {"ambient + sun", hard, true}, {"plain", hard}, coarse, {"visible", visible}, {"fine", fine}};
-  if (!all) return list;
-  const auto add = [&](const std::string& name, const auto& change) {
-    Variant variant{name, visible};
-    change(variant.settings.visible_light);
-    list.push_back(variant);
-  };
-  for (int k : {16, 32, 64, 256, 2048})
-    add(fmt::format("{} directions", k), [&](auto& s) { s.directions = k; });
-  for (int k : {32, 512})
-    add(fmt::format("{} rough directions", k), [&](auto& s) { s.rough_directions = k; });
-  for (int b : {0, 1, 2, 3, 8}) add(fmt::format("{} bounces", b), [&](auto& s) { s.bounces = b; });
-  for (int n : {1, 3, 20}) add(fmt::format("{} sun samples", n), [&](auto& s) { s.sun_samples = n; });
-  add("matt", [](auto& s) { s.glossy = false; });
-  for (double angle : {0.0, 3e-6, 6e-6, 3e-5, 6e-5})
-    add(fmt::format("nodes of {} sr", angle), [&](auto& s) { s.node_angle = s.enclosed_node_angle = angle; });
-  for (double angle : {3e-6, 4e-6, 1.2e-5})
-    add(fmt::format("enclosed nodes of {} sr", angle), [&](auto& s) { s.enclosed_node_angle = angle; });
-  for (double sine : {0.0, 0.6, 0.9})
-    add(fmt::format("open below {}", sine), [&](auto& s) { s.open_below = sine; });
-  for (int k : {32, 128}) {
-    add(fmt::format("texels as faces, {} directions", k),
-        [&](auto& s) { s.directions = k, s.sun_samples = 1; });
-    list.back().as_faces = true;
-  }
-  const auto everything = [](auto& s) {
-    s.directions = 1024, s.rough_directions = 256, s.bounces = 8, s.sun_samples = 20;
-    s.node_angle = 0, s.sun_angle = 1e-9, s.cell = 0.1;
-  };
-  const VisibleLightSettings own = visible.visible_light;
-  add("everything fine", everything);
-  const auto all_but = [&](const std::string& name, const auto& change) {
-    add("everything fine but " + name, [&](auto& s) { everything(s), change(s); });
-  };
-  all_but("128 directions", [](auto& s) { s.directions = 128; });
-  all_but("nodes of 4e-6 sr", [](auto& s) { s.node_angle = 4e-6; });
-  all_but("bounces", [&](auto& s) { s.bounces = own.bounces; });
-  all_but("borders", [&](auto& s) { s.sun_samples = own.sun_samples, s.sun_angle = own.sun_angle; });
-  for (double angle : {2e-7, 4e-7, 1.6e-5, 1.0})
-    add(fmt::format("shadows' borders to {} sr", angle), [&](auto& s) { s.sun_angle = angle; });
-  for (double cell : {0.1, 5.0})
-    add(fmt::format("roof cells of {} m", cell), [&](auto& s) { s.cell = cell; });
-  return list;
+  return {{"plain", hard}, {"visible", visible}, {"fine", fine}};
 }
 
 Vec3d towards_sun(bool front) {
@@ -188,18 +134,7 @@ Reference render_reference(ReferenceRenderer& renderer, const HostScene& scene, 
 
 /// The window as one of the variants draws it.
 ImageF draw(const HostScene& scene, const Variant& variant, const PixelRect& rect, const ImageF& photograph) {
-  PreparedFrame lit = *scene.prepared;
-  if (variant.uniform) {
-    lit.frame.lighting.ambient += lit.frame.lighting.hemisphere / 2;
-    lit.frame.lighting.hemisphere.setZero();
-  }
-  HostScene drawn = scene;
-  drawn.prepared = &lit;
-  if (variant.as_faces) {
-    drawn.adversary = texels_as_faces(scene.adversary);
-    drawn.placed = place(drawn.adversary, drawn.placement);
-  }
-  const Simulated simulated = simulate_host(drawn, variant.settings);
+  const Simulated simulated = simulate_host(scene, variant.settings);
   ImageF ours = photograph;
   for (int v = 0; v < ours.height; ++v)
     for (int u = 0; u < ours.width; ++u)
@@ -284,14 +219,13 @@ struct Options {
   std::vector<std::string> meshes;  ///< files, or "random"
   Choice vehicles;
   int samples = 64;
-  bool all_variants = false;
 };
 
 int study(const Options& options) {
   const FrameSource source{.data = options.data};
   FrameStore store(source);
   const std::unique_ptr<ReferenceRenderer> renderer = start_blender(options.out);
-  const auto list = variants(options.all_variants);
+  const auto list = variants();
   std::map<std::string, std::vector<std::pair<std::string, nlohmann::json>>> rows;  // by side
   std::uint64_t seed = 0;
   for (const Place& place_of : places(store, options.data, options.vehicles)) {
@@ -312,8 +246,6 @@ int study(const Options& options) {
       for (const Variant& variant : list) {
         Provenance its;
         its.add(variant.settings);
-        its.set("uniform", variant.uniform);
-        its.set("as_faces", variant.as_faces);
         provenance.input(variant.name, its.identity());
       }
       const std::string identity = provenance.identity();
@@ -360,9 +292,7 @@ int study(const Options& options) {
 
 int main(int argc, char** argv) {
   if (argc < 4) {
-    std::fprintf(
-        stderr,
-        "mirage_light_study DATA MESH.glb[,…]|random OUT [VEHICLES|all|1/N [SAMPLES [models|all]]]\n");
+    std::fprintf(stderr, "mirage_light_study DATA MESH.glb[,…]|random OUT [VEHICLES|all|1/N [SAMPLES]]\n");
     return 2;
   }
   try {
@@ -370,7 +300,6 @@ int main(int argc, char** argv) {
     options.data = argv[1], options.meshes = mirage::listed_words(argv[2]), options.out = argv[3];
     if (argc > 4) options.vehicles = mirage::choice_of(argv[4]);
     if (argc > 5) options.samples = std::stoi(argv[5]);
-    options.all_variants = argc > 6 && std::string_view(argv[6]) == "all";
     return mirage::study(options);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s\n", error.what());
