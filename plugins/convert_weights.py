@@ -37,7 +37,7 @@ class Module:
 
     def __setstate__(self, state):
         if not isinstance(state, dict):
-            raise Refused("holds a module that is no table of values")
+            raise Refused("holds a module that is not a table of values")
         self.values = state
 
 
@@ -131,7 +131,7 @@ def read_archive(file):
         module = Reader(archive, inside[0][:-len("data.pkl")]).load()
     kind = module.values.get("format") if isinstance(module, Module) else None
     if kind not in FORMATS:
-        raise Refused("is an archive of LibTorch, but none of Mirage's weights")
+        raise Refused("is an archive of LibTorch, but not of Mirage's weights")
     return FORMATS[kind](module.values)
 
 
@@ -142,7 +142,7 @@ def read_tensors(file, sha256=None):
         raise Refused(f"needs {os.path.basename(file)} of SHA-256 {sha256} beside it, and that file is another; restore both")
     length = struct.unpack_from("<Q", whole)[0]
     if length > min(MAX_HEADER_BYTES, len(whole) - 8):
-        raise Refused("is damaged or no weights file: it does not begin with a header's length")
+        raise Refused("is damaged or not a weights file: it does not begin with a header's length")
     header, data = json.loads(whole[8 : 8 + length]), whole[8 + length :]
     facts = header.pop("__metadata__", {})
     return facts, {name: numpy.frombuffer(data[slice(*value["data_offsets"])], TYPES[value["dtype"]]).reshape(value["shape"])
@@ -226,7 +226,7 @@ def main():
     except (Refused, OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, MemoryError, RecursionError,
             EOFError, pickle.UnpicklingError, zipfile.BadZipFile, struct.error) as problem:
         known = isinstance(problem, (Refused, OSError))
-        sys.exit(f"{arguments.old}: {problem if known else 'is damaged or no weights file'}")
+        sys.exit(f"{arguments.old}: {problem if known else 'is damaged or not a weights file'}")
 
 
 if __name__ == "__main__":

@@ -32,11 +32,11 @@ constexpr std::pair<const char*, Element> kElements[] = {
 Element element_named(const nlohmann::json& word) {
   for (const auto& [name, element] : kElements)
     if (word == name) return element;
-  unreadable("a tensor's dtype is none of F32, F16, F64 and I64");
+  unreadable("a tensor's dtype is not one of F32, F16, F64 and I64");
 }
 
 std::uint64_t whole_number(const nlohmann::json& value) {
-  if (!value.is_number_unsigned()) unreadable("a size in its header is no whole number");
+  if (!value.is_number_unsigned()) unreadable("a size in its header is not a whole number");
   return value.get<std::uint64_t>();
 }
 
@@ -91,7 +91,7 @@ StoredTensor read_tensor(const nlohmann::json& json, std::string_view data) {
     unreadable("a tensor has other fields than dtype, shape and data_offsets");
   const nlohmann::json &shape = json.at("shape"), &offsets = json.at("data_offsets");
   if (!shape.is_array() || !offsets.is_array() || offsets.size() != 2)
-    unreadable("a tensor's shape or data_offsets is no list of sizes");
+    unreadable("a tensor's shape or data_offsets is not a list of sizes");
   const std::uint64_t begin = whole_number(offsets[0]), end = whole_number(offsets[1]);
   if (begin > end || end > data.size()) unreadable("a tensor lies outside of the file");
   StoredTensor tensor{element_named(json.at("dtype")), {}, data.substr(begin, end - begin)};
@@ -170,14 +170,14 @@ TensorFile parse_tensor_file(std::string_view bytes) {
     unreadable("it does not begin with a header's length");
   const std::string_view data = bytes.substr(kLengthBytes + length);
   const nlohmann::json header = parse_header(bytes.substr(kLengthBytes, length));
-  if (!header.is_object()) unreadable("its header is no JSON object");
+  if (!header.is_object()) unreadable("its header is not a JSON object");
   TensorFile file;
   for (const auto& [name, value] : header.items()) {
     if (name != kFacts) {
       file.tensors.emplace(name, read_tensor(value, data));
       continue;
     }
-    if (!value.is_object()) unreadable("its __metadata__ is no JSON object");
+    if (!value.is_object()) unreadable("its __metadata__ is not a JSON object");
     for (const auto& [key, text] : value.items()) {
       if (!text.is_string()) unreadable("its __metadata__ holds more than texts");
       if (key == kParts)

@@ -1,20 +1,22 @@
-"""A detector of yours for Mirage, from any Python with numpy: end its program with serve(detector), and
+"""A detector of yours for Mirage, from any Python with numpy. End its program with serve(detector), and run
 
     mirage attack --detector "exec:python3 my_detector.py" --data path/to/kitti
 
-detector(image, points, pixel_from_velo) -> (boxes, logits), detector(points), detector(image) for boxes in the picture, or
-detector(frame) for all sensors by name, on torch tensors if the program has imported torch, else on numpy arrays: what
-mirage.attack(detector=…) takes. This file imports nothing of Mirage, and Mirage puts it on the path. Its attributes, all optional:
+The detector is what mirage.attack(detector=…) takes: detector(image, points, pixel_from_velo) -> (boxes, logits),
+detector(points), detector(image) for boxes in the picture, or detector(frame) for all sensors by name. It gets torch tensors if
+the program has imported torch, else numpy arrays. This file imports nothing of Mirage; Mirage puts it on the path.
 
-reads: ("image", "points"), or one of them: the other comes without rows, or names of other sensors. pictures: "linear" (float32,
-scene-linear in [0, 1]) or "srgb8" (0 … 255 as a file has them, float32 for torch). region: x_min, x_max, y_min, y_max in m. classes:
-["Car", …], in the order of its labels. heights: True: its boxes of 7 or 9 numbers are compared in space, too. local: True: frame.clean
-saves it work. version: a text that changes with the network: answers are kept on disk under it, so that an evaluation goes on.
-new_sequence(): it remembers frames, and another sequence begins. backward(d_logits) -> (d_image, d_points), or {sensor: gradient},
-without torch.
+Attributes of the detector, all optional:
+reads: some of "image", "points" and the names of other sensors (default: ("image", "points")); an array that it leaves out is empty.
+pictures: "linear" (float32, scene-linear in [0, 1]) or "srgb8" (0 … 255 as in a file, uint8; float32 for torch).
+region: x_min, x_max, y_min, y_max, m, where it searches. classes: ["Car", …], in the order of its class numbers.
+heights: True if its boxes of 7 or 9 numbers are also compared in 3-D. local: True if frame.clean saves it work. version: a text
+that changes with the network; Mirage stores answers on disk under it, so that an evaluation can resume.
+new_sequence(): for a detector that remembers frames; called when a sequence begins. Without torch, the gradient comes from
+backward(d_logits) -> (d_image, d_points), or {sensor: gradient}.
 
-A tracker answers (boxes, logits, classes or None, identities). With reads = ("detections",) it is one for mirage drive --tracker, and
-frame.data["detections"] has rows of x, y, z of the centre, length, width, height, yaw, score.
+A tracker answers (boxes, logits, classes or None, identities). For mirage drive --tracker it has reads = ("detections",), and
+frame.data["detections"] has a row for each box: x, y, z of the centre, length, width, height (m), yaw (rad), score.
 """
 
 import inspect
@@ -30,21 +32,22 @@ import numpy as np
 ATTRIBUTES = {"reads": ("image", "points"), "pictures": "linear", "region": (0.0, 70.0, -40.0, 40.0), "classes": (),
               "heights": False, "local": False, "version": ""}
 READS = ATTRIBUTES["reads"]
-KINDS = (("cameras", "image"), ("lidars", "points"), ("sensors", "data"))  # of sensors, and what their arrays are called
+KINDS = (("cameras", "image"), ("lidars", "points"), ("sensors", "data"))  # of sensors, and the names of their arrays
 GUIDE = ("give (boxes, logits [M]), boxes [M,5]: x, y, length, width (m), yaw (rad), [M,7]: x, y, z, length, width, height, "
          "yaw, or [M,9]: and vx, vy; for boxes in the picture [M,4]")
 
 
 class Frame:
-    """One moment: arrays, or tensors, by the sensors' names ("camera", "lidar", …).
+    """One frame: arrays or tensors by the sensors' names ("camera", "lidar", …).
 
-    images: H×W×3, scene-linear RGB in [0, 1]. points: N×4, x, y, z (m), reflectance. data: of other sensors, as their plugins
-    give it. pixel_from_velo: 3×4 of each camera. id: the data set's. continues: the frame before was the one before of this sequence. moment: {"sequence", "index", "time" (s),
-    "world_from_ego" (12 numbers, 3×4)} or None. told: all that Mirage says of it.
+    images: H×W×3, scene-linear RGB in [0, 1] (0 … 255 with "srgb8"). points: N×4, x, y, z in `velo` (x forward, y left, z up, m),
+    reflectance. data: arrays of other sensors, as their plugins give them. pixel_from_velo: each camera's 3×4 matrix.
+    id: as in the data set. continues: whether this frame follows the one before in its sequence. moment: {"sequence", "index",
+    "time" (s), "world_from_ego" (12 numbers, 3×4)} or None. told: all that Mirage says of the frame, from JSON.
 
-    clean: of a detector with `local` the frame without the object, or None. What is made of that may be kept under clean.key. Outside of
-    clean.changed[camera] (left, top, right, bottom; pixels, exclusive) the pictures are equal. Answers are those of the whole frame.
-    Gradients are wanted of changed pixels and of points that clean.points has not; others may be 0.
+    clean: for a detector with `local`, the frame without the object, or None. Results from it may be cached under clean.key.
+    Outside clean.changed[camera] (left, top, right, bottom; pixels, right and bottom exclusive) both pictures are equal. Answers
+    must cover the whole frame. Gradients of unchanged pixels, and of points that clean.points also has, may be 0.
     """
 
     def __init__(self, told, read):
@@ -62,12 +65,12 @@ class Frame:
 
 
 class Network:
-    """A callable as Mirage asks it: its answers checked, its gradients by PyTorch's autograd or by a `backward` of its own."""
+    """A callable as Mirage calls it, with checked answers. Gradients come from PyTorch's autograd or from its own `backward`."""
 
     error = ValueError
 
     def __init__(self, function, **given):
-        """given: attributes that the function has not."""
+        """given: values for attributes that the function lacks. `error` (ValueError) for wrong ones."""
         if not callable(function):
             raise self._bad("type", f"{type(function).__name__} cannot be called", "give a function or a torch.nn.Module")
         self.function, self.torch = function, sys.modules.get("torch")
@@ -75,13 +78,13 @@ class Network:
         self.takes = self._takes()
         self.finds_picture = self.takes == "image"
         for name in set(given) - set(ATTRIBUTES):
-            raise self._bad(name, "is no attribute of a detector", "use " + ", ".join(ATTRIBUTES))
+            raise self._bad(name, "is not an attribute of a detector", "use " + ", ".join(ATTRIBUTES))
         about = {name: getattr(function, name, value) for name, value in {**ATTRIBUTES, **given}.items()}
         reads, region = about["reads"], about["region"]
         self.reads = [self.takes] if self.takes in READS else [reads] if isinstance(reads, str) else list(reads)
         self.pictures, self.heights, self.local = about["pictures"], bool(about["heights"]), bool(about["local"])
         if self.local and self.takes != "frame":
-            raise self._bad("local", "is for one that gets frame.clean", "take one argument, frame")
+            raise self._bad("local", "needs frame.clean", "take one argument, frame")
         self.classes = [str(name).capitalize() for name in about["classes"]]
         self.version = str(about["version"])
         self.region = [float(edge) for edge in (region() if callable(region) else region)]
@@ -93,7 +96,7 @@ class Network:
         self._inputs, self._logits = {}, None
 
     def word(self):
-        """What it says of itself: the answer to the job hello."""
+        """Its description of itself: the answer to the job hello."""
         return {"reads": self.reads, "pictures": self.pictures, "finds": "picture" if self.finds_picture else "boxes",
                 "region": self.region, "gradient": self.differentiable, "classes": self.classes,
                 "heights": self.heights, "local": self.local, "version": self.version,
@@ -103,7 +106,7 @@ class Network:
         return self.error(f"detector: {field}: {problem}; {fix}")
 
     def _takes(self):
-        """"image" (it finds boxes in the picture), "points", "frame", or "all": (image, points, pixel_from_velo)."""
+        """Its arguments: "image" (it finds boxes in the picture), "points", "frame", or "all": (image, points, pixel_from_velo)."""
         module = self.torch is not None and isinstance(self.function, self.torch.nn.Module)
         try:
             parameters = inspect.signature(self.function.forward if module else self.function).parameters.values()
@@ -118,10 +121,10 @@ class Network:
                         "take (image, points, pixel_from_velo), points or image alone, or frame")
 
     def forward(self, frame, keep_graph):
-        """(boxes, logits, classes or None, identities or None) as arrays of a Frame of arrays; keep_graph prepares backward."""
+        """(boxes, logits, classes or None, identities or None) as arrays, for a Frame of arrays. keep_graph prepares backward."""
         self._inputs, self._logits = {}, None
         if keep_graph and not self.differentiable:
-            raise self._bad("gradient", "is lacking", "write the network in torch, or give it backward(d_logits)")
+            raise self._bad("gradient", "is missing", "write the network in torch, or give it backward(d_logits)")
         if hasattr(self.function, "new_sequence") and not frame.continues:
             self.function.new_sequence()
         for given in (frame, frame.clean) if self.torch else ():
@@ -161,16 +164,16 @@ class Network:
             raise self._bad("boxes", f"have shape {list(boxes.shape)}", GUIDE)
         for name, part in (("logits", logits), ("classes", classes), ("identities", identities)):
             if part is not None and (part.ndim != 1 or part.shape[0] != boxes.shape[0]):
-                raise self._bad(name, f"have shape {list(part.shape)} for {boxes.shape[0]} boxes", "return one a box")
+                raise self._bad(name, f"have shape {list(part.shape)} for {boxes.shape[0]} boxes", "return one per box")
         if classes is not None and not self.classes and set(classes.tolist()) - {0}:
-            raise self._bad("classes", "are not named, and boxes are of others than class 0", 'give detector.classes = ["Car", …]')
+            raise self._bad("classes", "are not named, but some boxes have a class other than 0", 'give detector.classes = ["Car", …]')
         for name, part in (("boxes", boxes), ("logits", logits)):
             if not (self.torch.isfinite(part.detach()) if self.torch else np.isfinite(part)).all():
                 raise self._bad(name, "are not finite", "look for logarithms, roots and divisions of 0 in the network")
         return boxes, logits, classes if self.classes else None, identities
 
     def backward(self, d_logits):
-        """{sensor: gradient} as float32 arrays of the last forward; what has none is not in it."""
+        """{sensor: gradient} of the last forward, as float32 arrays. d_logits: M. Sensors without a gradient are left out."""
         if self.torch is None:
             found = self.function.backward(d_logits)  # (d_image, d_points), or by the sensors' names
             found = found if isinstance(found, dict) else dict(zip(("camera", "lidar"), found))
@@ -192,9 +195,9 @@ RESULTS = (("pred_boxes", "pred_scores", "pred_labels", 1), ("bboxes_3d", "score
 
 
 def read_answer(found, network):
-    """(boxes, logits, classes or None, identities or None) of what a network gave: two to four of these; a dictionary of OpenPCDet
-    (pred_boxes, pred_scores, pred_labels, from 1) or of mmdetection3d (bboxes_3d or boxes_3d, scores_3d, labels_3d), or a list with one of
-    them. Scores become logits."""
+    """(boxes, logits, classes or None, identities or None) from a network's answer. The answer is two to four of these, a dictionary
+    of OpenPCDet (pred_boxes, pred_scores, pred_labels, from 1) or of mmdetection3d (bboxes_3d or boxes_3d, scores_3d, labels_3d),
+    or a list with one of them. Scores become logits."""
     if isinstance(found, (tuple, list)) and len(found) == 1:
         found = found[0]
     found = getattr(found, "pred_instances_3d", found)
@@ -214,7 +217,7 @@ def read_answer(found, network):
 
 
 class _Memory:
-    """Arrays in the memory that Mirage shares."""
+    """Arrays in the memory that Mirage shares with this process."""
 
     def __init__(self, path):
         self._file, self._map, self._free = open(path, "r+b"), b"", 0
@@ -236,10 +239,10 @@ class _Memory:
 
 
 def serve(function, **attributes):
-    """Answers Mirage until it closes the connection. `attributes`: those that the function has not, as reads=("points",)."""
+    """Answers Mirage until it closes the connection. `attributes` stand in for those that the function lacks: reads=("points",)."""
     network = Network(function, **attributes)
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what else is printed goes to the terminal
+    os.dup2(2, 1)  # other output goes to the terminal
     memory, asked = None, {}
     for line in sys.stdin:
         job = json.loads(line)
@@ -263,7 +266,7 @@ def serve(function, **attributes):
                 for name, part in network.backward(memory.read(job["d_logits"]).copy()).items():
                     group, field = next(kind for kind in KINDS if name in asked.get(kind[0], {}))
                     answer.setdefault(group, {})[name] = {"d_" + field: memory.write(part)}
-        except Exception as problem:  # the detector's own: Mirage tells it in a line
+        except Exception as problem:  # the detector's own: Mirage shows it in one line
             blind = "image" in network.reads and not any("image" in camera for camera in job.get("cameras", {}).values())
             if not (job["job"] == "detect" and blind):  # Mirage asks whether it can do without its picture
                 traceback.print_exc()

@@ -187,10 +187,10 @@ AttackResult run_attack(const AttackSettings& requested, const DetectorPool& det
                                  100 * settings.min_view),
                      "give more frames or lower --min-view");
   if (rank() == 0) warn_of_left_out(settings.placement, left_out);
-  spdlog::info("{} host vehicles to train on, {} held back", train.size(), test.size());
+  spdlog::info("{} host vehicles for training, {} for testing", train.size(), test.size());
   if (const std::string why = detectors.front()->capabilities().why_whole;
       !why.empty() && target != AttackTarget::random)
-    spdlog::info("every pass of the detector is over the whole frame: {}", why);
+    spdlog::info("each detector pass covers the whole frame, which is slower: {}", why);
 
   // Only of a detector that was loaded from its options do these tell the weights.
   const auto clean_cache = std::make_shared<CleanDetectionCache>(

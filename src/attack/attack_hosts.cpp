@@ -104,7 +104,7 @@ std::filesystem::path label_by_detections(const AttackSettings& settings, const 
     }
   });
   write_separate_labels(folder, settings.data, about);
-  spdlog::warn("{} cars in {} frames without labels are {}'s own boxes: of its AP on them nothing follows",
+  spdlog::warn("{} cars in {} unlabelled frames are {}'s own detections, so its AP on them means nothing",
                cars.load(), unlabelled.size(), detector.name());
   return folder;
 }

@@ -113,19 +113,22 @@ void visit_fields(Visitor& visit, S& s) {
                  "evolution strategy on the detector's scores alone, within --queries",
          .lacking = "plain"},
         s.attack);
-  visit(
-      {.name = "target", .help = "sensor whose gradient reaches the adversary; random: none, a random mesh"},
-      s.target);
-  visit({.name = "parts", .help = "what to learn; size: the start's three half lengths alone (a control)"},
+  visit({.name = "target",
+         .help = "sensor whose gradient trains the object: both, image or lidar; random: no training, a "
+                 "random mesh"},
+        s.target);
+  visit({.name = "parts",
+         .help = "what to learn: both (shape and texture), shape, texture, or size (the start's three half "
+                 "lengths alone, as a control)"},
         s.parts);
   visit.list({.name = "limits",
               .help = "L: the mesh stays within ±L along and across and ±5/8 L in height, m",
               .option = "size"},
              s.limits);
   visit.list({.name = "expectation",
-              .help = "environment to sample for each host and step: none, all, or some of "
-                      "roof,tilt,shape,colour,sun,light,exposure,noise; shape:0.02: vertices off by 2 cm; "
-                      "paints:24: 24 colours; worst:4: the worst of 4 draws",
+              .help = "what to vary at random for each host and step: none, all, or some of "
+                      "roof,tilt,shape,colour,sun,light,exposure,noise. shape:0.02 moves vertices by 2 cm "
+                      "(rms); paints:24 prints in 24 colours; worst:4 learns on the worst of 4 draws",
               .option = "expect",
               .lacking = ""},
              s.expectation);
@@ -161,7 +164,9 @@ void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, s.checkpoint);
   visit({.name = "vertex_rate", .help = "Adam's rate for vertices, m", .range = kPositive}, s.vertex_rate);
   visit({.name = "texel_rate", .help = "Adam's rate for texels", .range = kPositive}, s.texel_rate);
-  visit({.name = "min_view", .help = "a host needs this share of the adversary in view", .range = kShare},
+  visit({.name = "min_view",
+         .help = "a vehicle is a host if at least this share of the object is in view",
+         .range = kShare},
         s.min_view);
   visit({.name = "hosts_from",
          .help = "hosts in frames without labels: labels (none), or detections (the detector's "

@@ -83,7 +83,7 @@ std::vector<Vec3d> patches_of_profile(const std::string& bytes, const fs::path& 
   const ColorEngine engine;
   const Profile profile(
       cmsOpenProfileFromMemTHR(engine.get(), bytes.data(), static_cast<cmsUInt32Number>(bytes.size())));
-  if (!profile) fail(file, "header", engine.problem("is no ICC profile"), kCharts);
+  if (!profile) fail(file, "header", engine.problem("is not an ICC profile"), kCharts);
   if (cmsGetColorSpace(profile.get()) != cmsSigCmykData ||
       cmsGetDeviceClass(profile.get()) != cmsSigOutputClass)
     fail(file, "colour space", "is not the profile of a CMYK printer", kCharts);
@@ -112,18 +112,18 @@ bool includes(std::string text) {
 
 /// The same of a chart's patches.
 std::vector<Vec3d> patches_of_chart(const std::string& text, const fs::path& file) {
-  if (text.find('\0') != std::string::npos || text.empty()) fail(file, "", "is no text", kCharts);
+  if (text.find('\0') != std::string::npos || text.empty()) fail(file, "", "is not text", kCharts);
   if (includes(text)) fail(file, "INCLUDE", "names another file, which is not read", "copy its patches here");
   const ColorEngine engine;
   const Chart chart(cmsIT8LoadFromMem(engine.get(), text.data(), static_cast<cmsUInt32Number>(text.size())));
-  if (!chart) fail(file, "", engine.problem("is no CGATS text"), kCharts);
+  if (!chart) fail(file, "", engine.problem("is not CGATS text"), kCharts);
   char** names = nullptr;
   const int columns = cmsIT8EnumDataFormat(chart.get(), &names);
   const double reported = cmsIT8GetPropertyDbl(chart.get(), "NUMBER_OF_SETS");
   if (columns < 1 || columns > kMaxColumns || !names)
     fail(file, "BEGIN_DATA_FORMAT", "has no columns", "name them, as XYZ_X XYZ_Y XYZ_Z");
   if (!(reported >= 4 && reported <= kMaxPatches))
-    fail(file, "NUMBER_OF_SETS", "is no number of patches",
+    fail(file, "NUMBER_OF_SETS", "is not a number of patches",
          fmt::format("measure 4 to {}, as 24 of a chart", kMaxPatches));
   const auto column = [&](const char* name) {
     for (int i = 0; i < columns; ++i)
@@ -158,7 +158,7 @@ std::vector<Vec3d> patches_of_chart(const std::string& text, const fs::path& fil
       const Range range = xyz ? Range{-1, 150} : k == 0 ? Range{-1, 120} : Range{-200, 200};
       if (!number || !range.contains(*number))
         fail(file, where,
-             cell ? printable(std::string(cell).substr(0, 40)) + " is no measured colour" : "is missing",
+             cell ? printable(std::string(cell).substr(0, 40)) + " is not a measured colour" : "is missing",
              "use " + range.words());
       value[static_cast<int>(k)] = *number;
     }
@@ -337,7 +337,7 @@ PrintGamut PrintGamut::box(double black, double white, const std::string& text) 
   constexpr double kLeast = 1e-3;
   if (!kShare.contains(black) || !kShare.contains(white) || !(white - black >= kLeast))
     throw FieldError(kGamutField, text.empty() ? fmt::format("{}{},{}", kBox, black, white) : text,
-                     "is no range of reflectances", "use box:BLACK,WHITE, as box:0.03,0.85");
+                     "is not a range of reflectances", "use box:BLACK,WHITE, as box:0.03,0.85");
   std::vector<Vec3d> corners;
   corners.reserve(8);
   for (int i = 0; i < 8; ++i)
@@ -385,11 +385,11 @@ nlohmann::json to_json(const PrintGamut& gamut) {
 PrintGamut read_gamut(const nlohmann::json& written, const fs::path& file, const std::string& key,
                       const std::string& name) {
   const auto wrong = [&](std::size_t i) {
-    fail(file, fmt::format("{}[{}]", key, i), "is no colour",
+    fail(file, fmt::format("{}[{}]", key, i), "is not a colour",
          "restore the file: red, green and blue, 0 to 1 each");
   };
   if (!written.is_array() || written.size() > kMaxCorners)
-    fail(file, key, "is no list of colours", "restore the file");
+    fail(file, key, "is not a list of colours", "restore the file");
   std::vector<Vec3d> points;
   for (const nlohmann::json& colour : written) {
     if (!colour.is_array() || colour.size() != 3) wrong(points.size());
@@ -423,7 +423,7 @@ void make_buildable(TexturedMesh& adversary, const BuildableSettings& settings,
   print(adversary, settings);
   if (!offenders(adversary.mesh, settings.min_thickness).empty())
     throw FieldError("min_thickness", fmt::format("{}", settings.min_thickness),
-                     "the start is no solid of such walls", "use a smaller one, or --free");
+                     "the start is not a solid with walls that thick", "use a smaller one, or --free");
 }
 
 void step_buildable(Adam& adam, std::vector<Vec3d>& vertices, const std::vector<Vec3d>& gradient,

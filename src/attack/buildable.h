@@ -97,11 +97,12 @@ struct BuildableSettings {
 
 template <class Visitor, FieldsOf<BuildableSettings> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "buildable",
-         .help = "let the mesh's faces pass through each other, as the paper does; otherwise it stays a "
-                 "printable solid with thick walls, a flat base and colours of --gamut",
-         .option = "free"},
-        s.on);
+  visit(
+      {.name = "buildable",
+       .help = "let the mesh's faces intersect, as in the paper. By default the mesh stays a printable solid "
+               "with thick walls, a flat base and colours of --gamut",
+       .option = "free"},
+      s.on);
   visit({.name = "min_thickness", .help = "thinnest wall without --free, m", .range = {0, kMaxAdversarySize}},
         s.min_thickness);
   visit({.name = "cut", .range = kShare, .option = "", .lacking = "0"}, s.base);

@@ -105,7 +105,8 @@ nlohmann::json read_bounded(const std::filesystem::path& file, const TexturedMes
   const std::size_t numbers = 3 * (start.mesh.vertices.size() + start.atlas.texels.size());
   const std::size_t values = kMeshes * numbers + (kRow + kHeld) * (steps + 1);
   if (kRow * steps > OpenFile(file).size())  // or it would account for values of any number
-    throw InputError(file.string(), "iteration", "the file has no losses of so many", kStartAgain);
+    throw InputError(file.string(), "iteration", "the file is too small for the losses of so many",
+                     kStartAgain);
   const std::string text = read_file(file, kBytesBeside + kBytes * values);
   check_json_values(text, file.string(), kBeside + values, kBeside);
   return parse_json(text, file.string());
@@ -119,9 +120,9 @@ void check_identity(const std::filesystem::path& file, nlohmann::json written, c
   const auto compare = [&](const std::string& key) {
     if (written.value(key, nlohmann::json()) == expected.value(key, nlohmann::json())) return;
     if (!expected.contains(key))
-      throw InputError(file.string(), key, "the folder holds a run with this setting, which yours has not",
+      throw InputError(file.string(), key, "the run in this folder has this setting, and yours does not",
                        "use another --out folder");
-    throw InputError(file.string(), key, "the folder holds a run with another value",
+    throw InputError(file.string(), key, "the run in this folder has another value",
                      "use another --out folder or the run's own settings");
   };
   // These follow from the settings, so the setting is named where one differs.
@@ -228,8 +229,8 @@ AttackState read_checkpoint(const std::filesystem::path& file, const RunIdentity
   state.iteration = json.integer("iteration", 0, kMaxIterations);
   if (json.has("program") && json.text("program") != program_identity())
     spdlog::warn(
-        "{}: {} steps were made by another program or on another processor; for a run of one start in "
-        "another --out",
+        "{}: {} steps were made by another version of Mirage or on another processor; to repeat all of them "
+        "with this one, use another --out",
         file.string(), state.iteration);
   const AdversaryLimits& limits = settings.limits;
   state.adversary = start;

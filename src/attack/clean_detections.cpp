@@ -364,8 +364,8 @@ void require_detections(const CleanPerformance& found, const Detector& detector)
                     found.vehicles, found.boxes, found.frames, 100 * found.ap70),
         hints.empty() ? "look at its boxes with mirage detect and mirage view" : hints);
   if (found.found < kFewFound * found.vehicles)
-    spdlog::warn("{} {}, fewer than {:.0f} %: rates over so few say little{}{}", detector.name(),
-                 describe(found), 100 * kFewFound, hints.empty() ? "" : ". ", hints);
+    spdlog::warn("{} {}, fewer than {:.0f} %. Success rates over so few vehicles mean little{}{}",
+                 detector.name(), describe(found), 100 * kFewFound, hints.empty() ? "" : ". ", hints);
   else if (!hints.empty())
     spdlog::warn("{} {}, but {}", detector.name(), describe(found), hints);
 }

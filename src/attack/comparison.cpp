@@ -228,7 +228,7 @@ Comparison compare(const ComparisonRequest& request, Provenance* provenance) {
     throw FieldError("detectors", std::to_string(request.detectors.size()), "is not two detectors",
                      "name the old one, then the new one");
   if (request.adaptive && request.runs.size() < 2)
-    throw FieldError("adaptive", "", "wants two runs",
+    throw FieldError("adaptive", "", "needs two runs",
                      "give --runs the folders learned against the first and against the second detector");
   std::vector<Run> runs;
   for (const std::filesystem::path& folder : request.runs) runs.push_back(read_run(folder, request.trust));

@@ -24,7 +24,7 @@ double shape_of(const std::string& word, const std::string& number) {
   double sigma = 0;
   const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), sigma);
   if (error != std::errc() || end != number.data() + number.size() || !(sigma > 0 && sigma <= kMaxShape))
-    throw FieldError("expectation", word, "is no distance",
+    throw FieldError("expectation", word, "is not a distance",
                      fmt::format("use metres over 0 and up to {}, as in shape:{}", kMaxShape, kShape));
   return sigma;
 }
@@ -35,7 +35,7 @@ double count_of(const std::string& word, const char* what, double most) {
   int count = 0;
   const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), count);
   if (error != std::errc() || end != number.data() + number.size() || count < 2 || count > most)
-    throw FieldError("expectation", word, fmt::format("is no number of {}", what),
+    throw FieldError("expectation", word, fmt::format("is not a number of {}", what),
                      fmt::format("use 2 to {}, as in {}:4", most, word.substr(0, word.find(':'))));
   return count;
 }
@@ -102,7 +102,8 @@ EotSettings parse_expectation(const std::string& words) {
     if (word == "none" && std::ranges::any_of(listed, [](const std::string& other) {
           return other != "none" && !other.starts_with("worst:");  // of which check_settings says why
         }))
-      throw FieldError("expectation", words, "is none and something", "leave none out, or the others");
+      throw FieldError("expectation", words, "names none and something else",
+                       "leave none out, or the others");
     if (!names.insert(word.substr(0, word.find(':'))).second)
       throw FieldError("expectation", words, "names " + word.substr(0, word.find(':')) + " twice",
                        "name each once");

@@ -142,13 +142,15 @@ void check_request(const EvaluationRequest& request) {
     throw FieldError("data", "", "is missing: --mesh alone names no vehicles",
                      "give --data, or --hosts-of a finished mirage attack");
   if (!request.hosts.empty() && request.hosts != "all" && request.hosts_of.empty())
-    throw FieldError("hosts", request.hosts, "are of a run", "leave --hosts out, or give --hosts-of");
+    throw FieldError("hosts", request.hosts, "selects among the hosts of a run, and none is given",
+                     "leave --hosts out, or give --hosts-of");
   if (!request.baseline.empty() && request.baseline != "none" &&
       (request.meshes.size() > 1 || request.meshes.front() == kZoo))
     throw FieldError("baseline", request.baseline, "are controls of one object, and there are several",
                      "give one --mesh, or leave --baseline out");
   if (request.baseline.find("start") != std::string::npos || request.baseline == "all")
-    throw FieldError("baseline", request.baseline, "wants a run: start is where an attack starts",
+    throw FieldError("baseline", request.baseline,
+                     "needs a run: start is the mesh that its attack starts from",
                      "use sized, ellipsoid or cuboid");
 }
 
@@ -287,7 +289,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.settings.matching = can.matching();
   result.settings.detector_identity = detector_identity(result.detector, can.version);
   if (!can.why_whole.empty())
-    spdlog::info("every pass of the detector is over the whole frame: {}", can.why_whole);
+    spdlog::info("each detector pass covers the whole frame, which is slower: {}", can.why_whole);
   require_shared(result.store->cache(), "evaluate", result.settings.detector_identity);
   CleanDetections seen;
   result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, target_run.settings,
@@ -310,7 +312,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   for (std::size_t mesh = 0; mesh < result.objects.size() && reports_outcomes; ++mesh)
     result.each.push_back({result.objects[mesh].name, of_mesh(result.learned, mesh), extents(meshes[mesh])});
   if (reports_outcomes && result.learned.rates.vehicles == 0)
-    spdlog::warn("{} finds none of {} vehicles as recorded: of its rates nothing is known",
+    spdlog::warn("{} finds none of {} vehicles as recorded, so no success rate can be given",
                  result.detectors.front()->name(), result.hosts.size());
   if (request.random_meshes == 0) return result;
   for (const Baseline kind : kinds) {

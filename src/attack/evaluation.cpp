@@ -103,8 +103,9 @@ bool is_cached_on_disk(FrameStore& store, const EvaluationSettings& settings) {
 }
 
 const char* how_to_go_on(FrameStore& store, const EvaluationSettings& settings) {
-  return is_cached_on_disk(store, settings) ? "run it again: it goes on"
-                                            : "nothing is kept without MIRAGE_CACHE; run it again";
+  return is_cached_on_disk(store, settings)
+             ? "run the same command again to resume"
+             : "nothing was saved without MIRAGE_CACHE; run it again from the start";
 }
 
 std::string hash_of(const TexturedMesh& textured) {

@@ -116,16 +116,17 @@ std::vector<std::pair<std::string, std::string>> rows_of(const CleanPerformance&
                                        "ahead and {:+.2f} m left of them, turned by {:.1f}° ({} vehicles)",
                                        habits.length, habits.width, habits.label_length, habits.label_width,
                                        habits.along, habits.across, degree * habits.yaw, habits.vehicles)});
-    rows.push_back({"logits (median)", fmt::format("{:.2f} of boxes at vehicles, {:.2f} of the {} others",
+    rows.push_back({"logits (median)", fmt::format("{:.2f} for boxes at vehicles, {:.2f} for the {} others",
                                                    habits.logit, habits.other_logit, habits.others)});
   }
   if (seen.vehicles > 0)
-    rows.push_back({"gradient", fmt::format("sees {:.2f} of the change when the object moves by 1 cm (1: "
-                                            "all; cosine {:.2f}; {} vehicles, the largest change {:.2g})",
-                                            seen.share, seen.cosine, seen.vehicles, seen.largest)});
+    rows.push_back(
+        {"gradient", fmt::format("predicts {:.2f} of the loss change when the object moves by 1 cm (1: "
+                                 "all; cosine {:.2f}; {} vehicles; largest change {:.2g})",
+                                 seen.share, seen.cosine, seen.vehicles, seen.largest)});
   else
     rows.push_back(
-        {"gradient", "not looked at: the detector gives none, or finds no vehicle that can carry an object"});
+        {"gradient", "not checked: the detector gives none, or finds no vehicle that can carry an object"});
   for (const std::string& hint : found.hints) rows.push_back({"looks wrong", hint});
   return rows;
 }

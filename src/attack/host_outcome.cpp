@@ -348,7 +348,8 @@ std::string describe(const HiddenBound& bound) {
       100 * bound.share.high, bound.farthest, bound.share.clusters, bound.by, 100 * bound.share.value);
   for (const auto& [at_most, clusters] : bound.needed)
     if (at_most < bound.share.high && std::isfinite(clusters))
-      return text + fmt::format(": {:.0f} {}s for {:g} %", clusters, bound.by, 100 * at_most);
+      return text +
+             fmt::format("; about {:.0f} {}s would bound it by {:g} %", clusters, bound.by, 100 * at_most);
   return text;
 }
 

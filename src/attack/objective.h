@@ -36,12 +36,13 @@ struct ObjectiveSettings {
 template <class Visitor, FieldsOf<ObjectiveSettings> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "relevant_score", .range = kShare, .option = ""}, s.relevant_score);
-  visit({.name = "lambda_fp", .help = "weight of false positives"}, s.lambda_fp);
-  visit({.name = "lambda_laplacian", .help = "weight of smoothness", .option = "lambda-lap"},
-        s.lambda_laplacian);
+  visit({.name = "lambda_fp", .help = "weight of the false-positive loss"}, s.lambda_fp);
+  visit(
+      {.name = "lambda_laplacian", .help = "weight of the Laplacian smoothness loss", .option = "lambda-lap"},
+      s.lambda_laplacian);
   visit({.name = "fp_top_k",
-         .help = "false positives count among the N background proposals with the largest logits. "
-                 "0: among all with a score over 0.1",
+         .help = "the false-positive loss takes the N background proposals with the largest logits. "
+                 "0: all with a score over 0.1",
          .range = kNotNegative,
          .lacking = "0"},
         s.fp_top_k);

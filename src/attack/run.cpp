@@ -81,14 +81,14 @@ void refuse_code(const JsonFields& json, Run& run) {
   std::string& depth = run.settings.depth;
   if (!is_shipped_detector(options.detector) && options.detector != kInProcessDetector &&
       !is_plugin(options.detector))
-    json.fail("detector", fmt::format("\"{}\" is no detector", options.detector));
+    json.fail("detector", fmt::format("\"{}\" is not a detector", options.detector));
   if (!is_shipped_depth(depth) && !is_plugin(depth))
-    json.fail("depth", fmt::format("\"{}\" is no depth completion", depth));
+    json.fail("depth", fmt::format("\"{}\" is not a depth completion", depth));
   std::string& sensors = run.settings.sensors;
   bool other_sensors = false;
   for (const std::string& word : listed_words(sensors)) {
     if (!is_shipped_sensor(word) && !is_plugin(word))
-      json.fail("sensors", fmt::format("\"{}\" is no sensor", word));
+      json.fail("sensors", fmt::format("\"{}\" is not a sensor", word));
     other_sensors = other_sensors || is_plugin(word);
   }
   if (run.trust == TrustRun::yes) return;
@@ -178,8 +178,8 @@ std::set<std::string> frames_learned_on(const Run& run, const fs::path& data) {
   auto learned = frames_shared(data, run.settings.data, train, &unknown);
   if (unknown > 0 && rank() == 0)
     spdlog::warn(
-        "{} frames of {} have names of frames that {} was learned on; whether they are the same cannot be "
-        "told, because {} is not there",
+        "{} frames of {} have the names of training frames of {}. Whether they are the same frames cannot be "
+        "checked, because {} is missing",
         unknown, data.string(), run.folder.string(), run.settings.data.string());
   return learned;
 }

@@ -94,7 +94,7 @@ std::string grade_words(std::size_t levels) {
   if (levels == 0)
     return fmt::format("more than {} are missed as recorded, without an object (95 %, exact)", most);
   if (levels == 1)
-    return fmt::format("it is not shown that at most {} vanish even under loads that people carry", most);
+    return fmt::format("it is not proven that at most {} vanish, even under loads that people carry", most);
   const char* under[] = {"loads that people carry", "large shapes that nobody learned",
                          "objects learned against it"};
   return fmt::format("at most {} vanish under {} (95 %, exact)", most, under[levels - 2]);
@@ -113,7 +113,7 @@ std::string cell_words(const ScoreRow& row, std::size_t band) {
         ": of {} cars {:.1f} % {}, {} {:.1f} %", cell.bound.vehicles, 100 * cell.bound.share.value, lost,
         cell.status == CellStatus::fails ? "at least" : "at most",
         100 * (cell.status == CellStatus::fails ? cell.bound.share.low : cell.bound.share.high));
-  if (cell.needed) text += fmt::format("; about {} would tell", *cell.needed);
+  if (cell.needed) text += fmt::format("; about {} cars would settle it", *cell.needed);
   text.front() = static_cast<char>(std::toupper(text.front()));
   return text + ".";
 }
@@ -129,7 +129,7 @@ std::vector<std::string> answer_of(const Score& score, std::size_t levels) {
       for (std::size_t band = 0; band < kGradedBands; ++band)
         if (row.cells[band].status != CellStatus::holds) answer.push_back(cell_words(row, band));
   if (score.frames_needed)
-    answer.push_back(fmt::format("About {} frames like these would tell all that is open within {:g} m.",
+    answer.push_back(fmt::format("About {} frames like these would settle every open cell within {:g} m.",
                                  *score.frames_needed, kBoundRange));
   return answer;
 }
@@ -255,7 +255,7 @@ Score score_outcomes(std::span<const HostOutcome> hosts, const std::vector<Score
 
 ScoreResult score(const ScoreRequest& request) {
   if (request.adaptive && request.sizes.empty())
-    throw FieldError("sizes", "", "names none, and a grade wants an object learned against the detector",
+    throw FieldError("sizes", "", "names none, and a grade needs an object learned against the detector",
                      "name a size, or use --no-adaptive");
   constexpr double kLeast = 8.0 / 5 * kMinAdversarySize, kMost = kMaxAdversarySize;  // height: 5/8 L
   std::set<double> sizes;

@@ -165,7 +165,7 @@ const std::vector<CarriedLoad>& carried_loads() {
 TexturedMesh carried_load(const std::string& name) {
   const auto match = std::ranges::find(carried_loads(), name, &CarriedLoad::name);
   if (match == carried_loads().end())
-    throw InputError("load", name, "is none that is known", "use a name of carried_loads()");
+    throw InputError("load", name, "is not known", "use a name of carried_loads()");
   TexturedMesh load;
   load.atlas.resolution = 1;
   match->add_to(load);

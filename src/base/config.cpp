@@ -16,6 +16,9 @@
 namespace mirage {
 namespace {
 
+// Not toml11: Debian 12's 3.7.1 reads past the end of an unclosed literal string, overflows the stack where
+// lists are nested some thousand deep, and takes an integer of more than 64 bits for the largest of 64.
+
 bool is_ascii(std::string_view text) {
   return std::all_of(text.begin(), text.end(), [](unsigned char c) { return c < 0x80; });
 }
@@ -62,7 +65,7 @@ class AsciiWriter {
   /// The character here, beyond ASCII; goes on behind it.
   std::uint32_t character() {
     const auto [bytes, point] = first_character(text_.substr(at_));
-    if (bytes == 0) refuse("holds bytes that are no UTF-8");
+    if (bytes == 0) refuse("holds bytes that are not UTF-8");
     at_ += bytes;
     return point;
   }

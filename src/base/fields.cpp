@@ -36,7 +36,7 @@ double parse_number(const std::string& text, const std::string& field) {
   const char *begin = text.data() + (text.starts_with('+') ? 1 : 0), *end = text.data() + text.size();
   const auto [stop, error] = std::from_chars(begin, end, value);
   if (error != std::errc() || stop != end || begin == end)
-    throw FieldError(field, text, "is no number", "use a number");
+    throw FieldError(field, text, "is not a number", "use a number");
   return value;
 }
 

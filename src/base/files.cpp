@@ -33,7 +33,7 @@ OpenFile::OpenFile(fs::path path) : path_(std::move(path)) {
     throw InputError(path_.string(), "", "is a folder, not a file", "give the file inside it");
   // A pipe has no end to wait for, and a device no end at all.
   if (fs::exists(path_, ignored) && !fs::is_regular_file(path_, ignored))
-    throw InputError(path_.string(), "", "is no regular file", "give a file, not a pipe or a device");
+    throw InputError(path_.string(), "", "is not a regular file", "give a file, not a pipe or a device");
   // Not by a stream: to that a disk that fails is the end of the file.
   file_ = ::open(path_.c_str(), O_RDONLY | O_CLOEXEC);
   if (file_ < 0) fail("");

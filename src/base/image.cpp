@@ -204,7 +204,7 @@ class Picture {
  public:
   Picture(const fs::path& path, PictureSize expected) : Picture(path.string(), "header") {
     if (!fs::is_regular_file(path))
-      throw InputError(path.string(), "", fs::exists(path) ? "is no regular file" : "no such image",
+      throw InputError(path.string(), "", fs::exists(path) ? "is not a regular file" : "no such image",
                        "check the data set's image folder");
     const Bytes bytes(path);
     if (!bytes.is_open()) throw InputError(path.string(), "", "cannot be opened", "check its permissions");
@@ -236,7 +236,7 @@ class Picture {
   void open(const Bytes& file, const fs::path& path, std::string_view bytes, PictureSize expected) {
     char head[4] = {};
     const char* format = format_of(read_at(file, 0, head));
-    if (!format) bad("is no PNG, JPEG or EXR picture", "give one of these");
+    if (!format) bad("is not a PNG, JPEG or EXR picture", "give one of these");
     const std::string claim = format == std::string_view("openexr") ? exr_claim(file)
                               : format == std::string_view("png")   ? png_claim(file)
                                                                     : "";

@@ -194,7 +194,7 @@ void for_each_json_row(const fs::path& file, const std::string& list, const std:
   bool within = false, found = false;
   std::string key;  // the file's object's, that is being read
   std::size_t count = 0;
-  const char* no_list = list.empty() ? "is no list of rows" : "is no list";
+  const char* no_list = list.empty() ? "is not a list of rows" : "is not a list";
   const auto see = [&](int depth, Event event, json& value) {
     const bool starts = event == Event::array_start || event == Event::object_start;
     if (depth == 0 && starts && (event == Event::array_start) != list.empty()) fail(no_list);

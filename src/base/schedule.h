@@ -92,7 +92,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "learning_rate", .help = "peak of the one-cycle schedule", .range = kPositive},
         s.learning_rate);
   visit({.name = "minutes",
-         .help = "end the schedule after this time (0: no limit)",
+         .help = "end the schedule after this many minutes (0: no limit)",
          .range = kNotNegative,
          .lacking = "0"},
         s.minutes);

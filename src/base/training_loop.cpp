@@ -44,8 +44,8 @@ TrainingState read_training_state(const fs::path& out, const RunIdentity& expect
   constexpr double kAny = std::numeric_limits<double>::max();
   if (json.has("program") && json.text("program") != program_identity())
     spdlog::warn(
-        "{}: the steps so far were made by another program or on another processor; for a run of one start "
-        "in another --out",
+        "{}: the steps so far were made by another version of Mirage or on another processor; to repeat all "
+        "of them with this one, use another --out",
         file.string());
   state.step = json.integer("step", 0, expected.json.value("steps", kMaxSteps));
   state.seconds = json.number("seconds", 0, kAny);
@@ -137,7 +137,7 @@ double TrainingLoop::run(const TrainingWork& work) {
       const bool validate =
           work.validate_every > 0 && state_.step % work.validate_every == 0 && state_.step < schedule_.steps;
       if (const bool due = timer.due(state_.step); stop || validate || due) checkpoint(work);
-      if (stop) throw Interrupted("interrupted; the checkpoint is kept, the same command goes on from it");
+      if (stop) throw Interrupted("interrupted; a checkpoint is saved, run the same command again to resume");
       if (validate) work.validate();
     }
   }

@@ -85,9 +85,10 @@ void add_options(CLI::App& app, AttackOptions& options) {
   add_fields(app, options.settings);
   options.quality.add(app);
   options.effects.add(app);
-  add_defaulted(app, "--renderer", options.renderer,
-                "renderer of the object: raster (--quality, --light), or cycles (Blender; the gradient is "
-                "that of raster, by default with --quality exact --light visible)")
+  add_defaulted(
+      app, "--renderer", options.renderer,
+      "what draws the object: raster (see --quality, --light), or cycles (Blender Cycles; the gradient still "
+      "comes from raster, then by default with --quality exact --light visible)")
       ->check(one_of({kRasterRenderer, "cycles"}));
   add_defaulted(app, "--cycles-samples", options.cycles.samples, "with --renderer cycles: samples a pixel")
       ->check(within({1, 4096}));
@@ -129,12 +130,12 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   }
   // Whose iterations are all there takes none: a random mesh has none.
   const bool done = result.steps == 0 && result.iterations > 0;
-  Rows rows = {{"vehicles to train on", std::to_string(result.vehicles_train)},
-               {"as recorded the detector", describe(result.found_clean)},
-               {"vehicles held back", std::to_string(result.vehicles_test)},
-               {"intervals of an evaluation over", to_string(result.clusters)},
+  Rows rows = {{"training vehicles", std::to_string(result.vehicles_train)},
+               {"detector, as recorded", describe(result.found_clean)},
+               {"test vehicles", std::to_string(result.vehicles_test)},
+               {"evaluation's intervals are over", to_string(result.clusters)},
                {"roofs", roofs(result.rooftops.fitted, result.rooftops.from_box)},
-               {result.black_box ? "meshes looked at" : "iterations",
+               {result.black_box ? "meshes tried" : "iterations",
                 done ? already_done(result.iterations, settings) : std::to_string(result.iterations)},
                {"loss (mean of the last tenth)", fmt::format("{:.4f}", result.loss)},
                {result.buildable.holds(settings.buildable.min_thickness) ? "buildable" : "not buildable",

@@ -29,7 +29,7 @@ nlohmann::json read_claims(const std::filesystem::path& file) {
   if (!std::filesystem::exists(file)) return nlohmann::json::object();
   nlohmann::json claims = read_json(file, kMaxRecordBytes);
   if (!claims.is_object())
-    throw InputError(file.string(), "", "is no object of measured detectors",
+    throw InputError(file.string(), "", "is not an object of measured detectors",
                      "name another file with --claim");
   return claims;
 }

@@ -84,7 +84,8 @@ void add_options(CLI::App& app, CertifyOptions& options) {
   add_fields(app, options.detector);
   add_defaulted(app, "--frames", options.frames, "only the first N frames; 0: all");
   add_defaulted(app, "--min-view", options.min_view,
-                "a car needs this share of the reference adversary in view")
+                "a car is judged if at least this share of a reference object, which fills the volume of the "
+                "placement, is in view")
       ->check(within(kShare));
   add_defaulted(app, "--sizes", settings.sizes, "half lengths L of the box, m (height 5/4 L), with commas")
       ->delimiter(',');

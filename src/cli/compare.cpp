@@ -46,14 +46,13 @@ void print_comparison(const Comparison& result) {
   for (const ComparedPart& part : result.parts) show(part);
   if (result.own) show(*result.own);
   print_columns(parts);
-  Rows rows = {
-      {"second is easier to fool", to_string(classify(all.difference))},
-      {"smallest difference that would show",
-       result.detectable < 1 ? fmt::format("{:.1f} points, in 80 % of such sets", 100 * result.detectable)
-                             : "none: too few vehicles"}};
+  Rows rows = {{"vehicles vanish under the second", to_string(classify(all.difference))},
+               {"smallest detectable difference",
+                result.detectable < 1 ? fmt::format("{:.1f} points (power 80 %)", 100 * result.detectable)
+                                      : "none: too few vehicles"}};
   for (const auto& [difference, vehicles] : result.needed)
     if (result.detectable < 1)
-      rows.push_back({fmt::format("vehicles that would show {:g} points", 100 * difference),
+      rows.push_back({fmt::format("vehicles needed to detect {:g} points", 100 * difference),
                       vehicles ? fmt::format("about {}", *vehicles) : "more than a million"});
   const char* any = result.objects.size() > 1 ? ", any object" : "";
   rows.push_back({std::string("first") + any, describe(result.bounds[0])});
@@ -83,7 +82,8 @@ void add_options(CLI::App& app, CompareOptions& options) {
                "each under its own object");
   add_defaulted(app, "--frames", request.frames, "only the first N frames (0: all)");
   add_defaulted(app, "--min-view", request.min_view,
-                "a car needs this share of the reference adversary in view")
+                "a car is judged if at least this share of a reference object, which fills the volume of the "
+                "placement, is in view")
       ->check(within(kShare));
   add_score_option(app, request.settings.score_threshold);
   app.add_option(

@@ -25,10 +25,11 @@ void add_options(CLI::App& app, DemoOptions& options) {
              {"data", "depth", "sun", "rig", "placement", "cameras", "sensors", "classes"});
   options.quality.add(app);
   add_defaulted(app, "--validated", options.validated, "frames rendered in Blender");
-  app.add_flag("--quick", options.quick,
-               fmt::format("every step in a minute or two, with too few frames for figures: --frames {} "
-                           "--iterations {} --validated {} unless given",
-                           kQuickFrames, kQuickIterations, kQuickValidated));
+  app.add_flag(
+      "--quick", options.quick,
+      fmt::format("short test of every step, a minute or two each; its rates mean nothing. Sets --frames {} "
+                  "--iterations {} --validated {} unless you give them",
+                  kQuickFrames, kQuickIterations, kQuickValidated));
   app.callback([&app, &options] {
     if (!options.quick) return;
     if (app.count("--frames") == 0) options.frames = kQuickFrames;

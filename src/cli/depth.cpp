@@ -78,14 +78,14 @@ void print_scores(const std::vector<DepthScore>& scores, bool by_returns) {
   fmt::print(
       "RMSE, MAE in mm, iRMSE, iMAE in 1/km: first where every back-end has a value, then on all pixels with "
       "gaps filled as KITTI's benchmark does.\n{}",
-      by_returns ? "Last: without held-back returns that a nearer kept one within 3 pixels contradicts.\n"
+      by_returns ? "Last column: without hidden returns that have a nearer visible return within 3 pixels.\n"
                  : "k|d: shares of an object's pixels on car roofs wrongly kept | dropped: all, over the "
                    "sky, and at the skyline.\n");
 }
 
 void add_options(CLI::App& app, DepthOptions& options) {
   app.add_option("--data", options.score.data,
-                 "data set; with training/depth (mirage generate --depth) or real")
+                 "data set: generated with true depth (mirage generate --depth), or recorded")
       ->required();
   app.add_option("--rig", options.rig, kRigHelp);
   app.add_option("--backends", options.backends, "separated by commas")

@@ -141,8 +141,8 @@ void add_options(CLI::App& app, DetectOptions& options) {
   add_fields(app, options.detector);
   add_defaulted(app, "--frames", options.frames, "only the first N frames (0: all)");
   app.add_option("--check", options.check,
-                 "also say whether the detector's glue is right: its boxes beside the labels, and how much "
-                 "of its change the gradient sees at the first N vehicles that it finds")
+                 "also check how the detector is connected: its boxes against the labels, and its gradient "
+                 "against finite differences at the first N vehicles that it finds")
       ->check(within({1, 1000}));
   app.add_option("--kitti", options.kitti,
                  "also write KITTI result files ID.txt into this folder (heights come from the sweep)");
@@ -214,7 +214,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
       print_kitti(by_kit);
       print_table({{"intervals over", to_string(clusters)}});
     } else {
-      std::printf("no vehicle is labelled that must be found: nothing is scored\n");
+      std::printf("no labelled vehicle counts as ground truth, so there is no AP\n");
     }
   }
   nlohmann::json result = scores_json(parts[0]);
@@ -265,8 +265,9 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
 Command detect_command() {
   return command_of<DetectOptions>({
       .name = "detect",
-      .help = "runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for "
-              "a detector of that alone)",
+      .help =
+          "runs a detector over a data set and scores it (AP in the bird's-eye view, or in the picture if "
+          "the detector finds boxes only there)",
       .example = "mirage detect --data path/to/kitti --detector fusion",
       .many_ranks = true,
   });

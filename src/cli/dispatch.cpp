@@ -49,9 +49,10 @@ void add_common(CLI::App& app, Common& common, const std::string& default_out) {
       ->check(within({0, kMaxThreads}));
   add_defaulted(app, "--out", common.out, "output folder");
   app.add_flag("--quiet", common.quiet, "print warnings only");
-  app.add_option("--config",
-                 "TOML file with option names as keys; the command line wins. Plugins and "
-                 "TorchScript models are code: the command line alone may name them")
+  app.add_option(
+         "--config",
+         "TOML file with option names as keys; options on the command line override it. It cannot name "
+         "plugins or TorchScript models, which are code: name those on the command line")
       ->type_name("TEXT");
 }
 
@@ -337,7 +338,7 @@ nlohmann::json run_command(const std::string& name, const NamedSettings& setting
     run(arguments, &result);
     return result;
   }
-  throw InputError(where, name, "is no command of mirage", "see mirage --help");
+  throw InputError(where, name, "is not a command of mirage", "see mirage --help");
 }
 
 int dispatch(std::vector<std::string> arguments) {
@@ -355,7 +356,7 @@ int dispatch(std::vector<std::string> arguments) {
                          fix_for(error.code().value())));
     return 1;
   } catch (const std::bad_alloc&) {
-    complain("the memory is used up; give fewer --threads or a smaller data set");
+    complain("out of memory; use fewer --threads or a smaller data set");
     return 1;
   } catch (const std::exception& error) {
     complain(error.what());

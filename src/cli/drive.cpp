@@ -173,7 +173,7 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
   const auto trained_on =
       std::ranges::count_if(frames, [&](const std::string& id) { return learned.contains(id); });
   if (trained_on > 0 && rank() == 0)
-    spdlog::warn("the adversary was learned on {} of the {} frames: its vehicles there are no unseen ones",
+    spdlog::warn("the object was trained on {} of the {} frames: vehicles in them are not held-out",
                  trained_on, frames.size());
   FrameStore store(run.settings);
   const DetectorPool detectors = load_detector_pool(detector, static_cast<int>(frames.size()));
@@ -217,7 +217,8 @@ nlohmann::json run(const DriveOptions& options, const Common& common) {
 Command drive_command() {
   return command_of<DriveOptions>({
       .name = "drive",
-      .help = "an object on every vehicle of a drive: blind gaps in seconds, distance at confirmation",
+      .help =
+          "puts an object on each vehicle of a drive: seconds without detection, distance at confirmation",
       .example = "mirage drive --run out/attack --data kitti-tracking --sequence 0003 --weights real",
       .afterwards = [](const Common& common) { write_page(common.out); },
       .many_ranks = true,

@@ -60,7 +60,8 @@ void print_arms(const RunEvaluation& evaluation) {
   for (const BaselineEvaluation& entry : evaluation.baselines)
     by_grown(describe(entry.kind), entry.evaluation);
   if (!evaluation.baselines.empty())
-    rows.push_back({evaluation.each.empty() ? "learned less, points:" : "object less, points:"});
+    rows.push_back(
+        {evaluation.each.empty() ? "learned mesh minus control, points:" : "object minus control, points:"});
   for (const BaselineEvaluation& entry : evaluation.baselines) {
     const GainOverControl& net = entry.net;
     rows.push_back({"  " + describe(entry.kind), signed_points(net.vanished), signed_points(net.fn),
@@ -129,16 +130,18 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
   add_overrides<SimulationSettings>(app, request.overrides, {"light", "camera_effects"});
   add_overrides<AttackSettings>(app, request.overrides, {"min_view"});
   options.effects.add(app, "the run's");
-  add_defaulted(app, "--expect", options.expect,
-                "environment to sample for each vehicle, the same for every object on it: words as of mirage "
-                "attack --expect, for example shape:0.02,colour for an object as built");
+  add_defaulted(
+      app, "--expect", options.expect,
+      "what to vary at random for each vehicle, the same for every object on it: the words of mirage "
+      "attack --expect, e.g. shape:0.02,colour for an object as manufactured");
   add_trust_option(app, request.trust);
   add_cache_note(app);
-  app.add_option("--hosts", request.hosts,
-                 "hosts of the run to judge on: test, train or all (default: test; of other data those that "
-                 "it did not learn on)");
+  app.add_option(
+      "--hosts", request.hosts,
+      "which of the run's hosts to judge on: test, train or all (default: test; on other data, hosts in "
+      "frames that it was not trained on)");
   add_defaulted(app, "--random-meshes", request.random_meshes,
-                "random meshes of each baseline, pooled (seeds from the run's on). 0: none");
+                "random meshes for each baseline, results pooled (seeds count up from the run's). 0: none");
   app.add_option("--baseline", request.baseline,
                  "controls: all, none, or some of start (a random mesh of 0.75 of the box), sized "
                  "(a random mesh with the learned extents), ellipsoid and cuboid (filling the box) (default: "

@@ -153,7 +153,7 @@ void check_numbers(CLI::App& app) {
         const auto [read, error] = std::from_chars(first, end, value);
         const bool number = read == end && first != end && value == value;  // NaN equals nothing
         if (number && error == std::errc()) return "";
-        return fmt::format("{} is {}; use {}", text, number ? "out of range" : "no such number", fix);
+        return fmt::format("{} is {}; use {}", text, number ? "out of range" : "not a valid number", fix);
       });
     };
     if (type.name == "UINT") check(std::uint64_t{}, "a whole number from 0");

@@ -199,7 +199,7 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
     const std::scoped_lock lock(mutex);
     progress.update(++done);
   });
-  throw_if_interrupted("run it again: it goes on");
+  throw_if_interrupted("run the same command again to resume");
   if (rank() > 0) return nlohmann::json::object();  // the first tells
   std::vector<FittedVehicle> all;
   nlohmann::json rows = nlohmann::json::array();
@@ -234,7 +234,8 @@ void add_options(CLI::App& app, FitOptions& options) {
       ->check(within(kNotNegative));
   add_defaulted(app, "--types", options.frame.types, "labels to fit: Car, Van");
   add_defaulted(app, "--label-noise", options.frame.label_noise,
-                "disturb labels first, by this times 7 cm (x, y), 5 cm (z), 0.02 rad and 3 % of the size")
+                "first add noise to the labels; standard deviations are this times 7 cm (x, y), 5 cm (z), "
+                "0.02 rad (yaw), 3 % (size)")
       ->check(within({0, kMaxLabelNoise}));
   add_defaulted(app, "--min-points", options.min_points, "vehicles with fewer returns use their labelled box")
       ->check(within(kFromOne));
@@ -247,8 +248,9 @@ void add_options(CLI::App& app, FitOptions& options) {
   app.add_option("--meshes", options.meshes,
                  "with --build-model: folder of your own vehicles (glb, gltf, obj, ply)")
       ->needs(build);
-  app.add_option("--mesh-forward", options.forward, "axis of those files that points forward, e.g. -z");
-  app.add_option("--mesh-up", options.up, "axis of those files that points up, e.g. +y");
+  app.add_option("--mesh-forward", options.forward,
+                 "with --meshes: axis of its files that points forward, e.g. -z");
+  app.add_option("--mesh-up", options.up, "with --meshes: axis of its files that points up, e.g. +y");
 }
 
 nlohmann::json run(const FitOptions& options, const Common& common) {

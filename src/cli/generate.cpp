@@ -31,17 +31,17 @@ void add_options(CLI::App& app, GenerateOptions& options) {
   };
   add_defaulted(app, "--rig", options.rig, "sensor rig: " + listed("scenes/rigs") + " or a rig file (.toml)");
   app.add_option("--lidar", options.lidar,
-                 "another unit than the rig's own: " + listed("scenes/lidars") + " or a file (.toml)");
+                 "LiDAR to use instead of the rig's own: " + listed("scenes/lidars") + " or a file (.toml)");
   app.add_option("--look", options.look, "streets: european or american (default: the rig's own)")
       ->check(one_of({"european", "american"}));
   add_defaulted(app, "--frames", options.frames, "how many frames")->check(within({1, 1000000}));
   add_defaulted(app, "--start", options.start, "index of the first frame, or drive")
       ->check(within({0, 999999}));
   app.add_option("--drives", options.drives,
-                 "drives in place of single frames: streets in which the car and others move, 10 frames "
+                 "write N drives instead of single frames: the recording car and the traffic move, 10 frames "
                  "a second, in the layout of KITTI's tracking benchmark")
       ->check(within({1, 10000}));
-  add_defaulted(app, "--seconds", options.seconds, "of each drive")->check(within({0.3, 60}));
+  add_defaulted(app, "--seconds", options.seconds, "length of each drive, s")->check(within({0.3, 60}));
   app.add_flag("--depth", options.depth,
                "write each frame's true depth too (training/depth/ID.png, KITTI's 16-bit format; sky is 0)");
   app.add_flag("--truth", options.truth,

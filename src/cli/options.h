@@ -34,7 +34,8 @@ inline DetectorOptions with_common(const DetectorOptions& from, const Common& co
 inline void add_trust_option(CLI::App& app, TrustRun& trust) {
   app.add_flag_callback(
       "--trust-run", [&trust] { trust = TrustRun::yes; },
-      "load plugins and TorchScript models that the run names: they are programs, and run as you");
+      "load plugins and TorchScript models that the run names; their code runs with your permissions "
+      "(default: refused)");
 }
 
 /// Options of a detector in place of a run's (use_detector_of), but those to skip.
@@ -44,7 +45,8 @@ inline void add_detector_of_run(CLI::App& app, DetectorOptions& detector, std::s
 
 /// --score of the commands that judge detections.
 inline void add_score_option(CLI::App& app, double& threshold) {
-  add_defaulted(app, "--score", threshold, "score of a detection")->check(within(kShare));
+  add_defaulted(app, "--score", threshold, "lowest score at which a box counts as a detection")
+      ->check(within(kShare));
 }
 
 /// Shows how far a work has come that says it itself; gone with what it is given to.
@@ -68,9 +70,10 @@ struct QualityOption {
     app = &command;
     auto* option = command.add_option(
         "--quality", name,
-        with_default("draft or default: σ, γ, cut-off and samples of the camera (options of their own win); "
-                     "exact: every pixel's exact areas, and their derivative",
-                     otherwise));
+        with_default(
+            "render quality: draft or default set σ, γ, cut-off and camera samples, unless given by their "
+            "own options; exact computes every pixel's coverage exactly, with its derivative",
+            otherwise));
     std::vector<std::string> names;
     for (const Quality& quality : qualities()) names.push_back(quality.name);
     option->check(one_of(names));
@@ -96,12 +99,12 @@ struct LidarEffectsOption {
 
   /// `words` as they stand are the default. `otherwise` says what holds without any ("the run's").
   void add(CLI::App& command, const std::string& otherwise = "") {
-    auto* option = command.add_option(
-        "--lidar-effects", words,
-        with_default(
-            "returns on the object: ideal, as-recorded (what the data set's sweeps have), unit (noise, "
-            "drop-out, divergence), or some of noise,drop-out,dark-loss,divergence,motion,albedo",
-            otherwise));
+    auto* option = command.add_option("--lidar-effects", words,
+                                      with_default("sensor effects on the object's returns: ideal (none), "
+                                                   "as-recorded (those of the rig that recorded the data), "
+                                                   "unit (noise, drop-out, divergence), or some of "
+                                                   "noise,drop-out,dark-loss,divergence,motion,albedo",
+                                                   otherwise));
     if (otherwise.empty()) option->capture_default_str();
   }
   /// In place of a run's.
@@ -125,9 +128,9 @@ struct LidarEffectsOption {
 /// For the commands that keep what frames cost to prepare (frames/frame_cache.h).
 inline void add_cache_note(CLI::App& app) {
   app.footer(
-      "Completed depth, fitted roofs, hosts in view and detections are kept on disk by content, in the "
-      "folder that the environment variable MIRAGE_CACHE names (default: $XDG_CACHE_HOME/mirage or "
-      "~/.cache/mirage; off: nowhere). Results are the same with and without.");
+      "Completed depth, fitted roofs, visible host vehicles and detections are cached on disk, keyed by "
+      "content. The environment variable MIRAGE_CACHE names the folder (default: $XDG_CACHE_HOME/mirage or "
+      "~/.cache/mirage; off: no cache). The cache does not change results.");
 }
 
 /// How many roofs were fitted, for the commands' tables.

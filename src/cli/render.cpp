@@ -112,7 +112,7 @@ nlohmann::json run(const RenderOptions& options, const Common& common) {
     height = size[1];
     if (width < 1 || height < 1 ||
         static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height) > kMaxPixels)
-      throw InputError("--size", options.size, "is no image size",
+      throw InputError("--size", options.size, "is not an image size",
                        fmt::format("give at most {} pixels in all", kMaxPixels));
   }
   RenderScene scene = read_scene(options.scene, width, height);

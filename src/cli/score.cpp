@@ -21,24 +21,25 @@ struct ScoreOptions {
 
 void add_options(CLI::App& app, ScoreOptions& options) {
   ScoreRequest& request = options.request;
-  add_overrides<FrameSource>(app, request.overrides, {"data"}, "frames that are generated");
+  add_overrides<FrameSource>(app, request.overrides, {"data"}, "generated frames");
   add_overrides<FrameSource>(app, request.overrides, {"rig", "depth", "rooftop", "placement", "sun"},
                              "that of mirage attack");
   add_fields(app, request.detector);
   add_defaulted(app, "--frames", request.frames, "generated frames to judge on");
   app.add_option("--learn-data", request.learn_data,
-                 "data set to learn objects on; that of --data: on seven tenths of its frames, and the "
-                 "others are judged (default: frames that are generated)");
+                 "data set to learn objects on. If it is that of --data, seven tenths of its frames are for "
+                 "learning and the rest are judged (default: generated frames)");
   add_defaulted(app, "--learn-frames", request.learn_frames, "generated frames to learn on");
   add_defaulted(app, "--sizes", request.sizes,
                 "half lengths L of the objects to learn, m (height 5/4 L), with commas")
       ->delimiter(',');
-  add_defaulted(app, "--iterations", request.iterations, "attack steps of each")->check(within(kFromOne));
+  add_defaulted(app, "--iterations", request.iterations, "optimisation steps of each attack")
+      ->check(within(kFromOne));
   add_defaulted(app, "--queries", request.queries,
-                "of a detector without gradients: passes that each black-box attack may make")
+                "for a detector without gradients: detector passes that each black-box attack may make")
       ->check(within(kFromOne));
   app.add_flag("--no-adaptive", options.no_adaptive,
-               "learn no object against the detector; there is no grade then");
+               "do not learn an object against the detector; the result then has no grade");
   app.add_flag("--certify", options.certify,
                "also bracket the share of cars that no object of these sizes can hide (mirage certify)");
   app.add_option("--board", options.board,
@@ -51,7 +52,7 @@ std::string cell_text(const ScoreCell& cell) {
   if (bound.vehicles == 0) return "no cars";
   if (cell.status == CellStatus::fails) return "does not hold: ≥ " + percent(bound.share.low);
   if (cell.status == CellStatus::holds) return "holds: ≤ " + percent(bound.share.high);
-  return "≤ " + percent(bound.share.high) + (cell.needed ? fmt::format(", wants {} cars", *cell.needed) : "");
+  return "≤ " + percent(bound.share.high) + (cell.needed ? fmt::format(", needs {} cars", *cell.needed) : "");
 }
 
 void print_score(const ScoreResult& result) {

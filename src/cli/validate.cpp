@@ -23,9 +23,9 @@ std::string fidelity(const MeanChange& change, double seconds, const PooledError
                                  percent(change.relative), change.ssim, change.flip, seconds);
   // Without noise, as root mean square: may come out below zero, and then nothing is left that can be seen.
   if (error)
-    text +=
-        fmt::format("; left to full {:.1f} % ({:.1f} to {:.1f}), noise floor {}", 100 * error->unbiased.value,
-                    100 * error->unbiased.low, 100 * error->unbiased.high, percent(error->floor));
+    text += fmt::format("; RMS to full light {:.1f} % ({:.1f} to {:.1f}) without noise, noise floor {}",
+                        100 * error->unbiased.value, 100 * error->unbiased.low, 100 * error->unbiased.high,
+                        percent(error->floor));
   return text;
 }
 
@@ -64,7 +64,8 @@ std::string against_first(const Compared<VerdictCondition>& condition) {
   if (!condition.difference) return "";
   const Interval& gap = *condition.difference;
   if (condition.flips == 0)
-    return fmt::format("; none flips of {} (at most {:.1f} points)", condition.vehicles, 100 * gap.high);
+    return fmt::format("; no flips among {} vehicles (at most {:.1f} points)", condition.vehicles,
+                       100 * gap.high);
   return fmt::format("; {:+.1f} points ({:.1f} to {:.1f}): {}", 100 * gap.value, 100 * gap.low,
                      100 * gap.high, to_string(classify(gap)));
 }
@@ -133,9 +134,10 @@ void add_options(CLI::App& app, ValidateOptions& options) {
   add_overrides<FrameSource>(app, settings.overrides);
   add_detector_of_run(app, settings.detector, {"precision", "locality", "matching", "clean_memory"});
   add_trust_option(app, settings.trust);
-  add_defaulted(app, "--expect", settings.expect,
-                "the object as a workshop makes it, drawn as by mirage evaluate --expect: some of "
-                "shape,colour,roof,tilt");
+  add_defaulted(
+      app, "--expect", settings.expect,
+      "vary the object as manufacturing and mounting would, as mirage evaluate --expect does: some of "
+      "shape,colour,roof,tilt");
   app.add_option("--frames", settings.frames,
                  fmt::format("frames to validate, test frames first. 0: as many as hold {} vehicles",
                              kVerdictVehicles))
@@ -149,14 +151,14 @@ void add_options(CLI::App& app, ValidateOptions& options) {
                  "choose samples for each vehicle to reach this noise, a share of its mean radiance "
                  "(default: --samples for all)")
       ->check(within({1e-4, 1.0}));
-  app.add_option(
-         "--budget", settings.budget,
-         "choose for each scene the cheapest rung whose error stays within this share (default: no choice)")
+  app.add_option("--budget", settings.budget,
+                 "for each scene choose the cheapest light model and renderer whose error stays within this "
+                 "share (default: no choice)")
       ->check(within({1e-4, 1.0}));
   FieldOptions(app, {})({.name = "budget_of", .help = "what the budget is a share of"}, settings.budget_of);
   app.get_option("--budget-of")->needs("--budget");
   add_defaulted(app, "--budget-confidence", settings.budget_confidence,
-                "share C of unseen scenes that keep it; needs C/(1 - C) groups of frames")
+                "share C of unseen scenes that must stay within the budget; needs C/(1 - C) groups of frames")
       ->check(within({0.5, 0.99}))
       ->needs("--budget");
   options.quality.add(app, "the run's");

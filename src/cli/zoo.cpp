@@ -69,7 +69,7 @@ void add_options(CLI::App& app, ZooOptions& options) {
                 "detectors that judge every object; own: each object's own alone");
   add_defaulted(app, "--frames", options.frames, "generated frames to learn on");
   add_defaulted(app, "--judged", options.judged, "generated frames to judge on");
-  add_defaulted(app, "--iterations", options.iterations, "attack steps of each");
+  add_defaulted(app, "--iterations", options.iterations, "optimisation steps of each attack");
   add_defaulted(app, "--quality", options.quality, "of the attacks' pictures: draft or default");
 }
 
@@ -87,7 +87,7 @@ Recipe recipe_of(const std::string& text) {
     else if (std::ranges::find(rigs, word) != rigs.end())
       recipe.rig = word;
     else
-      throw FieldError("learn", text, word + " is no word of an object",
+      throw FieldError("learn", text, word + " is not a word for an object",
                        fmt::format("use free, image, lidar, or a rig: {}", fmt::join(rigs, ", ")));
   }
   return recipe;

@@ -126,7 +126,7 @@ class DefenseTraining {
       throw InputError(settings.data.string(), "labels", "no car has enough of its roof in view",
                        "give more frames");
     order_.emplace(hosts_, settings.batch, settings.seed + 1);
-    spdlog::info("{} host vehicles to train on", hosts_.size());
+    spdlog::info("{} host vehicles for training", hosts_.size());
   }
 
   std::size_t hosts() const { return hosts_.size(); }

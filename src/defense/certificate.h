@@ -74,8 +74,8 @@ void visit_fields(Visitor& visit, S& s) {
       {.name = "lattice", .help = "also certify without knowing the roofs: masks on a grid over the ground"},
       s.with_lattice);
   visit({.name = "whole_lattice",
-         .help = "with --lattice: also look through the masks that hold no car's roof, hundreds a frame: AP, "
-                 "and the bracket's other end"},
+         .help = "with --lattice: also run the detector under the masks that cover no car's roof, hundreds a "
+                 "frame; this gives AP and the bracket's upper end"},
         s.whole_lattice);
   visit_fields(visit, s.lattice);
   visit({.name = "objects",

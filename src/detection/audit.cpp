@@ -452,7 +452,8 @@ Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& sour
   const bool tells = rank() == 0;  // the others fill what is kept
   const std::vector<std::size_t> order = order_among_ranks(pairs.size());
   hand_out(detectors.size(), pairs.size(), [&](std::size_t worker, std::size_t k) {
-    throw_if_interrupted(source.cached_views ? "run it again: it goes on" : "the audit is measured anew");
+    throw_if_interrupted(source.cached_views ? "run the same command again to resume"
+                                             : "nothing was saved; run the audit again from the start");
     Detector& detector = *detectors[worker];
     const std::size_t f = order[k];
     const Capabilities can = detector.capabilities();

@@ -104,7 +104,7 @@ PictureBox picture_of(const json& from, const fs::path& file, const std::string&
 std::string optional_text(const json& from, const char* key, const std::string& otherwise,
                           const fs::path& file, const std::string& where) {
   if (!from.contains(key)) return otherwise;
-  if (!from[key].is_string()) throw InputError(file.string(), where + "." + key, "is no text", kFix);
+  if (!from[key].is_string()) throw InputError(file.string(), where + "." + key, "is not text", kFix);
   return unescape_name(from[key].get<std::string>());
 }
 
@@ -114,7 +114,7 @@ KittiDetection detection_of(const json& from, const fs::path& file, const std::s
   detection.type = optional_text(from, "type", detection.type, file, where);
   if (!(detection.score >= 0 && detection.score <= 1))
     throw InputError(file.string(), where + ".score",
-                     fmt::format("{:g} is no score from 0 to 1", detection.score), kFix);
+                     fmt::format("{:g} is not a score from 0 to 1", detection.score), kFix);
   if (from.contains("left")) {  // a detector of the picture alone
     detection.picture = picture_of(from, file, where);
     detection.camera = optional_text(from, "camera", "", file, where);
@@ -127,7 +127,8 @@ KittiDetection detection_of(const json& from, const fs::path& file, const std::s
   if (from.contains("height"))
     box.bottom = number(from, "bottom", file, where), box.height = number(from, "height", file, where);
   if (from.contains("height") && box.height <= 0)
-    throw InputError(file.string(), where + ".height", fmt::format("{:g} m is no height", box.height), kFix);
+    throw InputError(file.string(), where + ".height", fmt::format("{:g} m is not a height", box.height),
+                     kFix);
   if (const std::string problem =
           box_problem({box.bev, box.bottom, box.height > 0 ? box.height : kNominalHeight});
       !problem.empty())
@@ -316,7 +317,8 @@ DetectionRun detect_data_set(
   parallel_for(detectors.size(), [&](std::size_t worker) {
     Detector& detector = *detectors[worker];
     for (Reading reading = take(); reading.place < order.size();) {
-      throw_if_interrupted(frames.cached ? "run it again: it goes on" : "no results were written yet");
+      throw_if_interrupted(frames.cached ? "run the same command again to resume"
+                                         : "no results were written yet");
       const std::size_t i = reading.place;
       std::optional<Frame> frame;
       if (tells) frame = reading.frame.get();

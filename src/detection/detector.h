@@ -278,16 +278,17 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "weights",
          .help =
              "weights file, or real: the shipped ones fine-tuned on KITTI, for non-commercial use. clusters "
-             "needs none: a picture network that says which of its things are cars (*.pt, *.onnx, or "
-             "*.weights of camera)",
+             "needs none; with a picture detector's weights (*.pt, *.onnx, or *.weights of camera) it "
+             "tells which clusters are cars",
          .otherwise = "the shipped ones for the data set's rig",
          .word = kRealWeights},
         s.weights);
   visit({.name = "defense",
-         .help = "the detector's defence: none, jpeg:QUALITY, ceiling:HEIGHT (ignores what stands higher "
-                 "over the road, m), consistency (with the lidar and the camera detector), shadows (with the "
-                 "sweep's solid bodies), or shipped weights of mirage defend (adversarial, denoising, "
-                 "depth-gate, ceiling, roof-objects, picture-dropout); several as adversarial+shadows",
+         .help = "the detector's defence: none, jpeg:QUALITY, ceiling:HEIGHT (ignores everything more than "
+                 "HEIGHT m above the road), consistency (cross-check with the lidar and camera detectors), "
+                 "shadows (cross-check with solid bodies in the sweep), or shipped weights of mirage defend "
+                 "(adversarial, denoising, depth-gate, ceiling, roof-objects, picture-dropout). Combine with "
+                 "+, e.g. adversarial+shadows",
          .check = check_defense},
         s.defense);
   visit({.name = "clean_memory",
@@ -310,9 +311,10 @@ void visit_fields(Visitor& visit, S& s) {
        .lacking = "0"},
       s.locality);
   visit({.name = "matching",
-         .help = "how boxes are compared with each other and with labels: bev (IoU from above), 3d (IoU of "
-                 "volumes), picture (IoU there), centre (1 less the distance of the centres over 4 m), or "
-                 "own, as the detector's boxes are made for",
+         .help =
+             "overlap of two boxes, for suppression, AP and attack success: bev (IoU from above), 3d (IoU of "
+             "volumes), picture (IoU in the picture), centre (1 - d / 4 m, d between the centres) or "
+             "own (bev, or picture if the detector finds no other boxes)",
          .lacking = "own"},
         s.matching);
 }

@@ -47,7 +47,7 @@ void log_licence_of_real_weights() {
 void log_missing_weights(const fs::path& plugin) {
   static std::once_flag said;
   std::call_once(said, [&] {
-    spdlog::info("{} is loaded without weights: none are named (--weights), and none of it lie in {}",
+    spdlog::info("{} is loaded without weights: --weights names none, and there are none for it in {}",
                  plugin.string(), (plugin.parent_path() / "weights").string());
   });
 }
@@ -67,7 +67,7 @@ std::unique_ptr<Detector> load_outside_detector(const DetectorOptions& options) 
   const Defense defense = read_defense(options.defense);
   if (!defense.weights.empty() || defense.has(kConsistency))
     throw FieldError("defense", options.defense,
-                     "chooses shipped weights, which a detector of your own has not",
+                     "chooses shipped weights, which a detector of your own does not have",
                      "use none, jpeg:QUALITY, ceiling:HEIGHT or shadows");
   return program ? start_program(options) : in_process->make();
 }
@@ -183,7 +183,7 @@ std::string weights_word(const DetectorOptions& options) {
   const std::string word = read_defense(options.defense).weights;
   if (word.empty()) return options.weights == kRealWeights ? std::string("-") + kRealWeights : "";
   if (word == kRealWeights)  // a family of weights
-    throw FieldError("defense", word, "is no defence", "use --weights real, or name a defence");
+    throw FieldError("defense", word, "is not a defence", "use --weights real, or name a defence");
   if (!options.weights.empty())
     throw FieldError("defense", word, "chooses weights, and so does --weights", "give one of the two");
   return "-" + word;

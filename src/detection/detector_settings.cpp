@@ -70,14 +70,14 @@ std::vector<std::string> untrained_defenses() {
 int jpeg_quality(const std::string& text) {
   const auto quality = number_after<int>("jpeg:", text);
   if (quality && !(*quality >= 1 && *quality <= 100))
-    throw FieldError("defense", text, "is no JPEG quality", "use jpeg:1 to jpeg:100");
+    throw FieldError("defense", text, "is not a JPEG quality", "use jpeg:1 to jpeg:100");
   return quality.value_or(0);
 }
 
 double ceiling_height(const std::string& text) {
   const auto height = number_after<double>("ceiling:", text);
   if (height && !(*height > 0 && *height <= 10))
-    throw FieldError("defense", text, "is no height over the road", "use metres, such as ceiling:1.6");
+    throw FieldError("defense", text, "is not a height over the road", "use metres, such as ceiling:1.6");
   return height.value_or(0);
 }
 
@@ -91,7 +91,7 @@ Defense read_defense(const std::string& text) {
   for (const std::string& word : split_words(text)) {
     if (word.empty() || word == "none" ||
         (!stands_around(word) && word.find_first_not_of("abcdefghijklmnopqrstuvwxyz-") != std::string::npos))
-      throw FieldError("defense", text, "is no defence",
+      throw FieldError("defense", text, "is not a defence",
                        use_one_of(word, untrained_defenses(),
                                   "the word of shipped weights, such as adversarial; several as "
                                   "adversarial+shadows"));

@@ -109,7 +109,7 @@ std::pair<std::string, const char*> proposal_problem(const Detection& proposal, 
       return {"its box or logit is not finite", "check the detector's weights, and divisions by zero"};
   if (matching.in_picture()) {
     if (picture.right < picture.left || picture.bottom < picture.top)
-      return {fmt::format("left {:g} to right {:g} and top {:g} to bottom {:g} is no box", picture.left,
+      return {fmt::format("left {:g} to right {:g} and top {:g} to bottom {:g} is not a box", picture.left,
                           picture.right, picture.top, picture.bottom),
               "give left, top, right, bottom in pixels, not a centre and a size"};
     const double farthest = std::max(
@@ -120,14 +120,14 @@ std::pair<std::string, const char*> proposal_problem(const Detection& proposal, 
   }
   const double shorter = std::min(box.length, box.width), longer = std::max(box.length, box.width);
   if (shorter <= 0 || longer > kMaxSide)
-    return {fmt::format("length {:g} m and width {:g} m are no size (over 0, at most {:g} m)", box.length,
+    return {fmt::format("length {:g} m and width {:g} m are not a size (over 0, at most {:g} m)", box.length,
                         box.width, kMaxSide),
             "let the network's sizes be positive, as by exp or softplus, and limit them"};
   if (matching.by == MatchBy::space && !(height > 0 && height <= kMaxSide))
-    return {fmt::format("height {:g} m is no size (over 0, at most {:g} m)", height, kMaxSide),
+    return {fmt::format("height {:g} m is not a size (over 0, at most {:g} m)", height, kMaxSide),
             "let the network's sizes be positive, as by exp or softplus, and limit them"};
   if (horizontal_distance(box) > kMaxBoxDistance)
-    return {fmt::format("x {:g} m, y {:g} m is no place near the sensor", box.x, box.y),
+    return {fmt::format("x {:g} m, y {:g} m is not a place near the sensor", box.x, box.y),
             "give metres in the LiDAR's frame, and limit what the network gives"};
   return {};
 }

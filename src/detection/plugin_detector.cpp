@@ -356,13 +356,13 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
       return InputError(who(), fmt::format("box {}", place), problem, fix);
     };
     if (found.type < 0 || found.type >= static_cast<std::int32_t>(capabilities_.types.size()))
-      throw bad(fmt::format("class {} is none of {}", found.type, capabilities_.types.size()),
+      throw bad(fmt::format("class {} is not one of {}", found.type, capabilities_.types.size()),
                 "give an index into the classes of its capabilities");
     made.picture = {found.left, found.top, found.right, found.bottom};
     if (!capabilities_.finds_picture || area(made.picture) == 0) return made;
     const auto camera = as_size(found.camera);
     if (found.camera < 0 || camera >= frame.places().size() || frame.at(camera).kind != MIRAGE_CAMERA)
-      throw bad(fmt::format("sensor {} is no camera", found.camera),
+      throw bad(fmt::format("sensor {} is not a camera", found.camera),
                 "give an index into the frame's sensors");
     made.camera = static_cast<int>(frame.places()[camera]);
     return made;

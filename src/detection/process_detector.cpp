@@ -59,7 +59,7 @@ std::vector<std::string> command_words(const std::string& detector) {
   if (status == 0) words.assign(parts.we_wordv, parts.we_wordv + parts.we_wordc);
   if (status == 0 || status == WRDE_NOSPACE) ::wordfree(&parts);
   if (words.empty())
-    throw FieldError("detector", detector, "is no command",
+    throw FieldError("detector", detector, "is not a command",
                      "write \"exec:PROGRAM ARGUMENTS\", with what a shell would act on in quotes");
   return words;
 }

@@ -52,16 +52,18 @@ Reliance measure_reliance(std::span<Detector* const> detectors, const RecordedFr
 
 std::string picture_note(const Reliance& reliance) {
   if (reliance.uses_picture()) return "";
-  if (!reliance.reads_picture) return "this detector has no picture: nothing follows about images";
+  if (!reliance.reads_picture) return "this detector has no picture input, so this says nothing about images";
   if (reliance.vehicles == 0)
-    return "whether this detector uses its picture cannot be measured here: nothing follows about images";
-  if (reliance.ap70 <= 0) return "this detector finds no vehicle as recorded: nothing follows about images";
+    return "whether this detector uses its picture cannot be measured here, so this says nothing about "
+           "images";
+  if (reliance.ap70 <= 0)
+    return "this detector finds no vehicle as recorded, so this says nothing about images";
   if (!reliance.ignores_picture())
     return fmt::format(
-        "whether this detector uses its picture cannot be told from {} cars in {} frames: nothing follows "
-        "about images",
+        "whether this detector uses its picture cannot be told from {} cars in {} frames, so this says "
+        "nothing about images",
         reliance.vehicles, reliance.frames);
-  return "this detector does not use its picture: nothing follows about images";
+  return "this detector does not use its picture, so this says nothing about images";
 }
 
 std::string describe(const Reliance& reliance) {

@@ -135,7 +135,7 @@ void visit_fields(Visitor& visit, S& s) {
          .decides = false},
         s.lidar);
   visit({.name = "joint",
-         .help = "detector: also train what --camera, --lidar and COCO's weights gave",
+         .help = "detector: also train the parts loaded from --camera, --lidar and COCO's weights",
          .otherwise = "frozen",
          .lacking = "false"},
         s.joint);

@@ -69,7 +69,7 @@ class SceneReader {
     constexpr std::size_t kMaxCameras = 64;
     const std::string field = "scenes[].extras.mirage.others";
     if (!list.IsArray() || list.ArrayLen() > kMaxCameras)
-      gltf_.fail(field, fmt::format("is no list of at most {} cameras", kMaxCameras));
+      gltf_.fail(field, fmt::format("is not a list of at most {} cameras", kMaxCameras));
     std::set<std::string> names = {scene.name};
     for (std::size_t i = 0; i < list.ArrayLen(); ++i) {
       const tinygltf::Value& from = list.Get(static_cast<int>(i));
@@ -121,9 +121,9 @@ class SceneReader {
       gltf_.fail(field, fmt::format("width and height are not of a picture of 1 to {} pixels", kMaxPixels));
     const double reach = 1e3 * (width + height);  // px; beyond it a lens is none
     if (!(camera.fx > 0 && camera.fx <= reach && camera.fy > 0 && camera.fy <= reach))
-      gltf_.fail(field, "fx, fy are no focal lengths in pixels");
+      gltf_.fail(field, "fx, fy are not focal lengths in pixels");
     if (!(std::abs(camera.cx) <= reach && std::abs(camera.cy) <= reach))
-      gltf_.fail(field, "cx, cy are no principal point in pixels");
+      gltf_.fail(field, "cx, cy are not a principal point in pixels");
     camera.width = static_cast<int>(width);
     camera.height = static_cast<int>(height);
   }
@@ -140,7 +140,7 @@ class SceneReader {
     if (!from.Has("name")) return velo_from_camera;
     scene.name = from.Get("name").IsString() ? from.Get("name").Get<std::string>() : "";
     if (!frame_id_problem(scene.name).empty())  // pictures are named after cameras
-      gltf_.fail(field + ".name", "can be no picture's name", "name the camera, e.g. \"CAM_BACK\"");
+      gltf_.fail(field + ".name", "cannot be a picture's name", "name the camera, e.g. \"CAM_BACK\"");
     return velo_from_camera;
   }
 
@@ -150,7 +150,7 @@ class SceneReader {
       gltf_.fail(field, fmt::format("the camera is not within {:g} m", kMaxCoordinate), "place it in metres");
     if (!((turn * turn.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() <= 1e-3) ||
         turn.determinant() < 0)
-      gltf_.fail(field, "does not place a camera: its 3x3 part is no rotation",
+      gltf_.fail(field, "does not place a camera: its 3x3 part is not a rotation",
                  "write an orthonormal, right-handed [R | t]");
   }
 
@@ -231,7 +231,7 @@ class SceneReader {
         if (width < 1 || height < 1)
           gltf_.fail(name, "has no intrinsics in extras", "give --size WIDTHxHEIGHT");
         const double f = height / (2 * std::tan(camera.perspective.yfov / 2));
-        if (!(f > 0) || !std::isfinite(f)) gltf_.fail(name + ".perspective.yfov", "is no field of view");
+        if (!(f > 0) || !std::isfinite(f)) gltf_.fail(name + ".perspective.yfov", "is not a field of view");
         scene.camera = {f, f, (width - 1) / 2.0, (height - 1) / 2.0, width, height};
       }
       const Transform velo_from_camera = pose_of(placed);

@@ -34,7 +34,7 @@ std::string read_regular_file(const fs::path& file, std::size_t most) {
   const int handle = ::open(file.c_str(), O_RDONLY | O_NONBLOCK | O_NOFOLLOW | O_CLOEXEC);
   struct stat about {};
   if (handle < 0 || ::fstat(handle, &about) != 0 || !S_ISREG(about.st_mode)) {
-    const std::string reason = handle < 0 ? std::strerror(errno) : "is no regular file";
+    const std::string reason = handle < 0 ? std::strerror(errno) : "is not a regular file";
     if (handle >= 0) ::close(handle);
     throw InputError(file.string(), "", reason, kCheckPath);
   }
@@ -165,7 +165,7 @@ class Checker {
       if (!lens.is_object()) fail(field + ".perspective", "is not an object");
       const json& angle = member(lens, "yfov");
       if (!angle.is_number() || !(angle.get<double>() > 0 && angle.get<double>() < std::numbers::pi))
-        fail(field + ".perspective.yfov", "is no angle between 0 and π");
+        fail(field + ".perspective.yfov", "is not an angle between 0 and π");
     });
     check_lights();
     check_nodes();
@@ -205,7 +205,7 @@ class Checker {
     if (value.is_null() && !needed) return;
     const double number = value.is_number() ? value.get<double>() : NAN;
     if (!(number >= low && number <= high) || number != std::floor(number))
-      fail(field + "." + key, value.is_number() ? fmt::format("is {}", number) : "is no number",
+      fail(field + "." + key, value.is_number() ? fmt::format("is {}", number) : "is not a number",
            fmt::format("write a whole number from {:.0f} to {:.0f}", low, high));
   }
 
@@ -219,7 +219,7 @@ class Checker {
   std::size_t entry_of(const json& value, const std::string& field, const char* array) const {
     const double number = value.is_number() ? value.get<double>() : -1;
     if (!(number >= 0 && number < static_cast<double>(size(array))) || number != std::floor(number))
-      fail(field, fmt::format("is none of the file's {} {}", size(array), array));
+      fail(field, fmt::format("is not one of the file's {} {}", size(array), array));
     return static_cast<std::size_t>(number);
   }
 
@@ -313,7 +313,7 @@ class Checker {
         return;
       const auto positions = member(attributes, "POSITION").get<std::size_t>();
       if (member(member(document_, "accessors")[positions], "bufferView").is_null())
-        fail(fmt::format("{}.extensions.{}", name, kDraco), "is not read, and there is nothing beside it",
+        fail(fmt::format("{}.extensions.{}", name, kDraco), "is not read, and there is no uncompressed copy",
              "export the file without compression");
     });
   }
@@ -327,7 +327,7 @@ class Checker {
           const json& strength = member(light, "intensity");
           if (strength.is_null()) return;
           if (!strength.is_number() || !(strength.get<double>() >= 0 && strength.get<double>() <= kBrightest))
-            fail(field + ".intensity", fmt::format("is no strength from 0 to {:g}", kBrightest));
+            fail(field + ".intensity", fmt::format("is not a strength from 0 to {:g}", kBrightest));
         });
   }
 
@@ -413,7 +413,7 @@ class Checker {
         const auto below = value.get<std::size_t>();
         depth[below] = depth[queue[at]] + 1;
         if (depth[below] >= kMaxNodeDepth)
-          fail(fmt::format("nodes[{}]", below), fmt::format("lies {} nodes deep", depth[below]),
+          fail(fmt::format("nodes[{}]", below), fmt::format("is {} nodes deep", depth[below]),
                "flatten the tree");
         queue.push_back(below);
       }
@@ -436,7 +436,7 @@ FolderFiles::FolderFiles(const fs::path& file) : given_(file) {
   file_ = fs::canonical(file, error);
   if (error) throw InputError(file.string(), "", error.message(), kCheckPath);
   if (!fs::is_regular_file(file_, error))
-    throw InputError(file.string(), "", "is no regular file", "give the mesh or scene as a file");
+    throw InputError(file.string(), "", "is not a regular file", "give the mesh or scene as a file");
   // Of the path as given: a link to a file elsewhere stands for a file in the link's own folder.
   folder_ = fs::canonical(fs::absolute(file).parent_path(), error);
   if (error) throw InputError(file.string(), "", error.message(), kCheckPath);
@@ -454,7 +454,7 @@ fs::path FolderFiles::find(const std::string& name, const std::string& field) co
       std::mismatch(folder_.begin(), folder_.end(), path.begin(), path.end()).first == folder_.end();
   // One answer for both: whether a file exists elsewhere is no business of the naming file's author.
   if (!inside) throw bad("names a file that is not in its folder");
-  if (!fs::is_regular_file(path, error)) throw bad("names something that is no regular file");
+  if (!fs::is_regular_file(path, error)) throw bad("names something that is not a regular file");
   return path;
 }
 
@@ -538,7 +538,7 @@ GltfDocument open_gltf(const fs::path& file) {
     const auto uri = buffers[b]["uri"].get<std::string>();
     if (uri.starts_with("data:")) continue;
     const auto name = percent_decoded(uri);
-    if (!name) bad("uri: is no well-formed URI");
+    if (!name) bad("uri: is not a well-formed URI");
     document.buffers[b] = folder.read(*name, field + ".uri", length);
     if (document.buffers[b].size() < length)
       bad(fmt::format("uri: the file has {} bytes of {}", document.buffers[b].size(), length));

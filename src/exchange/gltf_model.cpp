@@ -329,7 +329,7 @@ TexturedMesh GltfModel::exact(const tinygltf::Value& source, const std::string& 
   check_reach(textured.mesh, 0, field + ".vertices");
   for (std::size_t t = 0; t < textured.atlas.texels.size(); ++t)
     if (textured.atlas.texels[t].cwiseAbs().maxCoeff() > gltf_limits::kBrightest)
-      fail(field + ".texels", fmt::format("texel {} is no albedo", t));
+      fail(field + ".texels", fmt::format("texel {} is not an albedo", t));
   return textured;
 }
 

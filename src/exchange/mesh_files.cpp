@@ -101,7 +101,7 @@ class ObjReader {
     face_.clear();
     for (const std::string_view word : words) {
       const auto named = number<int>(word.substr(0, word.find('/')));
-      if (!named || *named == 0) fail("is a face with a corner that is no vertex's number");
+      if (!named || *named == 0) fail("is a face with a corner that is not a vertex's number");
       const double before = static_cast<double>(into_.vertex_count());
       face_.push_back(into_.corner(*named > 0 ? *named - 1.0 : *named + before));
     }
@@ -135,14 +135,14 @@ MeshFormat format_of(const fs::path& file) {
   if (head.starts_with("glTF") || looks_like_json(head)) return MeshFormat::gltf;
   if (head.starts_with("ply")) return MeshFormat::ply;
   if (looks_like_obj(head)) return MeshFormat::obj;
-  throw InputError(file.string(), "content", "is no glTF, OBJ or PLY mesh",
+  throw InputError(file.string(), "content", "is not a glTF, OBJ or PLY mesh",
                    "give a .glb, .gltf, .obj or .ply file");
 }
 
 Vec3d axis(const std::string& text, const std::string& what) {
   if (text.size() == 2 && (text[0] == '+' || text[0] == '-') && text[1] >= 'x' && text[1] <= 'z')
     return (text[0] == '+' ? 1.0 : -1.0) * Vec3d::Unit(text[1] - 'x');
-  throw InputError(what, text, "is no axis", "give +x, -x, +y, -y, +z or -z");
+  throw InputError(what, text, "is not an axis", "give +x, -x, +y, -y, +z or -z");
 }
 
 /// Rows are the vehicle's x, y, z in the file's axes.
@@ -300,7 +300,7 @@ std::vector<ShapeSample> read_vehicle_meshes(const fs::path& folder, const std::
           s.x() > s.y()))
       throw InputError(
           file.string(), "size",
-          fmt::format("{:.2f} m long, {:.2f} m wide, {:.2f} m high is no vehicle", s.x(), s.y(), s.z()),
+          fmt::format("{:.2f} m long, {:.2f} m wide, {:.2f} m high is not a vehicle", s.x(), s.y(), s.z()),
           "export it in metres and name its axes (--mesh-forward, --mesh-up)");
     samples.push_back({std::move(mesh), "user"});
   }

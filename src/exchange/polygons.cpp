@@ -42,7 +42,7 @@ void Polygons::add_vertex(const Vec3d& place) {
 int Polygons::corner(double number) const {
   if (!(number >= 0 && number < std::numeric_limits<int>::max() && number == std::floor(number)))
     fail(fmt::format("face {}", face_count_),
-         fmt::format("names vertex {:g}, which is none's number", number));
+         fmt::format("names vertex {:g}, which is not a vertex's number", number));
   return static_cast<int>(number);
 }
 
@@ -209,9 +209,9 @@ class Cursor {
     while (!from_.at_end() && text.size() < kMaxHeaderLength && !text.ends_with(kEnd)) {
       text.push_back(from_.current());
       next();
-      if (text.size() == kStart.size() && text != kStart) fail("header", "is no PLY file's");
+      if (text.size() == kStart.size() && text != kStart) fail("header", "is not a PLY file's");
     }
-    if (text.size() < kStart.size()) fail("header", "is no PLY file's");
+    if (text.size() < kStart.size()) fail("header", "is not a PLY file's");
     if (!text.ends_with(kEnd)) fail("header", fmt::format("has no end within {} bytes", kMaxHeaderLength));
     for (bool on = true; on && !from_.at_end(); next()) on = from_.current() != '\n';
     return text.substr(0, text.size() - kEnd.size());
@@ -257,7 +257,7 @@ class Cursor {
     double value = 0;
     const auto [stop, error] = std::from_chars(word.data(), word.data() + size, value);
     if (error != std::errc() || stop != word.data() + size || size == word.size())
-      fail(line(), "holds a word that is no number");
+      fail(line(), "holds a word that is not a number");
     return value;
   }
   double binary_number(Scalar type) {
@@ -287,7 +287,7 @@ void take(const std::vector<std::string_view>& words, std::vector<Element>& elem
     const char* end = words.size() == 3 ? words[2].data() + words[2].size() : nullptr;
     const auto read = end ? std::from_chars(words[2].data(), end, count) : std::from_chars_result{};
     if (!end || read.ec != std::errc() || read.ptr != end)
-      cursor.fail("header", "has an element line that is no \"element NAME COUNT\"");
+      cursor.fail("header", "has an element line that is not \"element NAME COUNT\"");
     if (elements.size() == kMaxElements)
       cursor.fail("header", fmt::format("has more than {} elements", kMaxElements));
     elements.push_back({words[1], count, {}});
@@ -298,7 +298,7 @@ void take(const std::vector<std::string_view>& words, std::vector<Element>& elem
                                           : std::nullopt;
     const auto length = list ? scalar_named(words[2]) : std::nullopt;
     if (elements.empty() || !type || (list ? !length : words.size() != 3))
-      cursor.fail("header", "has a property line that is none");
+      cursor.fail("header", "has a property line that is not one");
     if (elements.back().properties.size() == kMaxProperties)
       cursor.fail("header", fmt::format("has an element of more than {} properties", kMaxProperties));
     elements.back().properties.push_back({words.back(), *type, length});
@@ -319,7 +319,7 @@ std::vector<Element> elements_of(std::string_view header, Cursor& cursor) {
     }
     take(words, elements, cursor);
   }
-  if (!form) cursor.fail("header", "names no format that there is");
+  if (!form) cursor.fail("header", "names no known format");
   cursor.set_form(*form);
   // Before room is made: an element takes its scalars at least, and a count for each list; of a text a digit
   // and what parts it from the next.
@@ -383,7 +383,7 @@ void read_ply(FileCharacters& from, Polygons& into) {
         for (const Property& property : element.properties) {
           const double count = property.length ? cursor.number(*property.length) : 1;
           if (!(count >= 0 && count <= static_cast<double>(cursor.left())))
-            cursor.fail(std::string(element.name.substr(0, 40)), "has a list of no length");
+            cursor.fail(std::string(element.name.substr(0, 40)), "has a list of an impossible length");
           for (auto k = static_cast<std::uint64_t>(count); k > 0; --k) cursor.number(property.type);
         }
       }

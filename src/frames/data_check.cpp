@@ -128,7 +128,7 @@ void check_data(const std::filesystem::path& data, const std::string& rig, UnitU
         fmt::format("find the unit (mirage rig --data {} --out rig.toml) and give it (--rig rig.toml)", set);
     if (statistics.on_rays < kEnoughOnRays) {
       const std::string problem = fmt::format(
-          "{} of the returns lie on a ray of {}: another unit recorded these sweeps, or in other axes",
+          "only {} of the returns lie on a ray of {}: these sweeps are from another unit, or in other axes",
           percent_of(statistics.on_rays), unit);
       if (assumed && use == UnitUse::casts_rays) throw InputError(set, "sweeps", problem, fix);
       spdlog::warn("{}: {}; {}", set, problem, fix);
@@ -137,8 +137,8 @@ void check_data(const std::filesystem::path& data, const std::string& rig, UnitU
                statistics.beams_without > 0) {
       // Not refused: where no ground is, a whole unit has none either.
       spdlog::warn(
-          "{}: {} of the {} beams that meet level ground within 30 m have no returns, of {}: another unit "
-          "recorded these sweeps, or beams were left out; {}",
+          "{}: {} of the {} beams that meet level ground within 30 m have no returns, for {}: these sweeps "
+          "are from another unit, or lack some beams; {}",
           set, statistics.beams_without, statistics.beams, unit, fix);
     }
   }

@@ -28,9 +28,9 @@ enum class UnitUse { casts_rays, reads_sweeps };
 
 /// Warns, once a process for a data set, of what contradicts the rig (data_rig.h): less than 95 % of the
 /// returns on a ray of its unit, a quarter of its beams that meet the ground without returns, reflectances
-/// outside [0, 1], labelled cars without a return. InputError in place of the first two where rays are cast
-/// and the rig is only assumed (rig_is_assumed). Costs a few sweeps' reading, and depends neither on threads
-/// nor on which frames the caller uses.
+/// outside [0, 1], labelled cars without a return. InputError in place of the first where rays are cast and
+/// the rig is only assumed (rig_is_assumed). Reads a few sweeps, and depends neither on threads nor on which
+/// frames the caller uses.
 void check_data(const std::filesystem::path& data, const std::string& rig, UnitUse use);
 
 }  // namespace mirage

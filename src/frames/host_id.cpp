@@ -44,11 +44,12 @@ const Label& vehicle_of(const Frame& frame, int label, const std::string& option
   std::string vehicles;
   for (std::size_t i = 0; i < frame.labels.size(); ++i)
     if (carries(frame.labels[i])) vehicles += fmt::format("{}{}", vehicles.empty() ? "" : ", ", i);
-  const std::string is = !frame.labelled ? "has no labels"
-                         : !in_range     ? fmt::format("has {} labels, from 0", frame.labels.size())
-                         : is_vehicle_type(frame.labels[index].type)
-                             ? "has no box in space for this label"
-                             : fmt::format("has a {} there, which is no vehicle", frame.labels[index].type);
+  const std::string is =
+      !frame.labelled ? "has no labels"
+      : !in_range     ? fmt::format("has {} labels, from 0", frame.labels.size())
+      : is_vehicle_type(frame.labels[index].type)
+          ? "has no box in space for this label"
+          : fmt::format("has a {} there, which is not a vehicle", frame.labels[index].type);
   throw InputError(
       option, std::to_string(label), "frame " + frame.id + " " + is,
       vehicles.empty() ? "give a frame with labelled vehicles" : "give one of its vehicles: " + vehicles);

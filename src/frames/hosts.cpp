@@ -54,7 +54,7 @@ void refuse_left_out(const PlaceChoice& place, const SkippedHosts& count) {
   if (count.no_room + count.no_neighbour == 0) return;
   const LeftOut why = count.no_neighbour > count.no_room ? LeftOut::no_neighbour : LeftOut::no_room;
   throw FieldError("placement", text_of(place),
-                   fmt::format("leaves out {} vehicles, and none is in view besides: {}",
+                   fmt::format("rules out {} vehicles, and no other one has the object in view: {}",
                                count.no_room + count.no_neighbour, why_left_out(place, why)),
                    "give another --place or more frames");
 }

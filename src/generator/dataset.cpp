@@ -208,7 +208,7 @@ void begin_dataset(const Rig& rig, const nlohmann::json& about, const fs::path& 
   if (fs::exists(file)) {
     const nlohmann::json before = read_json(file, kMaxRecordBytes);
     if (!before.is_object())
-      throw InputError(file.string(), "", "is no object of a data set's fields",
+      throw InputError(file.string(), "", "is not an object of a data set's fields",
                        "choose another --out folder");
     if (before.contains(kDrives) != about.contains(kDrives))
       throw InputError(file.string(), kDrives,

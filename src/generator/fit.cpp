@@ -38,7 +38,7 @@ std::optional<StreetSource> source_of(const std::filesystem::path& data) {
   if (about.at("generator") != kGeneratorVersion) return std::nullopt;
   const nlohmann::json look = about.value("look", nlohmann::json(name_of(Look::european)));
   if (!look.is_string())
-    throw InputError(file.string(), "look", "is no text", "make the data set again with: mirage generate");
+    throw InputError(file.string(), "look", "is not text", "make the data set again with: mirage generate");
   return StreetSource{about.at("seed").get<std::uint64_t>(), parse_look(look, file.string(), "look"),
                       std::filesystem::is_directory(data / "training" / "cameras") ? kBehind : 0};
 }

@@ -197,7 +197,7 @@ Rig read_rig(const std::filesystem::path& file) {
     ConfigTable cameras = root.table("cameras");
     for (const auto& [name, values] : whole.at("cameras").items()) {
       if (!frame_id_problem(name).empty())
-        throw InputError(file.string(), "cameras", "a camera's name can be no folder's",
+        throw InputError(file.string(), "cameras", "a camera's name cannot be a folder's",
                          "call it as [cameras.CAM_BACK]");
       ConfigTable table = cameras.table(name);
       rig.others.push_back({name, read_camera(file, "cameras." + name, table)});

@@ -41,7 +41,9 @@ def parsed(text):
             name, _, said = line.strip().partition("  ")
             groups[-1][1].append([name, said.strip()])
         elif groups and groups[-1][1] and line.startswith("   "):
-            groups[-1][1][-1][1] = (groups[-1][1][-1][1] + " " + line.strip()).strip()
+            before = groups[-1][1][-1][1]
+            within_list = re.search(r"\S,\S+,$", before)  # help parts a list without spaces at its commas
+            groups[-1][1][-1][1] = (before + ("" if within_list else " ") + line.strip()).strip()
     example = re.sub(r"^Examples?:\s*", "", "\n".join(example)).strip()
     return " ".join(description.split()), example, [(h, [tuple(o) for o in options]) for h, options in groups if options]
 

@@ -97,7 +97,7 @@ def stage(source, out):
         for target in targets(text):
             linked = os.path.normpath(os.path.join(os.path.dirname(name), target))
             if linked.endswith(".md") and linked not in names:
-                sys.exit(f"{name}: links to {linked}, which is no page of the site; add it to NAVIGATION")
+                sys.exit(f"{name}: links to {linked}, which is not a page of the site; add it to NAVIGATION")
             if not linked.endswith(".md"):
                 os.makedirs(os.path.dirname(os.path.join(to, linked)), exist_ok=True)
                 shutil.copyfile(os.path.join(source, linked), os.path.join(to, linked))

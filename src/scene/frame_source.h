@@ -38,8 +38,8 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "depth completion of the photographs: ip-basic, guided (learned) or a plugin (*.so)"},
         s.depth);
   visit({.name = "rooftop",
-         .help = "roof the adversary stands on: shape (fitted to the vehicle's returns), box (the label's) "
-                 "or a shape model (*.shape)"},
+         .help = "roof that the object stands on: shape (fitted to the vehicle's returns), box (top of the "
+                 "labelled box) or a shape model to fit (*.shape)"},
         s.rooftop);
   visit({.name = "placement",
          .help = "where the object is put: a shipped placement, FILE.toml, X,Y,Z,YAW (m forward, left and up "
@@ -49,8 +49,8 @@ void visit_fields(Visitor& visit, S& s) {
          .lacking = "roof"},
         s.placement);
   visit({.name = "cameras",
-         .help = "cameras of a set with several (nuScenes): first (the front one, and the sweep that it "
-                 "sees) or all (each that sees the object shows it; the whole sweep)",
+         .help = "for data sets with several cameras (nuScenes): first (the front camera, and the part of "
+                 "the sweep in its view) or all (every camera, and the whole sweep)",
          .lacking = "first"},
         s.cameras);
   visit({.name = "sensors",

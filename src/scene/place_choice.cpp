@@ -36,7 +36,7 @@ PlaceChoice read_numbers(const std::string& text) {
   const bool world = text.starts_with(kWorld);
   place.in = world ? In::world : In::vehicle;
   const std::vector<std::string> words = listed_words(world ? text.substr(std::string(kWorld).size()) : text);
-  if (words.size() != 4) throw FieldError(kField, text, "is no place", kUse);
+  if (words.size() != 4) throw FieldError(kField, text, "is not a place", kUse);
   for (int i = 0; i < 3; ++i) {
     place.at[i] = rounded(parse_number(words[as_size(i)], kField));
     if (!(std::abs(place.at[i]) <= kMaxPlaceDistance))

@@ -22,11 +22,11 @@ constexpr std::int64_t kMaxRays = 1 << 23;
 std::filesystem::path own_table_of(const std::filesystem::path& named_in, const char* field,
                                    const std::string& name) {
   if (name.empty() || name.ends_with(".toml") || name.find_first_of(std::string("/\0", 2)) != name.npos)
-    throw InputError(named_in.string(), field, "is no unit's name",
+    throw InputError(named_in.string(), field, "is not a unit's name",
                      "name a unit of scenes/lidars; a file of your own is given by --lidar");
   if (const auto units = shipped_names("scenes/lidars", ".toml");
       std::find(units.begin(), units.end(), name) == units.end())
-    throw InputError(named_in.string(), field, name + " is no shipped unit", use_one_of(name, units));
+    throw InputError(named_in.string(), field, name + " is not a shipped unit", use_one_of(name, units));
   const std::filesystem::path unit = lidar_file(name);
   const nlohmann::json file = read_toml(unit);
   const nlohmann::json table = file.value("lidar", nlohmann::json());
@@ -78,10 +78,10 @@ nlohmann::json lidar_table(const std::filesystem::path& path) {
     throw InputError(path.string(), "lidar", "missing key", "add the table, or name a unit of scenes/lidars");
   const nlohmann::json& own = file.at("lidar");
   if (own.is_string()) return lidar_table(own_table_of(path, "lidar", own));
-  if (!own.is_object()) throw InputError(path.string(), "lidar", "is no table", "write it as [lidar]");
+  if (!own.is_object()) throw InputError(path.string(), "lidar", "is not a table", "write it as [lidar]");
   if (!own.contains("unit")) return own;
   if (!own.at("unit").is_string())
-    throw InputError(path.string(), "lidar.unit", "is no text", "name a unit of scenes/lidars");
+    throw InputError(path.string(), "lidar.unit", "is not text", "name a unit of scenes/lidars");
   nlohmann::json table = lidar_table(own_table_of(path, "lidar.unit", own.at("unit")));
   for (const auto& [key, value] : own.items())
     if (key != "unit") table[key] = value;

@@ -63,7 +63,7 @@ std::string unit_fix(double longest) {
         std::pair{"metres taken for centimetres", 100.0}, std::pair{"metres taken for millimetres", 1000.0}})
     if (longest * scale >= 0.2 && longest * scale <= 5)
       units += fmt::format("{}{}? scale by {:g}", units.empty() ? "are these " : ", or ", unit, scale);
-  return units.empty() ? "give one object, in metres" : units + "; a whole scene is no object";
+  return units.empty() ? "give one object, in metres" : units + "; a whole scene is not an object";
 }
 
 }  // namespace
@@ -135,8 +135,8 @@ void check_object(const TexturedMesh& object, const std::string& where) {
   const double longest = box.sizes().maxCoeff();
   if (!(longest >= kMinObject && longest <= kMaxObject))
     throw InputError(where, "size",
-                     fmt::format("{} is no object for a car's roof ({:g} to {:g} m)", in_metres(box.sizes()),
-                                 kMinObject, kMaxObject),
+                     fmt::format("{} is not an object for a car's roof ({:g} to {:g} m)",
+                                 in_metres(box.sizes()), kMinObject, kMaxObject),
                      unit_fix(longest));
   constexpr double kMaxOffset = 2;  // m
   const Vec2d outside = box.min().head<2>().cwiseMax(-box.max().head<2>()).cwiseMax(0.0);

@@ -120,9 +120,9 @@ Placement placement_of(const PlaceChoice& place, Carrier carrier, std::span<cons
 
 std::string why_left_out(const PlaceChoice& place, LeftOut left_out) {
   if (left_out == LeftOut::no_room)
-    return fmt::format("something labelled stands where {} puts the object", text_of(place));
+    return fmt::format("a labelled object already stands where {} puts the mesh", text_of(place));
   if (left_out == LeftOut::no_neighbour)
-    return fmt::format("no other vehicle is within {:g} m of the object, as {} wants", place.within,
+    return fmt::format("no other vehicle is within {:g} m of the object, as {} requires", place.within,
                        text_of(place));
   return "";
 }
@@ -134,8 +134,8 @@ void warn_of_volume(const PlaceChoice& place, const Vec3d& size, const std::stri
   const auto words = [](const Vec3d& v) {
     return fmt::format("{:.4g} × {:.4g} × {:.4g} m", v.x(), v.y(), v.z());
   };
-  spdlog::warn("{}: {} is larger than the volume of {}, {}: hosts have room for that alone", where,
-               words(size), text_of(place), words(place.volume));
+  spdlog::warn("{}: {} is larger than the volume of {}, {}: hosts are checked for room for that volume only",
+               where, words(size), text_of(place), words(place.volume));
 }
 
 Box3 grown_box(const Box3& box, const Mesh& placed) {

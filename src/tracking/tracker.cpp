@@ -262,7 +262,7 @@ void Tracker::update(Track& track, const Box3& box) const {
 
 std::vector<TrackState> Tracker::step(double time, std::span<const TrackedDetection> detections) {
   if (started_ && !(time > time_))
-    throw InputError("sequence", std::to_string(time), "is no later time than the frame's before",
+    throw InputError("sequence", std::to_string(time), "is not later than the time of the frame before",
                      "give the frames in order of time");
   const double frames = started_ ? (time - time_) / kFrame : 0;
   time_ = time;
@@ -327,7 +327,7 @@ std::vector<SmoothPlace> smooth(std::span<const PlaceMeasurement> measurements) 
   if (measurements.empty()) return {};
   for (std::size_t k = 0; k < measurements.size(); ++k) {
     if (k > 0 && !(measurements[k].time > measurements[k - 1].time))
-      throw InputError("track", std::to_string(measurements[k].time), "is no later time than the one before",
+      throw InputError("track", std::to_string(measurements[k].time), "is not later than the one before",
                        "give measurements in order of time");
     if (!(measurements[k].sigma.minCoeff() > 0 && measurements[k].yaw_sigma > 0))
       throw InputError("track", "sigma", "is not over 0", "say how large the noise is");

@@ -64,7 +64,10 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "track_by", .help = "what ties a detection to a track: iou (in space) or distance"},
         s.matching);
   visit({.name = "track_iou", .help = "least IoU of a match by overlap", .range = {0, 1}}, s.least_iou);
-  visit({.name = "track_distance", .help = "m; farthest match by distance", .range = {0, 100}}, s.farthest);
+  visit({.name = "track_distance",
+         .help = "largest centre distance of a match by distance, m",
+         .range = {0, 100}},
+        s.farthest);
 }
 
 /// A detection in the world.

@@ -150,9 +150,9 @@ TEST(PrintGamut, WhatIsNoPrintIsOneLine) {
   EXPECT_THAT(said(chart("RGB_R RGB_G RGB_B", grey)), HasSubstr("BEGIN_DATA_FORMAT: has neither XYZ_X"));
   EXPECT_THAT(said(chart("XYZ_X XYZ_Y XYZ_Z", grey)), HasSubstr("patches lie in one plane"));
   EXPECT_THAT(said(chart("XYZ_X XYZ_Y XYZ_Z", {"1 1 1", "2 2 2", "3 3 3"})),
-              HasSubstr("NUMBER_OF_SETS: is no number of patches"));
+              HasSubstr("NUMBER_OF_SETS: is not a number of patches"));
   EXPECT_THAT(said(chart("XYZ_X XYZ_Y XYZ_Z", {"1 1 1", "2 2 2", "3 900 3", "4 4 4"})),
-              HasSubstr("XYZ_Y of patch 3: 900 is no measured colour"));
+              HasSubstr("XYZ_Y of patch 3: 900 is not a measured colour"));
   EXPECT_THAT(said("CTI3\n.INCLUDE \"/etc/passwd\"\n"), HasSubstr("INCLUDE: names another file"));
   std::string profile = test::print_profile(fogra39());
   EXPECT_THAT(said(profile.substr(0, 200)), HasSubstr(file));

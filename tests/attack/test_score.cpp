@@ -116,7 +116,7 @@ TEST(Score, ACarCountsIfAnyObjectOfTheLevelHidesIt) {
   const Score score = score_outcomes(hosts, kObjects, kFrames);
   EXPECT_DOUBLE_EQ(cell(score, ObjectLevel::loads, 0).bound.share.value, 0.1);
   EXPECT_EQ(score.grade, "D");
-  EXPECT_THAT(score.answer[0], HasSubstr("not shown"));
+  EXPECT_THAT(score.answer[0], HasSubstr("not proven"));
 }
 
 TEST(Score, AsManyCarsAsAnOpenCellAsksForTellIt) {
@@ -128,7 +128,7 @@ TEST(Score, AsManyCarsAsAnOpenCellAsksForTellIt) {
     ASSERT_EQ(open.status, CellStatus::open);
     ASSERT_TRUE(open.needed);
     EXPECT_GE(score.frames_needed, *open.needed);  // a car a frame
-    EXPECT_THAT(score.answer.back(), HasSubstr("would tell"));
+    EXPECT_THAT(score.answer.back(), HasSubstr("would settle"));
     // The same share of so many.
     const int more = static_cast<int>(*open.needed);
     auto larger = sound(more);

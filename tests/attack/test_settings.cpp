@@ -208,7 +208,7 @@ TEST(Settings, ARunGoesOnWithTheUsersPluginsAsTheyWere) {
     write_file(folder / name, "rebuilt");
     EXPECT_THAT(
         test::error_text<InputError>([&] { check_identity("checkpoint.json", written, identity(settings)); }),
-        StartsWith("checkpoint.json: " + key + ": the folder holds a run with another value"));
+        StartsWith("checkpoint.json: " + key + ": the run in this folder has another value"));
     nlohmann::json earlier = written;  // a program that did not say
     earlier.erase(key);
     check_identity("checkpoint.json", earlier, identity(settings));
@@ -242,7 +242,7 @@ TEST(Settings, ASettingThatIsGoneIsIgnoredByReadersAndRefusedByWhatGoesOn) {
   EXPECT_THAT(
       test::error_text<InputError>([&] { check_identity("checkpoint.json", written, identity(settings)); }),
       StartsWith(
-          "checkpoint.json: objective: the folder holds a run with this setting, which yours has not"));
+          "checkpoint.json: objective: the run in this folder has this setting, and yours does not"));
 }
 
 }  // namespace

@@ -73,8 +73,8 @@ TEST(Toml, RefusesLettersElsewhereInALine) {
     }
     EXPECT_THAT(toml_error("\n# " + l + "\nb = 2" + l), HasSubstr("line 3: U+"));
   }
-  EXPECT_THAT(toml_error("a = 1\nb = '\xff'"), HasSubstr("line 2: holds bytes that are no UTF-8"));
-  EXPECT_THAT(toml_error("# \xed\xa0\x80"), HasSubstr("line 1: holds bytes that are no UTF-8"));
+  EXPECT_THAT(toml_error("a = 1\nb = '\xff'"), HasSubstr("line 2: holds bytes that are not UTF-8"));
+  EXPECT_THAT(toml_error("# \xed\xa0\x80"), HasSubstr("line 1: holds bytes that are not UTF-8"));
 }
 
 TEST(Toml, OfAsciiReachesTheParserAsItIs) {

@@ -63,7 +63,7 @@ TEST(ReadFile, TakesRegularFilesAlone) {
   std::filesystem::create_symlink("/dev/zero", folder / "endless");
   for (const char* name : {"pipe", "endless"})
     EXPECT_THAT(error_text<InputError>([&] { read_file(folder / name); }),
-                AllOf(HasSubstr((folder / name).string()), HasSubstr("is no regular file")));
+                AllOf(HasSubstr((folder / name).string()), HasSubstr("is not a regular file")));
 }
 
 // A sparse file of 50 GB is one block on the disk of whoever sends it.

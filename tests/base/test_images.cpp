@@ -214,10 +214,11 @@ TEST(ImageFiles, OnlyPicturesAreOpenedAndNoPipes) {
        {std::string("P6 2 2 255\n############"), std::string("\x49\x49\x2a\0", 4) + std::string(40, 'x')}) {
     write_file(folder / "other.png", bytes);
     EXPECT_THAT(error_text<InputError>([&] { read_srgb(folder / "other.png"); }),
-                HasSubstr("no PNG, JPEG or EXR"));
+                HasSubstr("not a PNG, JPEG or EXR"));
   }
   ASSERT_EQ(mkfifo((folder / "pipe.png").c_str(), 0600), 0);
-  EXPECT_THAT(error_text<InputError>([&] { read_srgb(folder / "pipe.png"); }), HasSubstr("no regular file"));
+  EXPECT_THAT(error_text<InputError>([&] { read_srgb(folder / "pipe.png"); }),
+              HasSubstr("not a regular file"));
 }
 
 // A file-size limit stands in for a full disk.

@@ -80,11 +80,11 @@ TEST_F(JsonRows, AreThoseOfTheWholeFile) {
 
 TEST_F(JsonRows, WhatIsNoListOrNoJsonIsNamed) {
   for (const char* text : {"{}", "{\"rows\": [1]}", "3", "\"[]\"", "null"})
-    EXPECT_THAT(refusal(text), AllOf(HasSubstr("rows.json"), HasSubstr("is no list of rows; restore it")));
+    EXPECT_THAT(refusal(text), AllOf(HasSubstr("rows.json"), HasSubstr("is not a list of rows; restore it")));
   EXPECT_THAT(refusal("{\"other\": [1]}", "rows"), HasSubstr("rows: is missing"));
   EXPECT_THAT(refusal("{\"a\": {\"rows\": [1]}}", "rows"), HasSubstr("rows: is missing"));
   for (const char* text : {"[1]", "{\"rows\": 3}", "{\"rows\": {\"a\": [1]}}"})
-    EXPECT_THAT(refusal(text, "rows"), HasSubstr("rows: is no list"));
+    EXPECT_THAT(refusal(text, "rows"), HasSubstr("rows: is not a list"));
   EXPECT_THAT(refusal("{\"rows\": [1], \"rows\": [2]}", "rows"), HasSubstr("rows: is there twice"));
   EXPECT_THAT(refusal(""), HasSubstr("byte 1: not valid JSON"));
   EXPECT_THAT(refusal("[1, 2"), HasSubstr("not valid JSON"));

@@ -161,7 +161,8 @@ TEST(ReadJson, RefusesWhatNoFileOfOursHolds) {
   write_file(folder / "large.json", "{\"a\": 1e999}");
   EXPECT_THAT(error_text<InputError>([&] { read_json(folder / "large.json"); }), HasSubstr("out of range"));
   ASSERT_EQ(mkfifo((folder / "pipe.json").c_str(), 0600), 0);
-  EXPECT_THAT(error_text<InputError>([&] { read_json(folder / "pipe.json"); }), HasSubstr("no regular file"));
+  EXPECT_THAT(error_text<InputError>([&] { read_json(folder / "pipe.json"); }),
+              HasSubstr("not a regular file"));
 }
 
 TEST(JsonFields, EachErrorNamesFileAndField) {

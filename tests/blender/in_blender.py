@@ -417,7 +417,7 @@ class Errors(unittest.TestCase):
     def test_a_missing_program(self):
         self.small()
         os.environ["MIRAGE_BINARY"] = "/nowhere/mirage"
-        self.expect("MIRAGE_BINARY: /nowhere/mirage: is no program; set it")
+        self.expect("MIRAGE_BINARY: /nowhere/mirage: is not a program; set it")
 
     def test_a_program_that_fails(self):
         self.small()

@@ -93,7 +93,7 @@ class Scenes(unittest.TestCase):
             glb.Glb(path)
         pipe = os.path.join(self.folder.name, "pipe.glb")
         os.mkfifo(pipe)
-        with self.assertRaisesRegex(ValueError, "pipe.glb: is no file"):
+        with self.assertRaisesRegex(ValueError, "pipe.glb: is not a file"):
             glb.Glb(pipe)
 
 

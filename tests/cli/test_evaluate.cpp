@@ -35,13 +35,13 @@ void Evaluate::check_transfer() {
   ASSERT_EQ(evaluate("--hosts-of " + at("other") + " --random-meshes 2 --pictures 1"), 0) << said();
   EXPECT_THAT(said(), testing::AllOf(HasSubstr("vanished"), HasSubstr("FN ASR, IoU 0.7"),
                                      HasSubstr("2 × random mesh "), HasSubstr("2 × random mesh of its size"),
-                                     HasSubstr("learned less, points:")));
+                                     HasSubstr("learned mesh minus control, points:")));
   EXPECT_THAT(said(), HasSubstr("range "));
   const auto result = json("e/result.json");
   EXPECT_EQ(result.at("hosts_of"), at("other"));
   EXPECT_EQ(result.at("detector"), "lidar");
   EXPECT_EQ(result.at("reliance").at("reads_picture"), false);
-  EXPECT_THAT(said(), HasSubstr("this detector has no picture: nothing follows about images"));
+  EXPECT_THAT(said(), HasSubstr("this detector has no picture input, so this says nothing about images"));
   EXPECT_EQ(result.at("random").at("meshes"), 2);
   EXPECT_EQ(result.at("arms").size(), 3u);
   EXPECT_TRUE(result.at("hidden").at("vanished").contains("vehicles"));

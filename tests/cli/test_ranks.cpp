@@ -98,7 +98,7 @@ TEST_F(Ranks, OneTwoAndFourProcessesLearnTheSameBits) {
     EXPECT_EQ(text(out + "/adversary.glb"), text("one/adversary.glb"));
     EXPECT_EQ(text(out + "/loss.csv"), text("one/loss.csv"));
     // The first rank alone speaks and writes.
-    const std::string told = said(), row = "vehicles to train on  ";
+    const std::string told = said(), row = "training vehicles  ";
     EXPECT_NE(told.find(row), std::string::npos) << told;
     EXPECT_EQ(told.find(row, told.find(row) + 1), std::string::npos) << told;
   }

@@ -150,9 +150,9 @@ TEST(DetectionFiles, WhatDetectNeverWritesIsRefused) {
     detection[field] = value;
     return text({{{"frame", "000004"}, {"detections", {detection}}}});
   };
-  EXPECT_THAT(with("score", 5), HasSubstr("detection 0.score: 5 is no score from 0 to 1"));
+  EXPECT_THAT(with("score", 5), HasSubstr("detection 0.score: 5 is not a score from 0 to 1"));
   EXPECT_THAT(with("score", -3), HasSubstr("detection 0.score"));
-  EXPECT_THAT(with("height", -2), HasSubstr("detection 0.height: -2 m is no height"));
+  EXPECT_THAT(with("height", -2), HasSubstr("detection 0.height: -2 m is not a height"));
   const nlohmann::json frame = {{"frame", "000004"}, {"detections", {right}}};
   EXPECT_THAT(text({frame, frame}), HasSubstr("frames.1: lists the frame 000004 again"));
 }

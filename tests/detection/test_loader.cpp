@@ -402,7 +402,7 @@ TEST(Loader, MissingWeights) {
   options.defense = "adversarial";
   EXPECT_THAT(load_error(options), HasSubstr("give one of the two"));
   options.defense = "real";  // the family is no defence
-  EXPECT_THAT(load_error(options), HasSubstr("is no defence"));
+  EXPECT_THAT(load_error(options), HasSubstr("is not a defence"));
   options.defense = "none";
   options.weights = "/nowhere/my.weights";
   EXPECT_THAT(load_error(options), HasSubstr("/nowhere/my.weights: no such weights file"));
@@ -449,7 +449,7 @@ TEST(DefenseWords, WeightsAndWhatStandsAround) {
 TEST(DefenseWords, WhatIsNone) {
   for (const char* wrong :
        {"+", "shadows+", "+adversarial", "none+shadows", "Shadows", "../weights", "shadows adversarial"})
-    EXPECT_THAT(refusal(wrong), HasSubstr("is no defence")) << wrong;
+    EXPECT_THAT(refusal(wrong), HasSubstr("is not a defence")) << wrong;
   EXPECT_THAT(refusal("adversarial+denoising"), HasSubstr("two sets of weights, adversarial and denoising"));
   EXPECT_THAT(refusal("shadows+adversarial+shadows"), HasSubstr("names shadows twice"));
   EXPECT_THAT(refusal("shadows+jpeg:0"), HasSubstr("use jpeg:1 to jpeg:100"));

@@ -128,9 +128,9 @@ TEST(Onnx, EveryWrongModelIsToldWhy) {
   };
   EXPECT_THAT(message_of("channels_first"),
               HasSubstr("input image: has shape [1,3,-1,-1]; name the inputs image [H,W,3]"));
-  EXPECT_THAT(message_of("other_input"), HasSubstr("input data: is none that there is"));
+  EXPECT_THAT(message_of("other_input"), HasSubstr("input data: is not known"));
   EXPECT_THAT(message_of("double"), HasSubstr("input points: is not of float32"));
-  EXPECT_THAT(message_of("no_boxes"), HasSubstr("there is none of the name boxes; name the outputs"));
+  EXPECT_THAT(message_of("no_boxes"), HasSubstr("there is none named boxes; name the outputs"));
   EXPECT_THAT(message_of("columns"), HasSubstr("boxes: have shape [1,7]"));
   EXPECT_THAT(message_of("count"), HasSubstr("logits: have shape [2] for 3 boxes"));
   EXPECT_THAT(message_of("whole_numbers"), HasSubstr("logits: are not of float32"));
@@ -138,7 +138,7 @@ TEST(Onnx, EveryWrongModelIsToldWhy) {
   EXPECT_THAT(message_of("bad_region"),
               HasSubstr("metadata region: \"0 50 20\" is not x_min x_max y_min y_max"));
   write_file(onnx_models() / "text.onnx", "this is text");
-  EXPECT_THAT(message_of("text"), HasSubstr("file: is no ONNX model ("));
+  EXPECT_THAT(message_of("text"), HasSubstr("file: is not an ONNX model ("));
 }
 
 TEST(Onnx, OfAnotherPicturesSizeIsRefusedAtTheFrame) {

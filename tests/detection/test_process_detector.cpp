@@ -259,8 +259,8 @@ TEST_F(ProcessTest, ACommandThatDoesNotServeIsALine) {
     options.detector = "exec:" + command;
     return error_text<InputError>([&] { start_program(options, {seconds, 60}); });
   };
-  EXPECT_THAT(text(""), HasSubstr("is no command"));
-  EXPECT_THAT(text("python3 a.py | tee log"), HasSubstr("is no command"));
+  EXPECT_THAT(text(""), HasSubstr("is not a command"));
+  EXPECT_THAT(text("python3 a.py | tee log"), HasSubstr("is not a command"));
   EXPECT_THAT(text("no-such-program a.py"), HasSubstr("not on PATH: no-such-program"));
   EXPECT_THAT(text("/bin/false"), HasSubstr("ended before it served (exit code 1)"));
   EXPECT_THAT(text("/bin/sleep 60", 0.3), HasSubstr("gave no answer in 0.3 s"));

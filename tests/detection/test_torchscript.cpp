@@ -227,7 +227,7 @@ TEST(TorchScript, BoxesOfNoSizeAreRefusedWithTheBox) {
   EXPECT_THAT(refusal("negative_sides"), HasSubstr("positive"));
   EXPECT_THAT(refusal("no_width"), HasSubstr("width 0 m"));
   EXPECT_THAT(refusal("huge"), HasSubstr("at most 1000 m"));
-  EXPECT_THAT(refusal("far"), HasSubstr("is no place near the sensor"));
+  EXPECT_THAT(refusal("far"), HasSubstr("is not a place near the sensor"));
   EXPECT_THAT(refusal("picture_centres"), HasSubstr("not a centre and a size"));
 }
 

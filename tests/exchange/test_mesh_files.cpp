@@ -90,12 +90,12 @@ TEST(MeshFiles, AnObjectOfNoRoofIsRefusedWithItsSizeAndUnit) {
     write_mesh(folder / "a.ply", mesh);
     return error_text<InputError>([&] { read_object(folder / "a.ply"); });
   };
-  EXPECT_THAT(refusal(1000), HasSubstr("a.ply: size: 1000 × 800 × 500 m is no object"));
+  EXPECT_THAT(refusal(1000), HasSubstr("a.ply: size: 1000 × 800 × 500 m is not an object"));
   EXPECT_THAT(refusal(1000), HasSubstr("are these millimetres? scale by 0.001"));
   EXPECT_THAT(refusal(120), HasSubstr("are these centimetres? scale by 0.01"));
   EXPECT_THAT(refusal(0.001), HasSubstr("scale by 1000"));
   EXPECT_THAT(refusal(1, {30, -12, 0}), HasSubstr("a.ply: place: lies"));
-  EXPECT_THAT(refusal(60), HasSubstr("a whole scene is no object"));
+  EXPECT_THAT(refusal(60), HasSubstr("a whole scene is not an object"));
   for (const double scale : {0.05, 1.0, 9.9}) {
     write_mesh(folder / "a.ply", box_mesh(scale * Vec3d(1, 0.8, 0.5)));
     EXPECT_EQ(read_object(folder / "a.ply").mesh.faces.size(), 12u) << scale;
@@ -171,7 +171,7 @@ TEST(MeshFiles, ErrorsNameFileAndFix) {
   EXPECT_THAT(error_text<InputError>([&] {
                 read_mesh(folder / "huge.ply", MeshAxes{"x", "+z"});
               }),
-              HasSubstr("no axis"));
+              HasSubstr("not an axis"));
 }
 
 /// A PLY of one triangle, or of what its counts say.
@@ -203,7 +203,7 @@ TEST(HostileMeshes, PlyFilesThatClaimMoreThanTheyHoldAreRefused) {
   EXPECT_THAT(refusal(elements + "end_header\n"), HasSubstr("more than 32 elements"));
   EXPECT_THAT(refusal("ply\nformat ascii 1.0\n" + std::string(100'000, ' ') + "end_header\n"),
               HasSubstr("no end within"));
-  EXPECT_THAT(refusal("ply\nelement vertex 0\nend_header\n"), HasSubstr("names no format that there is"));
+  EXPECT_THAT(refusal("ply\nelement vertex 0\nend_header\n"), HasSubstr("names no known format"));
   EXPECT_THAT(refusal("ply\nformat ascii 1.0\nelement vertex 3\nproperty colour x\nend_header\n"),
               HasSubstr("property line"));
   // Faces without corners, of vertices that are not there, and lists that end too early.
@@ -390,10 +390,10 @@ TEST(ReadObj, RefusesWhatItCannotTakeAsMeant) {
     EXPECT_THAT(refusal(vertex), HasSubstr("a.obj: line 4: is a vertex without three finite numbers"))
         << vertex;
   for (const char* face : {"f 1 2 0", "f 1 2 x", "f 1 2 /3", "f 1 2 3.5", "f 1 2 99999999999"})
-    EXPECT_THAT(refusal(face), HasSubstr("line 4: is a face with a corner that is no vertex's number"))
+    EXPECT_THAT(refusal(face), HasSubstr("line 4: is a face with a corner that is not a vertex's number"))
         << face;
   EXPECT_THAT(refusal("f 1 2 4"), HasSubstr("face 0: names vertex 3 of 3"));
-  EXPECT_THAT(refusal("f 1 2 -4"), HasSubstr("face 0: names vertex -1, which is none's number"));
+  EXPECT_THAT(refusal("f 1 2 -4"), HasSubstr("face 0: names vertex -1, which is not a vertex's number"));
   EXPECT_THAT(refusal("f 1 2 -2147483648"), HasSubstr("face 0: names vertex"));
   EXPECT_THAT(refusal("f"), HasSubstr("face 0: has 0 corners, not 1 to 1000"));
   EXPECT_THAT(refusal("f 1 2 4\nv 1 1 1\nf 1 2 6 5 4 3"), HasSubstr("face 1: names vertex 5 of 4"));

@@ -125,10 +125,10 @@ TEST(GltfFiles, APipeAsTheSceneIsNotWaitedFor) {
   const test::TemporaryFolder folder;
   for (const char* name : {"pipe.glb", "pipe.obj", "pipe.ply"}) {
     ASSERT_EQ(mkfifo((folder / name).c_str(), 0600), 0);
-    EXPECT_THAT(error_text<InputError>([&] { read_mesh(folder / name); }), HasSubstr("no regular file"));
+    EXPECT_THAT(error_text<InputError>([&] { read_mesh(folder / name); }), HasSubstr("not a regular file"));
   }
   EXPECT_THAT(error_text<InputError>([&] { read_adversary(folder / "pipe.glb"); }),
-              HasSubstr("no regular file"));
+              HasSubstr("not a regular file"));
 }
 
 TEST(MeshFolder, MaterialsOfAnObjComeFromItsOwnFolderOnly) {

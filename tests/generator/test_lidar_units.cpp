@@ -105,7 +105,7 @@ TEST(LidarUnits, ARigFileReachesNoOtherFile) {
     for (const std::string& text : {"lidar = \"" + name + "\"\n", "[lidar]\nunit = \"" + name + "\"\n"}) {
       write_file(folder / "rig.toml", text);
       EXPECT_THAT(test::error_text<InputError>([&] { read_lidar_model(folder / "rig.toml"); }),
-                  testing::AllOf(testing::HasSubstr("rig.toml"), testing::HasSubstr("is no unit's name")))
+                  testing::AllOf(testing::HasSubstr("rig.toml"), testing::HasSubstr("is not a unit's name")))
           << text;
     }
 }

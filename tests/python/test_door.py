@@ -423,7 +423,7 @@ class Compare(unittest.TestCase):
         mirage.icosphere().write(sphere)
         result = mirage.compare((detector, bold), data=FOLDER.data, runs=[run], mesh=[sphere], out=place("compare"), rooftop="box")
         self.assertEqual(result["compare"]["detectors"], ["python", "python:2"])
-        self.assertIn("second is easier to fool", str(result))
+        self.assertIn("vehicles vanish under the second", str(result))
         self.assertTrue(os.path.exists(os.path.join(place("compare"), "result.json")))
         again = mirage.compare((bold, program("same.py", "serve(detector)\n")), data=FOLDER.data, mesh=sphere, out=place("compare"),
                                rooftop="box")
@@ -539,7 +539,7 @@ class Frames(unittest.TestCase):
         label = ("Car", [0, 0, np.float32(8), 4, 2, 1.5, 0])
         self.assertEqual(len(mirage.Frame(**{**good, "intrinsics": (5, np.float32(5), 2, 2), "labels": [label],
                                              "rig": pathlib.Path("kitti64")}).labels), 1)
-        for name, value, said in (("intrinsics", (0, 5, 2, 2), "no camera"), ("intrinsics", (5, 5, np.nan, 2), "no camera"),
+        for name, value, said in (("intrinsics", (0, 5, 2, 2), "not a camera"), ("intrinsics", (5, 5, np.nan, 2), "not a camera"),
                                   ("camera_from_velo", np.diag([1.0, 1, -1, 1])[:3], "rotation"),
                                   ("image", np.full((4, 5, 3), 200), "scene-linear"), ("points", np.zeros((2, 3)), "points"),
                                   ("points", np.full((2, 4), np.nan), "finite"),
@@ -774,7 +774,7 @@ class Frameworks(unittest.TestCase):
             for network in (mirage.openpcdet.wrap(OpenPCDetMock(), angle=angle),
                             mirage.mmdet3d.wrap(MMDet3DMock(), angle=angle, meta={})):
                 np.testing.assert_allclose(network.region, expected, atol=1e-4)
-        with self.assertRaisesRegex(mirage.InputError, "angle: 0.3 rad is no quarter turn"):
+        with self.assertRaisesRegex(mirage.InputError, "angle: 0.3 rad is not a quarter turn"):
             mirage.openpcdet.wrap(OpenPCDetMock(), angle=0.3)
 
     def test_points_that_are_drawn_by_chance_are_refused(self):

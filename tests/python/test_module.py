@@ -80,7 +80,7 @@ class Frames(unittest.TestCase):
                              camera_from_velo=FRAME.camera_from_velo, labels=[("Van", box), ("Pedestrian", box), ("Car", box)])
         for classes, found in ((None, [2]), ("Car", [2]), ("Van,Car", [0, 2]), (["pedestrian"], [1]), ("Truck", [])):
             self.assertEqual([host.index for host in frame.hosts(classes=classes, rooftop="box")], found, classes)
-        with self.assertRaisesRegex(mirage.InputError, "host: 1: .*no vehicle"):
+        with self.assertRaisesRegex(mirage.InputError, "host: 1: .*not a vehicle"):
             mirage.insert(frame, 1, mirage.icosphere(), rooftop="box")
         self.assertGreater(mirage.insert(frame, 1, mirage.icosphere(), rooftop="box", classes="Pedestrian").adversary_pixels, 0)
         for call in (frame.hosts, lambda **settings: mirage.insert(frame, 0, mirage.icosphere(), **settings)):
@@ -160,7 +160,7 @@ class Meshes(unittest.TestCase):
             mesh = good.copy()
             with self.assertRaisesRegex(mirage.InputError, f"texel.*{said}"):
                 mirage.Mesh(good.vertices, good.faces, texels)
-            with self.assertRaisesRegex(mirage.InputError, f"texels: {said}.* is no albedo; give scene-linear"):
+            with self.assertRaisesRegex(mirage.InputError, f"texels: {said}.* is not an albedo; give scene-linear"):
                 mesh.texels = texels
             np.testing.assert_array_equal(mesh.texels, 0.5)
             mesh.texels[:] = texels  # a view: whoever uses it looks

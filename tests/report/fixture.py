@@ -118,7 +118,7 @@ def tradeoff():
 
 def reliance(uses_picture=True):
     drop = 0.2 if uses_picture else 0.0
-    note = "" if uses_picture else "this detector does not use its picture: nothing follows about images"
+    note = "" if uses_picture else "this detector does not use its picture, so this says nothing about images"
     return {"reads_picture": True, "uses_picture": uses_picture, "note": note, "ap70": 0.768, "ap70_swapped": 0.768 - drop,
             "ap70_black": 0.7, "drop": drop, "drop_low": drop - 0.03, "drop_high": drop + 0.03, "mean_delta_logit": 8 * drop,
             "mean_delta_score": drop, "frames": 40, "frames_left_out": 0, "vehicles": 120,

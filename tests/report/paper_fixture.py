@@ -27,7 +27,7 @@ def success(value):
 def attack_table(name, rig):
     rows = [row(label, rig, f"{rig}-{case}", success(0.1 + 0.1 * k), paper={"asr": 0.08 + 0.1 * k},
                 false_positive_distances=[3.0 * i + k for i in range(3 * k)], false_positives_of=340, runs=2) for k, (label, case) in enumerate(ATTACKS)]
-    rows[3]["note"] = "this detector does not use its picture: nothing follows about images"
+    rows[3]["note"] = "this detector does not use its picture, so this says nothing about images"
     rows[2] = {**row("fusion, LiDAR", rig, f"{rig}-fusion-lidar", {}), "error": "runs/x: made to fail"}
     for key in ("vehicles", "hosts", "frames", "meshes"):
         del rows[2][key]
@@ -92,7 +92,7 @@ def fusions_table():
     rows[4] = {**row(rows[4]["label"], "kitti64", "1-camera", {}, source="late, image", target="camera"), "error": "runs/x: made to fail"}
     for key in ("vehicles", "hosts", "frames", "meshes"):
         del rows[4][key]
-    rows[5]["note"] = "this detector does not use its picture: nothing follows about images"
+    rows[5]["note"] = "this detector does not use its picture, so this says nothing about images"
     columns = [{"key": key, "title": key.replace("_", " ")} for key in ("vanished", "net_vanished", "fn_asr", "net_fn_asr")]
     return {"name": "fusions", "title": "Which fusion is weak where", "note": "Made up.", "matrix": True, "columns": columns,
             "rows": rows}

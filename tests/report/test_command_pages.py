@@ -209,7 +209,7 @@ class DrivePage(CommandPage, unittest.TestCase):
         lead = self.browser.run("document.querySelector('.lead').textContent").split()
         self.assertIn("confirmed 1.4 (1.3–1.8) m later at the median, and 1 of 2 not before 10 m", " ".join(lead))
         cycles = self.browser.run("document.querySelectorAll('.lead')[1].textContent").split()
-        self.assertIn("Cycles keeps 90.0 % (80.0–110.0 %) of what the object adds", " ".join(cycles).replace("\u202f", " "))
+        self.assertIn("Cycles keeps 90.0 % (80.0–110.0 %) of the gap that the object adds", " ".join(cycles).replace("\u202f", " "))
         curves = self.browser.run("[...document.querySelectorAll('.gaps')].map(c => c.getAttribute('points'))")
         xs = [[float(p.split(",")[0]) for p in c.split()] for c in curves]
         # Both vehicles' gaps are 0.1, 0.7 and 0.2 s: the curves fall there, from all to none.

@@ -56,7 +56,7 @@ class Page(browser.ReportChecks, unittest.TestCase):
         self.assertIn("made to fail", self.browser.run("document.querySelector('#table1 td.error').textContent"))
 
     def test_rows_about_a_picture_that_is_not_used_say_so(self):
-        self.assertIn("nothing follows about images", self.browser.run("document.querySelector('#table1').textContent"))
+        self.assertIn("so this says nothing about images", self.browser.run("document.querySelector('#table1').textContent"))
         self.assertEqual(self.count("#pictures-used tbody tr"), 2)
 
     def test_the_heat_map_shows_each_cell_twice_and_what_is_told_in_bold(self):

@@ -147,8 +147,8 @@ class Page(browser.ReportChecks, unittest.TestCase):
     def test_report_writes_the_page_alone(self):
         with open(os.path.join(os.path.dirname(self.path), "result.json"), encoding="utf-8") as file:
             self.assertNotIn("beside", json.load(file))
-        self.assertIn("none flips", self.browser.run("document.querySelector('#arms tbody tr:nth-child(2)').textContent"))
-        self.assertNotIn("none flips", self.browser.run("document.querySelector('#arms tbody tr').textContent"))  # with itself
+        self.assertIn("no flips", self.browser.run("document.querySelector('#arms tbody tr:nth-child(2)').textContent"))
+        self.assertNotIn("no flips", self.browser.run("document.querySelector('#arms tbody tr').textContent"))  # with itself
 
     def test_parts_are_there(self):
         sections = self.browser.run("[...document.querySelectorAll('section')].map(s => s.id)")
@@ -206,7 +206,7 @@ class WithoutViewer(unittest.TestCase):
 class OfADetectorThatDoesNotSee(unittest.TestCase):
     """Its note stands in place of every statement about images."""
 
-    NOTE = "his detector does not use its picture: nothing follows about images"
+    NOTE = "his detector does not use its picture, so this says nothing about images"
 
     def test_says_so_and_nothing_about_cycles(self):
         with tempfile.TemporaryDirectory(prefix="mirage-report-") as folder, browser.Browser() as chromium:
@@ -252,7 +252,7 @@ class WhatSpeaksAgainst(unittest.TestCase):
             page = said()
             self.assertEqual(chromium.errors, [])
         for text in (report, page):
-            for part in ("000003_0", "Vacuous for the camera", "made otherwise: detector: lidar there, fusion here", "nothing measured", "missed"):
+            for part in ("000003_0", "Vacuous for the camera", "used other settings: detector: lidar there, fusion here", "nothing measured", "missed"):
                 self.assertIn(part, text)
         self.assertIn("Blender was lost on 1 vehicle;", report)
         self.assertIn("000001_0 (20 m, misplaced, learned on)", report)

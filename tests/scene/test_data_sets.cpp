@@ -239,7 +239,7 @@ TEST(KittiTracking, AVehicleStandsOnceInAFrame) {
   };
   EXPECT_THAT(error(first), AllOf(HasSubstr("0000.txt"), HasSubstr("identity")));
   EXPECT_THAT(error("0 99" + first.substr(first.find(' ', 2))),
-              AllOf(HasSubstr("0000.txt"), HasSubstr("stands where one of a row before does")));
+              AllOf(HasSubstr("0000.txt"), HasSubstr("stands where one of an earlier row does")));
 }
 
 TEST(KittiRaw, DaysMayLieInOneFolder) {

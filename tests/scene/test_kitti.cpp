@@ -458,9 +458,9 @@ TEST_F(Kitti, BrokenIdentities) {
   write_file(file, "1004\n-1\n");
   EXPECT_THAT(reading_fails(), AllOf(HasSubstr("track_2/000042.txt: 2 lines"), HasSubstr("13 labels")));
   write_file(file, "1004\nfour\n");
-  EXPECT_THAT(reading_fails(), AllOf(HasSubstr("row 2"), HasSubstr("'four' is no identity")));
+  EXPECT_THAT(reading_fails(), AllOf(HasSubstr("row 2"), HasSubstr("'four' is not an identity")));
   write_file(file, "-2\n");
-  EXPECT_THAT(reading_fails(), HasSubstr("'-2' is no identity"));
+  EXPECT_THAT(reading_fails(), HasSubstr("'-2' is not an identity"));
   write_file(file, "");
   EXPECT_THAT(reading_fails(), HasSubstr("0 lines"));
 }

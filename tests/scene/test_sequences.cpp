@@ -220,7 +220,7 @@ TEST_P(Sequences, APartIsAskedForByNameAndNumbers) {
               AllOf(HasSubstr("sequence"), HasSubstr(GetParam().sequence)));
   EXPECT_THAT(error_text<InputError>([&] { part("", "90:"); }), HasSubstr("no sequence has a frame"));
   for (const char* bad : {"5", "3:1", "a:b", "-1:2", "1:2:3"})
-    EXPECT_THAT(error_text<InputError>([&] { part("", bad); }), HasSubstr("no range")) << bad;
+    EXPECT_THAT(error_text<InputError>([&] { part("", bad); }), HasSubstr("not a range")) << bad;
 }
 
 INSTANTIATE_TEST_SUITE_P(All, Sequences,
@@ -361,11 +361,11 @@ TEST(Oxts, RefusesWhatIsNoPoseAndNoTime) {
   EXPECT_THAT(said(oxts(0)), AllOf(HasSubstr("0000.txt"), HasSubstr("row 2"), HasSubstr("missing")));
   EXPECT_THAT(said("49 8\n" + good), AllOf(HasSubstr("row 1"), HasSubstr("2 numbers where 30 belong")));
   EXPECT_THAT(said("x" + good), AllOf(HasSubstr("row 1"), HasSubstr("number 1")));
-  EXPECT_THAT(said("9" + good), AllOf(HasSubstr("row 1"), HasSubstr("no place on a road")));
+  EXPECT_THAT(said("9" + good), AllOf(HasSubstr("row 1"), HasSubstr("not a place on a road")));
   write_file(file, good);
   write_file(folder / "training/times/0000.txt", "2011-09-26 13:02:25.5\n2011-13-26 13:02:25.6\n");
   EXPECT_THAT(error_text<InputError>([&] { read_sequences(folder.path()); }),
-              AllOf(HasSubstr("times"), HasSubstr("row 2"), HasSubstr("no time")));
+              AllOf(HasSubstr("times"), HasSubstr("row 2"), HasSubstr("not a time")));
   write_file(folder / "training/times/0000.txt",
              "2011-09-26 23:59:59.5\n2011-09-27 00:00:00.25\n2011-09-27 00:00:00.25\n2011-09-27 00:00:01\n");
   EXPECT_THAT(error_text<InputError>([&] { read_sequences(folder.path()); }),

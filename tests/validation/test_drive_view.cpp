@@ -108,7 +108,7 @@ TEST_F(DriveViews, RefusesWhatIsNoDriveAndOtherVehicles) {
   EXPECT_THAT(refused(asked), HasSubstr("use 0000_4"));
   asked = choice();
   asked.drive = data();
-  EXPECT_THAT(refused(asked), HasSubstr("no finished drive"));
+  EXPECT_THAT(refused(asked), HasSubstr("not a finished drive"));
   asked = choice();
   asked.run = folder_ / "gone";
   EXPECT_THAT(refused(asked), HasSubstr("is not there"));
@@ -119,7 +119,7 @@ TEST_F(DriveViews, RefusesWhatIsNoDriveAndOtherVehicles) {
   vehicle.erase("shown");
   write_json(drive() / "vehicles/0000_4.json", vehicle);
   EXPECT_THAT(refused(choice()), HasSubstr("run the same mirage drive again"));
-  EXPECT_THAT(error_text<InputError>([&] { DriveAnimation{folder_ / "film.mp4"}; }), HasSubstr("no .gif"));
+  EXPECT_THAT(error_text<InputError>([&] { DriveAnimation{folder_ / "film.mp4"}; }), HasSubstr("nor .gif"));
 }
 
 TEST_F(DriveViews, LoadsNoCodeThatTheFolderNames) {

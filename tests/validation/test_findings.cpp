@@ -54,7 +54,7 @@ TEST_F(Findings, ADetectorThatDoesNotUseItsPictureTellsNothingAboutImages) {
   judged("kitti64-lidar-lidar", {120, 5, 3, 0}, {}, false);
   for (const char* name : {"order", "fusion", "image"}) {
     EXPECT_EQ(only(name).verdict, Verdict::open) << name;
-    EXPECT_EQ(only(name).sentence, "this detector does not use its picture: nothing follows about images");
+    EXPECT_EQ(only(name).sentence, "this detector does not use its picture, so this says nothing about images");
     EXPECT_TRUE(only(name).comparisons.empty());
     EXPECT_TRUE(only(name).why.empty());
   }
@@ -291,7 +291,7 @@ TEST(ObjectParts, ADetectorWithoutEyesSaysNothingAboutItsImage) {
   program.uses_picture = false;
   const json result = reproduce(settings_in(folder.path(), "parts"), std::ref(program));
   EXPECT_EQ(check_of(result, "parts-size", "KITTI rig, through the image").at("sentence").get<std::string>(),
-            "this detector does not use its picture: nothing follows about images");
+            "this detector does not use its picture, so this says nothing about images");
   EXPECT_NE(check_of(result, "parts-size", "KITTI rig, through LiDAR").at("verdict"),
             to_string(Verdict::holds));
   EXPECT_THAT(check_of(result, "parts-size", "KITTI rig, through LiDAR").at("sentence").get<std::string>(),

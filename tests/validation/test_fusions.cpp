@@ -179,7 +179,7 @@ TEST(FusionTable, ADetectorThatDoesNotUseItsPictureIsNamedInItsImageRows) {
   for (const json& finding : result.at("findings")) {
     if (finding.at("name") != "fusions-side") continue;
     for (const json& check : finding.at("checks"))
-      EXPECT_EQ(check.at("sentence"), "this detector does not use its picture: nothing follows about images");
+      EXPECT_EQ(check.at("sentence"), "this detector does not use its picture, so this says nothing about images");
   }
 }
 
@@ -209,7 +209,7 @@ TEST_F(FusionFindings, TheWeakerSideIsTheOneThatLearnsMoreBeyondItsSize) {
   judged("kitti64-late-image", vanishing(3), vanishing(0));
   EXPECT_EQ(only("fusions-side").verdict, Verdict::open);
   judged("kitti64-late-image", vanishing(4), vanishing(0), false);
-  EXPECT_THAT(only("fusions-side").sentence, HasSubstr("nothing follows about images"));
+  EXPECT_THAT(only("fusions-side").sentence, HasSubstr("so this says nothing about images"));
 }
 
 TEST_F(FusionFindings, AMeshThatOnlyFillsItsBoxHasLearnedNothing) {

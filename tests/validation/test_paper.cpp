@@ -257,7 +257,7 @@ TEST(PaperTables, SayWhereTheDetectorDoesNotUseItsPicture) {
   EXPECT_EQ(note(6), "");  // nor are both
   EXPECT_THAT(note(7), HasSubstr("does not use its picture"));
   EXPECT_EQ(note(10), "");  // nor is a ceiling
-  EXPECT_THAT(read_file(folder / "table4.md"), HasSubstr("nothing follows about images"));
+  EXPECT_THAT(read_file(folder / "table4.md"), HasSubstr("so this says nothing about images"));
   const json& reliance = result.at("reliance");
   ASSERT_FALSE(reliance.empty());
   EXPECT_EQ(reliance.at(0).at("uses_picture"), false);

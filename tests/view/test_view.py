@@ -618,7 +618,7 @@ class LearnedOnInOtherFrames(unittest.TestCase):
         with browser.Browser() as opened:
             opened.open(at("met-drive.html"))
             opened.wait_for("!!document.documentElement.dataset.frame")
-            self.assertEqual(opened.run("document.getElementById('outcome').textContent"), "Learned on, so no evidence.")
+            self.assertEqual(opened.run("document.getElementById('outcome').textContent"), "Seen in training, so no evidence.")
 
     def test_frames_of_the_same_names_are_not_those_that_it_learned_on(self):
         shutil.copytree(at("streets"), at("namesakes"))

@@ -75,7 +75,7 @@ std::vector<std::filesystem::path> renderer_programs() {
 
 void require_text_path(const std::filesystem::path& out) {
   if (printable(out.string()) != out.string())
-    throw FieldError("out", out.string(), "is no text (UTF-8), and Blender is told of it in JSON",
+    throw FieldError("out", out.string(), "is not text (UTF-8), and Blender is told of it in JSON",
                      "choose another folder");
 }
 

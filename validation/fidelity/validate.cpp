@@ -61,7 +61,7 @@ void require_result(fs::path& file, const char* key, const std::string& command)
   if (fs::is_directory(file)) file /= "result.json";
   if (const nlohmann::json result = read_json(file); !result.is_object() || !result.contains(key))
     throw InputError(
-        file.string(), key, "is missing: this is no result of mirage " + command,
+        file.string(), key, "is missing: this is not a result of mirage " + command,
         "give --" + std::string(command == "evaluate" ? "evaluation" : command) + " the folder of one");
 }
 
@@ -87,7 +87,7 @@ void require_same_run(const ValidationSettings& settings) {
   if (!settings.evaluation.empty())
     if (const std::string theirs = run_of(provenance_of(settings.evaluation)); theirs != own)
       throw InputError(settings.evaluation.string(), "provenance.inputs.run",
-                       theirs.empty() ? "is missing: this is of objects that are no run's (--mesh)"
+                       theirs.empty() ? "is missing: this is of objects that are not from a run (--mesh)"
                                       : "is of another run than " + settings.run.string(),
                        "give --evaluation what mirage evaluate --run " + settings.run.string() + " wrote");
   if (settings.tradeoff.empty()) return;

@@ -354,7 +354,7 @@ void leave_out_others(Experiments& experiments, const Strings& only) {
   }
   for (const std::string& name : selected)
     if (!met.contains(name))
-      throw FieldError("only", name.substr(kEvaluations.size()), "is no evaluation of what is asked for",
+      throw FieldError("only", name.substr(kEvaluations.size()), "is not an evaluation of what is asked for",
                        "use names such as kitti64-fusion-both, the folders in OUT/evaluations");
   std::erase_if(experiments.tables, [](const Table& table) { return table.rows.empty(); });
   std::erase_if(experiments.cases, [&](const Case& one) { return !needed.contains(one.name); });

@@ -149,7 +149,7 @@ Question question(const std::string& key) {
     if (key == rule.name)
       return {[rule](const Outcome& host) { return rule.finds(host, true); },
               [rule](const Outcome& host) { return !rule.finds(host, false); }};
-  throw InputError("question", key, "is none", "use a key of results.h");
+  throw InputError("question", key, "is not a question", "use a key of results.h");
 }
 
 Question recall(double iou, bool clean) {

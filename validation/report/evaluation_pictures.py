@@ -121,7 +121,7 @@ def hidden(data, host, folder, path):
     figure.text(margin / width, 1 - 0.09 / height, f"{host['title']}: hidden, {host['range']:.0f} m away" + (f", {host['camera']}" if host.get("camera") else ""), va="top", fontsize=12)
     legend(figure, [(judged(data) + ("" if data["victim"] == "object" else ", as labelled"), HOST, ":", ""), ("detections, clean", CLEAN, "-", ""),
                     ("detections, attacked", ATTACKED, "-", "")])
-    note = ("a box around vehicle and object is no miss" if in_picture(data) else
+    note = ("a box around vehicle and object is not a miss" if in_picture(data) else
             f"boxes have the height of the label they overlap, else {data['nominal_height']} m on the host's ground")
     figure.text(1 - margin / width, 0.12 / height, note, ha="right", color=MUTED, fontsize=8)
     save(figure, path)

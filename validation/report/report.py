@@ -110,7 +110,7 @@ def speaks_against(result):
         if result["verdict"]["vacuous"][channel]:
             lines.append(f"Vacuous for the {sensor}: with the object taken out of it no vehicle's outcome changes, so what it sees says nothing.")
     if result.get("evaluation_differences"):
-        lines.append(f"The evaluation was made otherwise: {'; '.join(result['evaluation_differences'])}.")
+        lines.append(f"The evaluation used other settings: {'; '.join(result['evaluation_differences'])}.")
     return lines
 
 
@@ -128,7 +128,7 @@ def by_distance(hosts):
 def untested(result):
     """Sentences: what a reader might take for tested and is not."""
     cameras = f"these {len(result['cameras'])} cameras" if "cameras" in result else "one front camera"
-    lines = ["An object that was built: its material, mount and weather are the model's.",
+    lines = ["A physical object: material, mounting and weather are simulated.",
              "What a tracker makes of the missed frames: each frame was judged alone.",
              f"Sensors other than {cameras} and one LiDAR; light other than the recorded sky and sun."]
     if result["test_frames"] < result["frames"]:

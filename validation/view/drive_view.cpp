@@ -46,7 +46,7 @@ void require_vehicle(const std::string& name, const std::vector<std::string>& kn
   std::vector<std::string> offered = closest_words(name, known);
   if (offered.empty()) offered = known;
   if (offered.size() > kNamed) offered.resize(kNamed);
-  throw InputError("--vehicle", name, "is no vehicle of that drive", use_one_of(name, offered));
+  throw InputError("--vehicle", name, "is not a vehicle of that drive", use_one_of(name, offered));
 }
 
 /// Each frame's rows of `width` numbers, as DriveRequest::folder says.
@@ -149,7 +149,7 @@ void require_same_inputs(const JsonFields& provenance, const Run& run, const fs:
 DriveView::DriveView(const DriveChoice& choice) {
   const fs::path file = choice.drive / "result.json";
   if (!fs::exists(file))
-    throw InputError(choice.drive.string(), "result.json", "missing, so this is no finished drive",
+    throw InputError(choice.drive.string(), "result.json", "missing, so this is not a finished drive",
                      "give the --out folder of a finished mirage drive");
   const json whole = read_json(file);
   const JsonFields result(file, whole, kAgain), provenance = result.object("provenance");
@@ -164,7 +164,7 @@ DriveView::DriveView(const DriveChoice& choice) {
   const json stored = read_json(vehicle_file);
   const JsonFields vehicle(vehicle_file, stored, kAgain);
   vehicle_ = read_vehicle_drive(vehicle);
-  if (vehicle_.frames.empty()) vehicle.fail("frames", "are none");
+  if (vehicle_.frames.empty()) vehicle.fail("frames", "there are none");
   clean_ = shown_of(vehicle, DriveVersion::clean, vehicle_.frames.size());
   attacked_ = shown_of(vehicle, DriveVersion::attacked, vehicle_.frames.size());
 
@@ -227,7 +227,7 @@ void DriveView::add(ViewFrame& view) {
 DriveAnimation::DriveAnimation(fs::path file) : file_(std::move(file)), folder_(file_) {
   folder_ += ".frames";
   if (file_.extension() != ".webp" && file_.extension() != ".gif")
-    throw InputError("--animation", file_.string(), "is no .webp and no .gif", "name one");
+    throw InputError("--animation", file_.string(), "is neither .webp nor .gif", "name one");
 }
 
 DriveAnimation::~DriveAnimation() {

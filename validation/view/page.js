@@ -123,7 +123,7 @@ function wedge(m, width) {
 
 const number = (value, digits) => value.toFixed(digits).replace("-", "−");
 function describe(box) {
-  const who = {label: "label", region: "not labelled there", found: `${told.detector}`, file: `${told.file}`,
+  const who = {label: "label", region: "unlabelled region", found: `${told.detector}`, file: `${told.file}`,
                track: box.coasts ? "coasting" : "with a detection", mark: "label"}[box.kind];
   const lines = [`${box.type}${box.score !== undefined ? ` ${box.score.toFixed(3)}` : ""} · ${who}`];
   if (box.box) {
@@ -133,7 +133,7 @@ function describe(box) {
   }
   if (box.occluded !== undefined) lines.push(`occlusion ${box.occluded} of 3 · truncation ${box.truncated} · ${box.returns} returns`);
   if (box.host) lines.push("carries the object in the attacked frame");
-  if (box.victim) lines.push("is judged: found, or hidden");
+  if (box.victim) lines.push("the attack is judged on this box");
   return lines.join("\n");
 }
 
@@ -153,7 +153,7 @@ function outcome() {
   line.replaceChildren();
   if (!attack) return;
   const of = attack.outcome, part = (text, name) => make(line, "span", name, text);
-  if (of.learned_on) part(`Learned on, so no evidence${drive ? "." : ": "}`, "bad");
+  if (of.learned_on) part(`Seen in training, so no evidence${drive ? "." : ": "}`, "bad");
   if (drive) return; // its own strip tells
   if (attack.object) part("The object: ");
   if (attack.victim !== undefined) part(`The victim ${nameOf(current, attack.victim)}: `);
@@ -161,7 +161,7 @@ function outcome() {
     part(`${Math.round(100 * of.visible)} % of the object is in view.`, "quiet");
     return;
   }
-  const found = (score, iou) => iou > 0 ? `score ${score.toFixed(2)}, ${overlap} ${iou.toFixed(2)}` : "nothing there";
+  const found = (score, iou) => iou > 0 ? `score ${score.toFixed(2)}, ${overlap} ${iou.toFixed(2)}` : "no box";
   if (!of.detected) part(`Not found ${before}`, "quiet");
   else part(!of.hidden ? "Still found" : of.vanished ? "Vanished" : "Misplaced", of.hidden ? "bad" : "good");
   part(`: ${found(of.clean_score, of.clean_iou)} ${before}, ${found(of.attacked_score, of.attacked_iou)} attacked`);
@@ -191,7 +191,7 @@ function legend() {
     make(entry, "i", name).style.setProperty("--c", `var(--${colour})`);
     entry.append(text);
   };
-  if (byInstance) swatch("background", "no labelled thing", "dot");
+  if (byInstance) swatch("background", "no labelled object", "dot");
   if (state.layers.label) swatch("truth", "label", "dashed");
   if (state.layers.label && told.run && !drive) swatch("truth", "host's label");
   if (state.layers.found && told.detector) {
@@ -419,7 +419,7 @@ for (const part of document.querySelectorAll(".drive:not(main)")) part.style.dis
 if (drive) byId("vehicle").style.display = "none"; // there is one
 byId("about-page").textContent = `${told.megabytes} MB, nothing is loaded from elsewhere. ` +
   (told.kept === told.points ? "All returns are shown" : `${Math.round(100 * told.kept / told.points)} % of the returns are shown ` +
-   `(outside labelled boxes every ${told.step === 1 ? "one" : `${told.step}th`} at the least)`) +
+   `(outside labelled boxes at least ${told.step === 1 ? "every one" : `every ${told.step}th`})`) +
   `, to the centimetre; pictures are JPEG of quality ${told.quality} or better.` +
   (told.detector || told.file ? " Boxes found in the bird's-eye view alone get their height from the sweep." : "");
 dark.addEventListener("change", () => setTheme(choice));

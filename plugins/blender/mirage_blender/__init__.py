@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mirage in Blender: a render engine, the import of Mirage scenes, and the matched-light validation."""
+"""Mirage in Blender: a render engine, the import of Mirage scenes, and validation in matched light."""
 
 bl_info = {
     "name": "Mirage",
@@ -7,7 +7,7 @@ bl_info = {
     "version": (0, 1, 0),
     "blender": (3, 4, 0),
     "location": "Render properties > Render Engine; File > Import > Mirage scene; 3D View > Sidebar > Mirage",
-    "description": "Soft rasteriser and ray-traced camera as a render engine; import and validation of scenes",
+    "description": "Render engine with a soft rasteriser and a ray-traced camera; import and validation of Mirage scenes",
     "category": "Render",
 }
 

@@ -1,6 +1,6 @@
-"""Blender's camera and OpenCV/KITTI intrinsics (integer coordinate = pixel centre), both ways.
+"""Converts between Blender's camera and OpenCV/KITTI intrinsics (integer coordinate = pixel centre).
 
-Of Blender 3.4's view plane: with r = fx/fy the pixel's height over its width, and the longer side N in
+For Blender 3.4's view plane: with r = fx/fy the pixel's height over its width, and the longer side N in
 sensor_fit's direction (W, or r·H when the sensor is fitted vertically):
     fx = lens·N/sensor    fy = fx/r    cx = W/2 − shift_x·N − 1/2    cy = H/2 + shift_y·N/r − 1/2
 """
@@ -13,7 +13,7 @@ OURS_FROM_BLENDER = Matrix.Diagonal((1, -1, -1, 1))  # Blender looks along -z wi
 
 
 class CameraError(Exception):
-    """One line for the user."""
+    """A message of one line for the user."""
 
 
 def resolution(scene):
@@ -23,7 +23,7 @@ def resolution(scene):
 
 
 def intrinsics(scene, camera, matrix_world=None):
-    """{fx, fy, cx, cy, width, height, velo_from_camera (12 numbers, rows)} of a camera object."""
+    """{fx, fy, cx, cy, width, height (pixels), velo_from_camera (3×4 as 12 numbers, m)} of a perspective camera, else CameraError."""
     if camera is None:
         raise CameraError("scene: camera: there is none; add a camera and make it the scene's (Ctrl-Numpad 0)")
     data = camera.data
@@ -46,7 +46,7 @@ def intrinsics(scene, camera, matrix_world=None):
 
 
 def set_camera(scene, camera, info):
-    """Gives the camera object and the scene the intrinsics and the pose of `info`; returns the image size."""
+    """Gives the camera object and the scene the intrinsics and the pose of `info` (as intrinsics()); returns (width, height)."""
     width, height = int(info["width"]), int(info["height"])
     ratio = info["fx"] / info["fy"]
     data = camera.data
@@ -69,18 +69,18 @@ def set_camera(scene, camera, info):
 
 
 def set_border(render, rect, width, height):
-    """Restricts rendering to pixels [u0, u1) x [v0, v1)."""
+    """Restricts rendering to pixels [u0, u1) x [v0, v1) of width x height. ValueError if they reach beyond it."""
     u0, v0, u1, v1 = rect
     if not (0 <= u0 < u1 <= width and 0 <= v0 < v1 <= height):
         raise ValueError(f"rect {rect} does not lie in {width}x{height}")
     render.use_border = render.use_crop_to_border = True
-    # Blender multiplies by the size again and cuts off: a quarter of a pixel keeps float32 on the right side.
+    # Blender multiplies by the size and truncates: a quarter of a pixel keeps float32 on the right side.
     render.border_min_x, render.border_max_x = (u0 + 0.25) / width, (u1 + 0.25) / width
     render.border_min_y, render.border_max_y = (height - v1 + 0.25) / height, (height - v0 + 0.25) / height
 
 
 def border(scene):
-    """The window [u0, v0, u1, v1) that Blender renders, rounded as Blender rounds it (float32, cut off)."""
+    """The window [u0, v0, u1, v1) in pixels that Blender renders, rounded as Blender does (float32, truncated)."""
     width, height = resolution(scene)
     render = scene.render
     if not render.use_border:

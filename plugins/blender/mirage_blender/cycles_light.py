@@ -1,5 +1,5 @@
-"""Mirage's light model in Cycles: ambient + hemisphere (1 + n·up)/2 + sun max(0, n·l) on Lambert faces, and
-the effects that the validation adds to it."""
+"""Mirage's light model in Cycles: ambient + hemisphere (1 + n·up)/2 + sun max(0, n·l) on Lambert faces, and the effects that
+the validation adds."""
 
 import math
 
@@ -13,7 +13,7 @@ NO_EFFECTS = {"shadows": False, "sky": False, "bounces": 0, "specular": False, "
 
 
 class Nodes:
-    """Short-hand for building node trees."""
+    """Helper to build node trees."""
 
     def __init__(self, tree):
         self.tree = tree
@@ -50,7 +50,7 @@ class Nodes:
         return node.outputs["Vector"]
 
     def color(self, paint):
-        """A paint's colour as it is, or its image's texels, unfiltered."""
+        """A paint's plain colour, or its image's texels without filtering."""
         if paint.image is None:
             return (*paint.color, 1.0)
         texture = self.add("ShaderNodeTexImage", interpolation="Closest", extension=paint.extension,
@@ -63,7 +63,7 @@ def surface(nodes, color, specular):
         node = nodes.add("ShaderNodeBsdfPrincipled")
         nodes.put(color, node.inputs["Base Color"])
         features.principled_input(node, "specular").default_value = 0.5
-        node.inputs["IOR"].default_value = 1.5  # with a level of 0.5: 4 % reflected head-on, under either name
+        node.inputs["IOR"].default_value = 1.5  # with a level of 0.5: 4 % reflected at normal incidence, under either name
         node.inputs["Roughness"].default_value = 0.5
         node.inputs["Metallic"].default_value = 0.0
     else:
@@ -74,8 +74,8 @@ def surface(nodes, color, specular):
 
 
 def make_lambert(material, paint, light, effects=NO_EFFECTS):
-    """Turns the material into `paint` under the light: sun by a BSDF; ambient and hemisphere by the sky where
-    effects["sky"], or else as emission."""
+    """Turns the material into `paint` under the light. A BSDF reflects the sun. Ambient and hemisphere come from the sky with
+    effects["sky"], else from emission. Returns the material."""
     material.use_nodes = True
     if hasattr(material.cycles, "emission_sampling"):  # Blender 3.5
         material.cycles.emission_sampling = "NONE"
@@ -110,8 +110,8 @@ def make_lambert(material, paint, light, effects=NO_EFFECTS):
 
 
 def set_sky(scene, light, on):
-    """Radiance a + b·z with z the direction's elevation sine, so that a face with normal n receives exactly
-    ambient + hemisphere (1 + n_up)/2 (times π): a = ambient + hemisphere/2, b = 3/4 hemisphere."""
+    """Gives the scene a world of radiance a + b·z, z the sine of the direction's elevation: a = ambient + hemisphere/2, b = 3/4
+    hemisphere. A face with normal n then receives exactly ambient + hemisphere (1 + n_up)/2 (times π). Black unless `on`."""
     world = bpy.data.worlds.new("sky")
     scene.world = world
     world.use_nodes = True
@@ -137,7 +137,7 @@ def set_sun(sun, light, shadows):
     sun.data.energy = math.pi * strongest
     sun.data.color = [value / strongest for value in light["sun"]]
     sun.data.angle = SUN_ANGLE if shadows else 0.0
-    # Both where both are: which of them Cycles reads has changed.
+    # Set both if both exist: which one Cycles reads depends on the version.
     for holder, name in ((sun.data, "use_shadow"), (sun.data.cycles, "cast_shadow")):
         if hasattr(holder, name):
             setattr(holder, name, bool(shadows))
@@ -146,14 +146,15 @@ def set_sun(sun, light, shadows):
 
 
 def set_view(scene):
-    """Pictures for the eye in plain sRGB: the default view is Filmic or AgX, by the version."""
+    """Shows pictures in plain sRGB: by default Blender uses Filmic or AgX, depending on its version."""
     view = scene.view_settings
     view.view_transform, view.look, view.exposure, view.gamma = "Standard", "None", 0.0, 1.0
 
 
 def set_quality(scene, layer, samples=1, seed=0, pixel="area", effects=NO_EFFECTS, threads=0,
                 file_format="OPEN_EXR_MULTILAYER"):
-    """Cycles on the CPU, exact: no denoiser, no adaptive sampling, no clamping, linear 32-bit EXR. `pixel`: "centre" samples the pixel's centre alone, "area" its area evenly."""
+    """Sets Cycles to exact on the CPU: no denoiser, adaptive sampling or clamping; linear 32-bit EXR. `pixel`: "centre" samples only
+    the pixel's centre, "area" its area evenly. threads: 0 for all."""
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     cycles.device = "CPU"
@@ -170,7 +171,7 @@ def set_quality(scene, layer, samples=1, seed=0, pixel="area", effects=NO_EFFECT
     cycles.caustics_reflective = cycles.caustics_refractive = True
     cycles.blur_glossy = 0.0
     if pixel == "centre":
-        # Cycles takes a pixel's first sample at its centre, whatever the filter; a narrow one keeps later ones near.
+        # Cycles takes a pixel's first sample at its centre with any filter; a narrow filter keeps later ones near.
         cycles.pixel_filter_type = "BLACKMAN_HARRIS"
         cycles.filter_width = 0.01
     else:

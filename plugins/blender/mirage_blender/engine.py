@@ -1,4 +1,4 @@
-"""The render engine "Mirage": exports what Blender shows, runs `mirage render`, reads the picture back."""
+"""The render engine "Mirage": exports what Blender shows, runs `mirage render` and reads the picture back."""
 
 import json
 import os
@@ -17,7 +17,7 @@ LAST = {}  # result.json of the latest render in this process, its light, and th
 
 
 def arguments(settings, window, color, scene, out):
-    """The command line of one render."""
+    """The arguments of `mirage render` for one render. window: u0, v0, u1, v1 in pixels; color: scene-linear RGB behind the meshes."""
     exact = HARD if settings.hard else {"sigma": 1e-6 * settings.sigma, "gamma": settings.gamma,
                                         "samples": settings.samples}
     line = ["render", "--scene", scene, "--renderer", settings.renderer.lower(), "--out", out, "--quiet",
@@ -33,7 +33,7 @@ def arguments(settings, window, color, scene, out):
 
 
 def fill(target, pixels):
-    """height x width x channels, row 0 on top, into a render pass, which has the bottom first."""
+    """Copies height x width x channels, row 0 on top, into a render pass, which has the bottom row first."""
     rows = numpy.ascontiguousarray(pixels[::-1]).reshape(-1, pixels.shape[2])
     try:
         target.rect.foreach_set(rows)  # Blender 3: a row a pixel
@@ -62,11 +62,11 @@ class MirageEngine(bpy.types.RenderEngine):
             self.report({"ERROR"}, str(error).replace("\n", " "))
         finally:
             shutil.rmtree(folder, ignore_errors=True)
-        # In every case: Blender crashes writing an EXR without a result.
+        # After an error too: Blender crashes when it writes an EXR without a result.
         self.hand_over(depsgraph.view_layer.name, color, depth)
 
     def picture(self, depsgraph, window, folder):
-        """(height x width x 4, height x width), row 0 on top; None when cancelled."""
+        """(color: height x width x 4, depth: height x width, m), row 0 on top; None when cancelled."""
         scene = depsgraph.scene
         settings = scene.mirage
         self.update_stats("", "Mirage: exporting")

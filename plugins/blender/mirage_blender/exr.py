@@ -1,6 +1,6 @@
-"""Reads scan-line OpenEXR files (uncompressed, ZIPS or ZIP; what OpenImageIO and Blender write by default)
-into float32. A render engine runs beside Blender's main thread, where bpy.data.images is out of reach.
-File layout: https://openexr.com/en/latest/OpenEXRFileLayout.html. Needs numpy only."""
+"""Reads scan-line OpenEXR files (uncompressed, ZIPS or ZIP; what OpenImageIO and Blender write by default) into float32. A render
+engine runs outside Blender's main thread, so it cannot use bpy.data.images.
+File layout: https://openexr.com/en/latest/OpenEXRFileLayout.html. Needs only numpy."""
 
 import struct
 import zlib
@@ -30,7 +30,7 @@ def read_header(data, path):
 
 
 def unpacked(block, size):
-    """Undoes ZIP, the difference to the byte before, and the split into even and odd bytes."""
+    """The block's `size` bytes: undoes ZIP, the difference to the previous byte, and the split into even and odd bytes."""
     if len(block) == size:
         return block
     bytes_ = numpy.frombuffer(zlib.decompress(block), numpy.uint8).astype(numpy.int64)
@@ -43,7 +43,7 @@ def unpacked(block, size):
 
 
 def read_channels(path):
-    """{channel name: height x width float32}, row 0 on top."""
+    """{channel name: height x width float32}, row 0 on top. ValueError for a file that is damaged or of another kind."""
     with open(path, "rb") as file:
         data = file.read()
     try:
@@ -64,7 +64,7 @@ def decode(data, path):
         place += 16
     compression = header["compression"][0]
     if compression not in ROWS:
-        raise ValueError(f"{path}: compression {compression} is not read, only none, ZIPS and ZIP")
+        raise ValueError(f"{path}: compression {compression} is not supported, only none, ZIPS and ZIP")
     x0, y0, x1, y1 = struct.unpack("<4i", header["dataWindow"])
     width, height, rows = x1 - x0 + 1, y1 - y0 + 1, ROWS[compression]
     images = {name: numpy.empty((height, width), numpy.float32) for name, _ in channels}
@@ -83,7 +83,7 @@ def decode(data, path):
 
 
 def read_image(path, *names):
-    """height x width x len(names), row 0 on top. A name also matches the last part of "Layer.Pass.R"."""
+    """height x width x len(names) float32, row 0 on top. A name also matches the last part of "Layer.Pass.R". ValueError without a match."""
     channels = read_channels(path)
     found = []
     for name in names:

@@ -1,25 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What this Blender has, asked of Blender itself and not of its version number: names of inputs, properties and operators'
-arguments differ between 3.4 and 4.3, and a later one may have either. The first name that is there is used."""
+"""Finds what this Blender has, by looking at Blender itself instead of its version number: names of inputs, properties and
+operators' arguments differ between 3.4 and 4.3, and a later version may have either. The first name that exists is used."""
 
 import bpy
 
-# Inputs of the principled shader: the names since Blender 4.0, and those before.
+# Inputs of the principled shader: the name since Blender 4.0, and the one before.
 PRINCIPLED = {"specular": ("Specular IOR Level", "Specular"), "coat": ("Coat Weight", "Clearcoat"),
               "coat roughness": ("Coat Roughness", "Clearcoat Roughness"),
               "transmission": ("Transmission Weight", "Transmission"), "emission": ("Emission Color", "Emission")}
-# The glTF importer's arguments by what they say; an importer that lacks one does what it says by default.
+# The glTF importer's arguments by their meaning. An importer that lacks one behaves that way by default.
 IMPORTER = {"shading": ("import_shading",), "lighting": ("export_import_convert_lighting_mode", "convert_lighting_mode"),
             "merge": ("merge_vertices",)}
 
 
 def first(names, there):
-    """The first name that is there, or None."""
+    """The first of the names that is in `there`, or None."""
     return next((name for name in names if name in there), None)
 
 
 def principled_input(node, what):
-    """The socket of a principled shader; ValueError where this Blender has none."""
+    """The socket of a principled shader for a key of PRINCIPLED. ValueError if this Blender has none."""
     name = first(PRINCIPLED[what], node.inputs)
     if name is None:
         raise ValueError(f"principled shader: Blender {bpy.app.version_string} has no input "
@@ -28,19 +28,19 @@ def principled_input(node, what):
 
 
 def importer_names():
-    """{what an argument says: its name in bpy.ops.import_scene.gltf, or None}."""
+    """{key of IMPORTER: the argument's name in bpy.ops.import_scene.gltf, or None}."""
     there = bpy.ops.import_scene.gltf.get_rna_type().properties.keys()
     return {what: first(names, there) for what, names in IMPORTER.items()}
 
 
 def importer_arguments(**wanted):
-    """{argument: value} for bpy.ops.import_scene.gltf, under the names that this importer has."""
+    """{argument: value} for bpy.ops.import_scene.gltf, from values by the keys of IMPORTER. Arguments that it lacks are left out."""
     names = importer_names()
     return {names[what]: value for what, value in wanted.items() if names[what]}
 
 
 def has_denoiser():
-    """Whether this build holds OpenImageDenoise: Cycles fails where it is asked for and missing."""
+    """Whether this build has OpenImageDenoise. Without it, Cycles fails if denoising is on."""
     try:
         import _cycles
     except ImportError:
@@ -49,7 +49,7 @@ def has_denoiser():
 
 
 def found():
-    """What the worker says at its start, as JSON: the names that were chosen, None where there is none."""
+    """What the worker reports as JSON when it starts: the names chosen, None for a missing one."""
     material = bpy.data.materials.new("asked")
     material.use_nodes = True
     node = material.node_tree.nodes.new("ShaderNodeBsdfPrincipled")

@@ -1,4 +1,4 @@
-"""Binary glTF 2.0 (.glb) in and out, no more than Mirage's scenes need. Needs numpy only."""
+"""Reads and writes binary glTF 2.0 (.glb), as far as Mirage's scenes need it. Needs only numpy."""
 
 import json
 import os
@@ -13,11 +13,11 @@ VERTICES, INDICES = 34962, 34963  # GL buffer targets
 
 
 class Glb:
-    """The JSON chunk and the binary chunk of a .glb file, checked (glb_check)."""
+    """The JSON chunk and the binary chunk of a .glb file, checked by glb_check. ValueError for a file that is not a valid scene."""
 
     def __init__(self, path):
-        if not os.path.isfile(path):  # a pipe would be waited for
-            raise ValueError(f"{path}: is no file")
+        if not os.path.isfile(path):  # reading a pipe would wait
+            raise ValueError(f"{path}: is not a file")
         with open(path, "rb") as file:
             data = file.read()
         if len(data) < 20 or data[:4] != b"glTF":
@@ -38,18 +38,18 @@ class Glb:
         return self.binary[start:start + spec["byteLength"]]
 
     def array(self, view, dtype, columns):
-        """A buffer view as a float/int table."""
+        """A buffer view as an array of `columns` columns."""
         return numpy.frombuffer(self.bytes(view), dtype=dtype).reshape(-1, columns)
 
     def scene_info(self):
-        """Mirage's extras of the default scene (camera, lighting, photograph); {} in a foreign file."""
+        """Mirage's extras of the default scene (camera, lighting, photograph); {} for a file from another program."""
         scenes = self.json.get("scenes") or [{}]
         return scenes[self.json.get("scene", 0)].get("extras", {}).get("mirage", {})
 
 
 class GlbWriter:
-    """Collects meshes in Mirage's conventions and writes them with the scene's extras. Positions are given
-    in `velo` (z up), which is Blender's world, and turned to glTF's axes (y up) here."""
+    """Collects meshes in Mirage's conventions and writes them with the scene's extras. Positions are in `velo` (z up, m), which is
+    Blender's world; they are converted to glTF's axes (y up) here."""
 
     def __init__(self, name):
         self.json = {"asset": {"version": "2.0", "generator": "Mirage for Blender"}, "scene": 0,
@@ -71,7 +71,7 @@ class GlbWriter:
         return self.add("bufferViews", view)
 
     def add_mesh(self, name, vertices, faces, texels, resolution, role=""):
-        """`vertices` n x 3 and `texels` (faces·C²) x 3 in float64, `faces` m x 3."""
+        """`vertices` n x 3 (`velo`, m), `faces` f x 3, `texels` (f·C²) x 3, scene-linear, with C the `resolution`."""
         vertices, texels = numpy.asarray(vertices, "<f8"), numpy.asarray(texels, "<f8")
         faces = numpy.asarray(faces, "<i4")
         turned = numpy.stack([vertices[:, 0], vertices[:, 2], -vertices[:, 1]], axis=1).astype("<f4")
@@ -95,11 +95,11 @@ class GlbWriter:
         self.json["scenes"][0]["nodes"].append(self.add("nodes", node))
 
     def set_info(self, **info):
-        """camera and lighting, as write_scene (src/exchange) writes them."""
+        """Adds scene extras: camera and lighting, in the form that write_scene (src/exchange) uses."""
         self.json["scenes"][0]["extras"]["mirage"].update(info)
 
     def add_photograph(self, data):
-        """The bytes of a PNG or JPEG file."""
+        """Embeds the photograph. data: the bytes of a PNG or JPEG file."""
         mime = "image/jpeg" if data[:2] == b"\xff\xd8" else "image/png"
         image = self.add("images", {"name": "photograph", "mimeType": mime, "bufferView": self.add_view(data)})
         self.set_info(photograph=image)

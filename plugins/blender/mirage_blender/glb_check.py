@@ -1,6 +1,5 @@
-"""What a scene must be before Blender's importer sees it. The importer opens every file that a .glb names, wherever that
-is, and follows circles of nodes; a Mirage scene holds everything in itself. The limits are those of
-src/exchange/gltf_document.h. Needs nothing beside Python."""
+"""Checks a scene before Blender's importer sees it. The importer opens any file that a .glb names, and follows cycles of nodes;
+a Mirage scene contains everything itself. The limits are those of src/exchange/gltf_document.h. Needs only Python."""
 
 import math
 
@@ -8,7 +7,7 @@ FURTHEST, BRIGHTEST, MOST_PIXELS, DEEPEST = 1e7, 1e6, 1 << 26, 256
 
 
 def picture_size(data):
-    """Width and height that a PNG's or JPEG's header claims; None for anything else."""
+    """(width, height) in pixels that a PNG's or JPEG's header claims; None for anything else."""
     if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) >= 24:
         return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     at = 2 if data[:2] == b"\xff\xd8" else len(data)
@@ -40,7 +39,7 @@ class Checker:
 
     def index(self, value, key, field):
         count = len(self.json.get(key, []))
-        self.demand(type(value) is int and 0 <= value < count, field, f"is none of the file's {count} {key}")
+        self.demand(type(value) is int and 0 <= value < count, field, f"is not one of the file's {count} {key}")
         return value
 
     def numbers(self, parent, key, count, low, high, field):
@@ -64,7 +63,7 @@ class Checker:
             self.index(view.get("buffer"), "buffers", field + ".buffer")
             for key in ("byteOffset", "byteLength"):
                 value = view.get(key, 0)
-                self.demand(type(value) is int and value >= 0, f"{field}.{key}", "is no length")
+                self.demand(type(value) is int and value >= 0, f"{field}.{key}", "is not a length")
         for i, image in enumerate(self.json.get("images", [])):
             if "bufferView" in image:
                 self.picture(self.index(image["bufferView"], "bufferViews", f"images[{i}].bufferView"), f"images[{i}]")
@@ -72,19 +71,19 @@ class Checker:
         self.scene()
 
     def picture(self, view, field):
-        """A header of a few bytes can claim 60000 x 60000 pixels."""
+        """Checks a picture's size: a header of a few bytes can claim 60000 x 60000 pixels."""
         spec = self.json["bufferViews"][view]
         start = spec.get("byteOffset", 0)
         data = self.binary[start:start + spec.get("byteLength", 0)]
         size = picture_size(data)
-        self.demand(size is not None, field, "is no PNG or JPEG picture")
+        self.demand(size is not None, field, "is not a PNG or JPEG picture")
         most = MOST_PIXELS
         if data[:1] == b"\x89":
             most = min(most, 8 * 1032 * len(data))  # deflate packs at most 1032 bytes into one
         self.demand(size[0] * size[1] <= most, field, f"claims {size[0]}x{size[1]} pixels in {len(data)} bytes")
 
     def nodes(self):
-        """Each node has at most one parent, so that a walk meets each once."""
+        """Checks that each node has at most one parent and that there are no cycles."""
         nodes = self.json.get("nodes", [])
         parents = {}
         for i, node in enumerate(nodes):
@@ -103,7 +102,7 @@ class Checker:
         for at in queue:
             for child in nodes[at].get("children", []):
                 depth[child] = depth[at] + 1
-                self.demand(depth[child] < DEEPEST, f"nodes[{child}]", f"lies {DEEPEST} nodes deep")
+                self.demand(depth[child] < DEEPEST, f"nodes[{child}]", f"is {DEEPEST} nodes deep")
                 queue.append(child)
         for i in range(len(nodes)):
             self.demand(i in depth, f"nodes[{i}].children", "go round in a circle")
@@ -111,7 +110,7 @@ class Checker:
     def scene(self):
         scenes = self.json.get("scenes") or [{}]
         chosen = self.json.get("scene", 0)
-        self.demand(type(chosen) is int and 0 <= chosen < len(scenes), "scene", "is none of the file's scenes")
+        self.demand(type(chosen) is int and 0 <= chosen < len(scenes), "scene", "is not one of the file's scenes")
         for i, scene in enumerate(scenes):
             for root in self.entries(scene, "nodes", f"scenes[{i}].nodes"):
                 self.index(root, "nodes", f"scenes[{i}].nodes")
@@ -138,16 +137,16 @@ class Checker:
         self.demand(all(type(v) in (int, float) and abs(v) <= FURTHEST for v in value.values()), field,
                     "lacks intrinsics, or they are out of range")
         self.demand(value["width"] >= 1 and value["height"] >= 1 and value["width"] * value["height"] <= MOST_PIXELS,
-                    field, f"is no picture of 1 to {MOST_PIXELS} pixels")
-        self.demand(value["fx"] > 0 and value["fy"] > 0, field, "fx, fy are no focal lengths")
+                    field, f"is not a picture of 1 to {MOST_PIXELS} pixels")
+        self.demand(value["fx"] > 0 and value["fy"] > 0, field, "fx, fy are not focal lengths")
         rows = self.numbers(camera, "velo_from_camera", 12, -FURTHEST, FURTHEST, field)
         turn = [rows[0:3], rows[4:7], rows[8:11]]
         for i in range(3):
             for j in range(3):
                 dot = sum(a * b for a, b in zip(turn[i], turn[j]))
-                self.demand(abs(dot - (i == j)) <= 1e-3, field + ".velo_from_camera", "is no camera's pose")
+                self.demand(abs(dot - (i == j)) <= 1e-3, field + ".velo_from_camera", "is not a camera's pose")
 
 
 def check(path, json, binary):
-    """ValueError, one line with file and field."""
+    """Raises ValueError, one line with file and field, if a scene's JSON and binary chunks are not safe to import."""
     Checker(path, json, binary).run()

@@ -1,11 +1,10 @@
-"""Runs inside a Blender of its own, on a copy of the scene:
+"""Runs in a separate Blender, on a copy of the scene:
 
     blender -b --factory-startup COPY.blend --python-exit-code 1 -P matched.py -- OUT
 
-Renders the view with the engine Mirage at its hard limit and with Cycles under the same light (Lambert faces,
-one sun without shadows, ambient and hemisphere terms, pixel centres), and compares. Writes OUT/result.json and
-OUT/difference.npy (height x width x 4 float32, row 0 on top: mirage − Cycles as |Δ| RGB, and 1 where either
-sees a surface)."""
+Renders the view with Mirage's engine at its hard limit and with Cycles under the same light (Lambert faces, one sun without
+shadows, ambient and hemisphere terms, pixel centres), and compares both. Writes OUT/result.json and OUT/difference.npy
+(height x width x 4 float32, row 0 on top: |Mirage − Cycles| as scene-linear RGB, and 1 where either sees a surface)."""
 
 import json
 import os
@@ -14,7 +13,7 @@ import time
 
 
 def compare(mirage, cycles):
-    """Figures over the union of the masks; pictures are premultiplied scene-linear RGBA."""
+    """(figures over the union of both masks, difference as in OUT/difference.npy) of two premultiplied scene-linear RGBA pictures."""
     import numpy
 
     in_mirage, in_cycles = mirage[:, :, 3] > 0.5, cycles[:, :, 3] > 0.5
@@ -42,7 +41,7 @@ def timed_render(path):
 
 
 def drop_own_normals():
-    """Normals that a mesh brings along would bend the light on its flat faces."""
+    """Removes custom normals, which would change the light on flat faces."""
     import bpy
 
     for thing in bpy.data.objects:
@@ -53,8 +52,8 @@ def drop_own_normals():
 
 
 def match_light(scene, light):
-    """Every surface that Mirage draws becomes Lambert under `light`; everything else is hidden. What a material loses by
-    that is in the notes of the export, which reads it by the same paint_of."""
+    """Makes every surface that Mirage draws Lambert under `light`, and hides everything else. The export's notes say what a
+    material loses by this, because the export also uses paint_of."""
     import bpy
 
     from mirage_blender import cycles_light
@@ -72,7 +71,7 @@ def match_light(scene, light):
             thing.data.materials.append(bare)
     for mesh in bpy.data.meshes:  # flat faces
         mesh.polygons.foreach_set("use_smooth", [False] * len(mesh.polygons))
-        if hasattr(mesh, "use_auto_smooth"):  # gone in Blender 4.1, whose meshes always use normals of their own
+        if hasattr(mesh, "use_auto_smooth"):  # absent since Blender 4.1, whose meshes always use custom normals
             mesh.use_auto_smooth = False
     drop_own_normals()
     for curve in bpy.data.curves:

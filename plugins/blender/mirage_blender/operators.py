@@ -1,4 +1,4 @@
-"""File > Import > Mirage scene, and the matched-light validation."""
+"""File > Import > Mirage scene, and validation in matched light."""
 
 import json
 import os
@@ -18,7 +18,7 @@ DIFFERENCE = "Mirage difference"
 
 
 class ImportMirageScene(bpy.types.Operator, ImportHelper):
-    """A scene that mirage export wrote: meshes, camera with its intrinsics, sun, sky and photograph"""
+    """Import a scene that mirage export wrote: meshes, camera with its intrinsics, sun, sky and photograph"""
 
     bl_idname = "import_scene.mirage"
     bl_label = "Import Mirage scene"
@@ -30,7 +30,7 @@ class ImportMirageScene(bpy.types.Operator, ImportHelper):
         from . import scene_import
 
         if not hasattr(bpy.types, bpy.ops.import_scene.gltf.idname()):
-            self.report({"ERROR"}, "glTF importer: is off; enable the add-on io_scene_gltf2")
+            self.report({"ERROR"}, "glTF importer: is disabled; enable the add-on io_scene_gltf2")
             return {"CANCELLED"}
         try:
             loaded = scene_import.import_scene(context.scene, self.filepath)
@@ -43,7 +43,7 @@ class ImportMirageScene(bpy.types.Operator, ImportHelper):
 
 
 def save_copy(path):
-    """Saves a copy without a thumbnail: drawing one takes seconds, and on a software OpenGL it may never end."""
+    """Saves a copy without a thumbnail. Drawing one takes seconds, and may never end with a software OpenGL."""
     paths = bpy.context.preferences.filepaths
     kept, paths.file_preview_type = paths.file_preview_type, "NONE"
     try:
@@ -53,7 +53,7 @@ def save_copy(path):
 
 
 class Validation:
-    """The validation of one scene in a Blender of its own, so that this one stays free."""
+    """Validates a scene in a separate Blender, so that this one stays responsive."""
 
     def __init__(self, scene):
         self.scene = scene
@@ -81,26 +81,27 @@ class Validation:
             program.stop(self.process)
 
     def error(self):
-        """The line of the log that says what went wrong."""
+        """The line of the log that gives the error."""
         with open(self.log, encoding="utf-8", errors="replace") as file:
             lines = [line.strip() for line in file if line.strip()]
-        # Said when the copy is opened, before the add-on is there, and of any error of a script.
+        # Printed when the copy opens before the add-on is registered, and after any error in a script.
         said_anyway = ("Error: Engine 'MIRAGE' not available", "Error: Python: Traceback", "Error: script failed")
         lines = [line for line in lines if not line.startswith(said_anyway)]
         for mark in ("Error: ", "RuntimeError: "):
             found = [line for line in lines if line.startswith(mark)]
             if found:
                 return found[0][len(mark):]
-        return f"Blender ended with {self.process.returncode}: {lines[-1] if lines else 'it said nothing'}"
+        return f"Blender ended with exit code {self.process.returncode}: {lines[-1] if lines else 'it printed nothing'}"
 
     def finish(self, output):
-        """Figures onto the scene, the difference into an image; a copy of the figures to `output`."""
+        """Stores the figures in the scene and the difference in an image. Copies the figures to `output` (JSON) if given. ProgramError
+        if Blender failed."""
         path = os.path.join(self.folder, "result.json")
         if self.process.returncode != 0 or not os.path.exists(path):
             raise program.ProgramError(self.error())
         with open(path, encoding="utf-8") as file:
             figures = json.load(file)
-        self.scene["mirage_validation"] = {**figures, "notes": "\n".join(figures["notes"])}  # holds no list of texts
+        self.scene["mirage_validation"] = {**figures, "notes": "\n".join(figures["notes"])}  # cannot hold a list of texts
         show_difference(self.scene, numpy.load(os.path.join(self.folder, "difference.npy")))
         if output:
             shutil.copyfile(path, bpy.path.abspath(output))
@@ -112,7 +113,7 @@ class Validation:
 
 
 def show_difference(scene, difference):
-    """The difference as an image: |Δ| on the surfaces, brightened so that the worst pixel is white."""
+    """Shows the difference as an image: |Δ| on the surfaces, scaled so that the worst pixel is white."""
     height, width = difference.shape[:2]
     old = bpy.data.images.get(DIFFERENCE)
     if old is not None and tuple(old.size) != (width, height):
@@ -135,12 +136,12 @@ def show_difference(scene, difference):
 
 
 class ValidateMatchedLight(bpy.types.Operator):
-    """Draw the camera's view with Mirage's hard rasteriser and with Cycles under the same light, and compare"""
+    """Render the camera's view with Mirage's hard rasteriser and with Cycles under the same light, and compare"""
 
     bl_idname = "mirage.validate"
     bl_label = "Validate in matched light"
     timeout: FloatProperty(name="Timeout (s)", default=600, min=1)
-    output: StringProperty(name="Figures", subtype="FILE_PATH", default="", description="JSON file to write")
+    output: StringProperty(name="Figures", subtype="FILE_PATH", default="", description="JSON file for the figures; empty: none")
 
     run = timer = None
 
@@ -155,7 +156,7 @@ class ValidateMatchedLight(bpy.types.Operator):
         return True
 
     def end(self, context):
-        """Once Blender has ended, was stopped, or took too long."""
+        """Collects the result once Blender has ended, and reports it."""
         try:
             figures = self.run.finish(self.output)
         except (program.ProgramError, OSError, ValueError) as error:
@@ -177,7 +178,7 @@ class ValidateMatchedLight(bpy.types.Operator):
         return False
 
     def execute(self, context):
-        """Waits: for scripts and the command line."""
+        """Runs to the end, for scripts and the command line."""
         if not self.begin(context):
             return {"CANCELLED"}
         while self.run.running():
@@ -187,12 +188,12 @@ class ValidateMatchedLight(bpy.types.Operator):
         return self.end(context)
 
     def invoke(self, context, event):
-        """From the panel: Blender stays free; Escape stops it."""
+        """Runs from the panel: Blender stays responsive, and Escape stops it."""
         if not self.begin(context):
             return {"CANCELLED"}
         self.timer = context.window_manager.event_timer_add(0.25, window=context.window)
         context.window_manager.modal_handler_add(self)
-        context.workspace.status_text_set("Mirage validation: Escape stops it")
+        context.workspace.status_text_set("Mirage validation is running: press Escape to stop it")
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):

@@ -1,4 +1,4 @@
-"""What colours a Blender material: one linear colour or one image, as the light-weight light model wants it."""
+"""The paint of a Blender material: one scene-linear colour or one image, all that Mirage's light model uses."""
 
 from typing import NamedTuple
 
@@ -8,15 +8,15 @@ from . import features
 
 
 class Paint(NamedTuple):
-    color: tuple = (0.8, 0.8, 0.8)  # scene-linear; Cycles' own grey of a mesh without material
-    image: object = None  # bpy.types.Image, in place of the colour
+    color: tuple = (0.8, 0.8, 0.8)  # scene-linear; Cycles' grey for a mesh without a material
+    image: object = None  # bpy.types.Image, instead of the colour
     extension: str = "EXTEND"  # beyond the image's edge: EXTEND, REPEAT or CLIP
-    uv_map: str = ""  # the layer that the image asks for; empty: the one that is active in renders
-    notes: tuple = ()  # what is not followed, for the user
+    uv_map: str = ""  # the image's UV map; empty: the one that is active in renders
+    notes: tuple = ()  # for the user: features that are not drawn
 
 
 def surface_node(material, notes):
-    """The BSDF at the output; the first of a mix or a sum."""
+    """The shader at the output, or the first one of a mix or a sum; None without one."""
     outputs = [n for n in material.node_tree.nodes if n.type == "OUTPUT_MATERIAL" and n.is_active_output]
     links = outputs[0].inputs["Surface"].links if outputs else ()
     node = links[0].from_node if links else None
@@ -37,7 +37,7 @@ def is_over_zero(socket):
 
 
 def shader_notes(node):
-    """What of a shader a matt surface of its colour lacks, but for gloss."""
+    """Notes on what a shader does beyond a matt surface of its colour. Gloss is not noted."""
     if node.type == "BSDF_DIFFUSE":
         return []
     if node.type != "BSDF_PRINCIPLED":
@@ -54,7 +54,7 @@ def shader_notes(node):
 
 
 def image_paint(shown, node, output, notes):
-    """The paint of an image texture that gives its colour from this output."""
+    """The paint of an image texture node, whose socket `output` is linked. shown: the viewport colour."""
     links, uv_map = node.inputs["Vector"].links, ""
     if links and links[0].from_node.type == "UVMAP":
         uv_map = links[0].from_node.uv_map
@@ -68,7 +68,7 @@ def image_paint(shown, node, output, notes):
 
 
 def followed(material, notes):
-    """The paint of a material, without its notes, which go to the list."""
+    """The paint of a material. Its notes are added to the list instead."""
     shown = tuple(material.diffuse_color[:3])
     if not material.use_nodes or material.node_tree is None:
         return Paint(shown)
@@ -98,7 +98,7 @@ def paint_of(material):
 
 
 def linear_pixels(image):
-    """height x width x 3 float64, scene-linear, row 0 at the bottom as Blender has it."""
+    """An image's pixels: height x width x 3 float64, scene-linear, row 0 at the bottom as in Blender; None for an empty image."""
     width, height = image.size
     if width == 0 or height == 0:
         return None
@@ -113,7 +113,7 @@ def linear_pixels(image):
 
 
 def look_up(pixels, uv, extension):
-    """Nearest texels at n x 2 coordinates (origin bottom left)."""
+    """The nearest pixels, n x 3, at n x 2 UV coordinates (0 … 1, origin bottom left). extension: EXTEND, REPEAT or CLIP."""
     height, width = pixels.shape[:2]
     x = numpy.floor(uv[:, 0] * width).astype(numpy.int64)
     y = numpy.floor(uv[:, 1] * height).astype(numpy.int64)

@@ -1,4 +1,4 @@
-"""Render properties of the engine, and the sidebar of the 3-D view."""
+"""The engine's render properties, and the sidebar of the 3-D view."""
 
 import bpy
 
@@ -23,7 +23,7 @@ def draw_figures(layout, scene):
         row = column.split(factor=0.6)
         row.label(text=name)
         row.label(text=value)
-    for note in figures.get("notes", "").splitlines():  # neither renderer drew it as Blender would
+    for note in figures.get("notes", "").splitlines():  # neither renderer drew this as Blender would
         column.label(text=note, icon="ERROR")
     if DIFFERENCE in bpy.data.images:
         column.label(text=f"Image \"{DIFFERENCE}\": |Δ| × {scene.get('mirage_difference_gain', 1):.3g}")
@@ -90,7 +90,7 @@ CLASSES = (RenderPanel, ValidationPanel, SidebarPanel)
 
 
 def shared_panels():
-    """Blender's own panels that any engine can use."""
+    """Blender's own panels that work with any engine."""
     return [panel for panel in bpy.types.Panel.__subclasses__()
             if "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ()) and panel.__name__ not in EXCLUDED]
 

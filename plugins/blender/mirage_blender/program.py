@@ -11,7 +11,7 @@ POLL = 0.05  # s
 
 
 class ProgramError(Exception):
-    """One line for the user."""
+    """A message of one line for the user."""
 
 
 def preferences():
@@ -20,14 +20,14 @@ def preferences():
 
 
 def find():
-    """Path from the add-on's preferences, MIRAGE_BINARY, or PATH, in that order."""
+    """The program's path, from the add-on's preferences, MIRAGE_BINARY or PATH, in that order. ProgramError without one."""
     ours = preferences()
     for source, path in (("add-on preferences", ours.binary if ours else ""),
                          ("MIRAGE_BINARY", os.environ.get("MIRAGE_BINARY", ""))):
         if path:
             path = bpy.path.abspath(path)
             if not (os.path.isfile(path) and os.access(path, os.X_OK)):
-                raise ProgramError(f"{source}: {path}: is no program; set it to the mirage binary")
+                raise ProgramError(f"{source}: {path}: is not a program; set it to the mirage binary")
             return path
     path = shutil.which("mirage")
     if not path:
@@ -42,8 +42,8 @@ def last_line(path):
 
 
 def run(arguments, folder, cancelled=lambda: False, timeout=None):
-    """Runs mirage to its end; its messages go to files in `folder`. Returns False if `cancelled` said so;
-    ProgramError with the program's own line if it fails."""
+    """Runs mirage until it ends; its messages go to `folder`/mirage.log. Returns False if cancelled() stopped it, else True.
+    ProgramError with mirage's last line if it fails, and after `timeout` (s)."""
     log = os.path.join(folder, "mirage.log")
     with open(log, "wb") as file:
         try:
@@ -63,12 +63,12 @@ def run(arguments, folder, cancelled=lambda: False, timeout=None):
             time.sleep(POLL)
     if process.returncode != 0:
         how = f"ended with {process.returncode}"
-        raise ProgramError(last_line(log) or f"mirage: {how}; run it on a terminal to see why")
+        raise ProgramError(last_line(log) or f"mirage: {how}; run it in a terminal to see why")
     return True
 
 
 def stop(process):
-    """Asks a child to end, then makes it."""
+    """Terminates a child process; kills it if it has not ended after 5 s."""
     process.terminate()
     try:
         process.wait(5)

@@ -1,5 +1,5 @@
-"""What a dependency graph shows, as a Mirage scene (.glb): meshes placed in the world with flat faces and
-their base colours as texels, one sun, ambient light, and the camera's intrinsics."""
+"""Exports what a dependency graph shows as a Mirage scene (.glb): meshes in world space (`velo`, m) with flat faces and their base
+colours as texels, one sun, ambient light, and the camera's intrinsics."""
 
 import math
 import os
@@ -15,17 +15,17 @@ SURFACES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 
 
 class ExportError(Exception):
-    """One line for the user: where, what is wrong, how to mend it."""
+    """A message of one line for the user: where, what is wrong, how to fix it."""
 
 
 def is_drawn(thing):
-    """Shadow catchers and hold-outs stand in for what is behind the scene."""
+    """Whether Mirage draws the object. It skips shadow catchers and hold-outs, which stand in for what is behind the scene."""
     return thing.type in SURFACES and thing.visible_camera and not (thing.is_shadow_catcher or thing.is_holdout)
 
 
 def atlas_corners(resolution):
-    """The C² triangles of a face in the exporter's order (src/exchange/tessellation.cpp): barycentrics
-    (b0, b1) of their corners, C² x 3 x 2, and the texel of each."""
+    """The C² triangles of a face (C: resolution) in the exporter's order (src/exchange/tessellation.cpp): barycentrics (b0, b1) of
+    their corners, C² x 3 x 2, and the index of each one's texel, C²."""
     n, corners, texels = resolution, [], []
     for y in range(n):
         for x in range(n - y):
@@ -38,8 +38,8 @@ def atlas_corners(resolution):
 
 
 def whole_faces(corners, colors, resolution):
-    """Undoes the exporter's tessellation: faces of C² texels from runs of C² triangles (`corners` n x 3 x 3,
-    `colors` n x 3). None where the triangles no longer lie as they did."""
+    """Undoes the exporter's tessellation: turns each run of C² triangles (`corners` n x 3 x 3, `colors` n x 3) into one face
+    with C² texels. Returns (corners f x 3 x 3, texels (f·C²) x 3), or None if the triangles have moved within a face."""
     per_face = resolution ** 2
     if len(corners) == 0 or len(corners) % per_face:
         return None
@@ -58,7 +58,7 @@ def whole_faces(corners, colors, resolution):
 
 
 class SceneExport:
-    """Collects from a dependency graph; `notes` are one-line warnings."""
+    """Collects meshes and light from a dependency graph; `notes` are one-line warnings. ExportError if there is nothing to draw."""
 
     def __init__(self, depsgraph, settings):
         self.depsgraph, self.settings = depsgraph, settings
@@ -91,7 +91,7 @@ class SceneExport:
                         "sun": [light.energy * c / math.pi for c in light.color]}
 
     def lighting(self):
-        """extras.mirage.lighting (sensors/lighting.h): radiances of a white Lambert face."""
+        """extras.mirage.lighting (sensors/lighting.h): scene-linear RGB radiances of a white Lambert face, and the sun's direction."""
         sun = self.sun or {"to_sun_velo": [0.0, 0.0, 1.0], "sun": [0.0, 0.0, 0.0]}
         settings = self.settings
         if settings.light == "GIVEN":
@@ -149,12 +149,12 @@ class SceneExport:
                 corners, texels = whole
                 vertices, resolution = corners.reshape(-1, 3), stored
                 faces = numpy.arange(len(vertices), dtype=numpy.int32).reshape(-1, 3)
-        if numpy.linalg.det(matrix[:3, :3]) < 0:  # mirrored: turn the winding, and the texels with it
+        if numpy.linalg.det(matrix[:3, :3]) < 0:  # mirrored: reverse the winding, and the texels with it
             faces, texels = faces[:, [1, 0, 2]], swapped(texels, resolution)
         self.meshes.append((thing.name, vertices, faces, texels, resolution))
 
     def texels(self, thing, slots, layer, count):
-        """Colours of the triangles: count x C² x 3 as one table, and C. `layer`: name and coordinates of the UV map
+        """(scene-linear colours of the triangles, (count·C²) x 3, and C). `layer`: name and coordinates (count x 3 x 2) of the UV map
         that is active in renders, or None."""
         paints = [paint_of(slot.material) for slot in thing.material_slots] or [paint_of(None)]
         slots = numpy.clip(slots, 0, len(paints) - 1)
@@ -198,7 +198,7 @@ class SceneExport:
         return self.images[image.name]
 
     def photograph(self, view):
-        """Bytes of the picture behind the camera."""
+        """The bytes of the camera's background image. ExportError unless it is a PNG or JPEG of the render's size."""
         images = [b.image for b in view.data.background_images if b.image is not None]
         if not images:
             raise ExportError(f"{view.name}: background image: there is none; add one or set Background to Film")
@@ -214,7 +214,7 @@ class SceneExport:
             with open(path, "rb") as file:
                 data = file.read()
         if data[:4] != b"\x89PNG" and data[:2] != b"\xff\xd8":
-            raise ExportError(f"{image.name}: file: is no PNG or JPEG; save the picture as one")
+            raise ExportError(f"{image.name}: file: is not a PNG or JPEG; save the picture as one")
         return data
 
     def write(self, path, with_photograph=False):
@@ -231,6 +231,6 @@ class SceneExport:
 
 
 def swapped(texels, resolution):
-    """The texels of faces whose first two corners change places: (ix, iy) becomes (iy, ix)."""
+    """The texels of faces after their first two corners are swapped: (ix, iy) becomes (iy, ix)."""
     square = texels.reshape(-1, resolution, resolution, 3)
     return square.transpose(0, 2, 1, 3).reshape(-1, 3)

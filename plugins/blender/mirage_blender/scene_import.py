@@ -1,7 +1,6 @@
-"""A Mirage scene (.glb) into Blender. The geometry comes in through Blender's own importer: nodes and UVs are
-what any viewer gets. What glTF cannot say (principal point, the whole light model, texels beyond 8 bits, the
-photograph) is read from the file's extras. Blender's world is Mirage's `velo`: glTF's axes (y up) turn into
-Blender's (z up) on import."""
+"""Imports a Mirage scene (.glb) into Blender. Blender's own importer reads the geometry, with the nodes and UVs that any viewer
+gets. What glTF cannot express (principal point, the whole light model, texels beyond 8 bits, the photograph) comes from the
+file's extras. Blender's world is Mirage's `velo`: the importer converts glTF's axes (y up) to Blender's (z up)."""
 
 import os
 import tempfile
@@ -22,7 +21,7 @@ ROLES = ("adversary", "camera", "sun")
 
 
 class Loaded:
-    """What came in: `info` (the scene's extras), `roles` {role: [objects]}, `texels` (image or None)."""
+    """An imported scene: `info` (the scene's extras), `roles` {role: [objects]}, `texels` (image or None). ValueError if a part is missing."""
 
     def __init__(self, glb, objects, path):
         self.glb, self.objects, self.info = glb, objects, glb.scene_info()
@@ -41,17 +40,17 @@ class Loaded:
 
 
 def load(path):
-    """Runs the importer into the current scene."""
+    """Runs Blender's importer into the current scene. Returns Loaded; ValueError for a file that is not a Mirage scene."""
     glb = Glb(path)
     before, scene = set(bpy.data.objects), bpy.context.scene
     engine = scene.render.engine
     bpy.ops.import_scene.gltf(filepath=path, **features.importer_arguments(shading="FLAT", lighting="RAW"))
-    scene.render.engine = engine  # the importer knows Cycles and Eevee only, and takes others for Eevee
+    scene.render.engine = engine  # the importer only knows Cycles and Eevee, and sets Eevee for any other
     return Loaded(glb, [thing for thing in bpy.data.objects if thing not in before], path)
 
 
 def exact_mesh(glb):
-    """Extras of the mesh with Mirage's exact vertices, faces and texels; {} without one."""
+    """The extras of the mesh that has Mirage's exact vertices, faces and texels; {} if there is none."""
     for mesh in glb.json.get("meshes", []):
         if mesh.get("extras", {}).get("mirage"):
             return mesh["extras"]["mirage"]
@@ -59,13 +58,13 @@ def exact_mesh(glb):
 
 
 def exact_texels(glb):
-    """A float image of the adversary's texels in the place of the 8-bit texture; None without texels."""
+    """A float image of the adversary's texels, to replace the 8-bit texture; None without texels."""
     exact = exact_mesh(glb)
     if "texels" not in exact or "texture_size" not in exact:
         return None
     width, height = (int(side) for side in exact["texture_size"])
     if not (width >= 1 and height >= 1 and width * height <= MOST_PIXELS):
-        raise ValueError("meshes[].extras.mirage.texture_size: is no size of a picture; export the scene again")
+        raise ValueError("meshes[].extras.mirage.texture_size: is not a picture's size; export the scene again")
     pixels = numpy.ones((height * width, 4), dtype=numpy.float32)
     texels = glb.array(exact["texels"], "<f8", 3)
     pixels[:len(texels), :3] = texels
@@ -77,7 +76,7 @@ def exact_texels(glb):
 
 
 def plain_material(name, paint):
-    """The paint on a rough dielectric, its texels unfiltered."""
+    """A new material: the paint on a rough dielectric, with unfiltered texels."""
     material = bpy.data.materials.new(name)
     material.use_nodes = True
     nodes = cycles_light.Nodes(material.node_tree)
@@ -90,7 +89,7 @@ def plain_material(name, paint):
 
 
 def photograph_image(glb, info):
-    """The embedded photograph as a packed image; None without one."""
+    """The embedded photograph as a packed image; None if there is none."""
     if "photograph" not in info:
         return None
     spec = glb.json["images"][info["photograph"]]
@@ -108,7 +107,7 @@ def photograph_image(glb, info):
 
 
 def show_behind(view, image):
-    """The picture fills the camera's frame, behind everything."""
+    """Shows the picture behind everything, filling the camera's frame."""
     data = view.data
     data.background_images.clear()
     background = data.background_images.new()
@@ -121,7 +120,8 @@ def show_behind(view, image):
 
 
 def import_scene(scene, path):
-    """Everything: objects, camera, sun, sky, photograph, materials and colour management. Returns Loaded."""
+    """Imports everything: objects, camera, sun, sky, photograph, materials and colour management. Returns Loaded; ValueError for a
+    file that is not a Mirage scene."""
     loaded = load(path)
     info, light = loaded.info, loaded.info["lighting"]
     view = loaded.roles["camera"][0]
@@ -130,7 +130,7 @@ def import_scene(scene, path):
     cycles_light.set_sky(scene, light, on=True)
     adversary = loaded.roles["adversary"][0]
     if loaded.texels is not None:
-        loaded.texels.pack()  # else a saved .blend would lose it
+        loaded.texels.pack()  # otherwise a saved .blend loses it
         adversary.data.materials.clear()
         adversary.data.materials.append(plain_material("adversary", Paint(image=loaded.texels)))
     adversary.data["mirage_resolution"] = int(exact_mesh(loaded.glb).get("resolution", 1))
@@ -147,7 +147,7 @@ def import_scene(scene, path):
     scene.render.film_transparent = True
     if not features.has_denoiser():
         scene.cycles.use_denoising = False
-    settings = getattr(scene, "mirage", None)  # absent where the add-on is not registered
+    settings = getattr(scene, "mirage", None)  # absent if the add-on is not registered
     if settings:
         settings.light = "GIVEN"
         settings.ambient, settings.hemisphere = light["ambient"], light["hemisphere"]
@@ -156,7 +156,7 @@ def import_scene(scene, path):
 
 
 def describe(loaded):
-    """One line about what came in."""
+    """One line that describes an imported scene."""
     info = loaded.info["camera"]
     return (f"{len(loaded.objects)} objects, camera {info['width']}x{info['height']}, "
             f"photograph: {'yes' if 'photograph' in loaded.info else 'no'}")

@@ -49,7 +49,7 @@ struct Place {
 };
 
 Place place_of(const std::string& name, const Ort::TypeInfo& about) {
-  if (about.GetONNXType() != ONNX_TYPE_TENSOR) bad(name, "is no tensor", "export tensors alone");
+  if (about.GetONNXType() != ONNX_TYPE_TENSOR) bad(name, "is not a tensor", "export tensors alone");
   const auto tensor = about.GetTensorTypeAndShapeInfo();
   return {name, tensor.GetElementType(), tensor.GetShape()};
 }
@@ -81,7 +81,7 @@ class Model {
           place_of(session_.GetOutputNameAllocated(i, memory).get(), session_.GetOutputTypeInfo(i)));
     check_inputs();
     for (const char* name : {"boxes", "logits"})
-      if (!find(outputs_, name)) bad("output", std::string("there is none of the name ") + name, kReturns);
+      if (!find(outputs_, name)) bad("output", std::string("there is none named ") + name, kReturns);
     const auto region = session_.GetModelMetadata().LookupCustomMetadataMapAllocated("region", memory);
     if (region) read_region(region.get());
     probe();
@@ -150,7 +150,8 @@ class Model {
     try {
       return Ort::Session(environment, file, options);
     } catch (const Ort::Exception& problem) {
-      bad("file", "is no ONNX model (" + one_line(problem.what()) + ")", "write it with torch.onnx.export");
+      bad("file", "is not an ONNX model (" + one_line(problem.what()) + ")",
+          "write it with torch.onnx.export");
     }
   }
 
@@ -165,7 +166,7 @@ class Model {
     for (const Place& place : inputs_) {
       const bool picture = place.name == "image";
       if (!picture && place.name != "points" && place.name != "pixel_from_velo")
-        bad("input " + place.name, "is none that there is", kTakes);
+        bad("input " + place.name, "is not known", kTakes);
       if (place.type != ONNX_TENSOR_ELEMENT_DATA_TYPE_FLOAT)
         bad("input " + place.name, "is not of float32", "take float32, and convert it inside the model");
       const std::int64_t last = picture ? 3 : 4;

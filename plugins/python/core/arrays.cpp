@@ -26,7 +26,7 @@ py::array any_array(const py::handle& values, const std::string& name) {
     return py::module_::import("numpy").attr("asarray")(values).cast<py::array>();
   } catch (const py::error_already_set& error) {
     if (error.matches(PyExc_ImportError)) throw;
-    throw InputError(name, "", std::string("is no array that can be read (") + error.what() + ")",
+    throw InputError(name, "", std::string("is not an array that can be read (") + error.what() + ")",
                      "give a NumPy array, or a tensor as tensor.detach().cpu()");
   }
 }
@@ -68,7 +68,7 @@ void check_albedo(std::span<const Vec3d> texels) {
     for (const double value : texel)
       if (!(value >= -kSlack && value <= 1 + kSlack))
         throw InputError(
-            "texels", "", fmt::format("{:g} is no albedo", value),
+            "texels", "", fmt::format("{:g} is not an albedo", value),
             "give scene-linear RGB in [0, 1] (8-bit values / 255 are sRGB, which is not linear)");
 }
 

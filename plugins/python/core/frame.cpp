@@ -96,11 +96,11 @@ Frame frame_of_arrays(const py::object& image, const py::object& points,
       Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(matrix.data());
   const Eigen::Matrix3d turn = frame.calibration.camera_from_velo.matrix().topLeftCorner<3, 3>();
   if (!((turn * turn.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3 && turn.determinant() > 0))
-    throw InputError("camera_from_velo", "", "is no rotation beside a translation",
+    throw InputError("camera_from_velo", "", "is not a rotation and a translation",
                      "give the extrinsics alone; the intrinsics are fx, fy, cx, cy");
   if (!(intrinsics[0] > 0 && intrinsics[1] > 0 && std::isfinite(intrinsics[0] * intrinsics[1]) &&
         std::isfinite(intrinsics[2] + intrinsics[3])))
-    throw InputError("intrinsics", "", "are of no camera", "give fx and fy above 0, and cx, cy, in px");
+    throw InputError("intrinsics", "", "are not a camera's", "give fx and fy above 0, and cx, cy, in px");
   PinholeCamera& camera = frame.calibration.camera;
   camera.fx = intrinsics[0], camera.fy = intrinsics[1], camera.cx = intrinsics[2], camera.cy = intrinsics[3];
   camera.width = frame.image.width, camera.height = frame.image.height;

@@ -15,7 +15,7 @@ std::filesystem::path own_file() {
   Dl_info info{};
   static const int here = 0;
   if (dladdr(&here, &info) == 0 || !info.dli_fname)
-    throw Failure("mirage", "cannot tell where its own library lies", "import it from a file");
+    throw Failure("mirage", "cannot tell where its own library is", "import it from a file");
   return info.dli_fname;
 }
 

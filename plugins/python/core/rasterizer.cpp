@@ -108,7 +108,7 @@ SoftRasterSettings<double> settings_of(const std::map<std::string, double>& numb
                                       {"counter_clockwise", Sides::counter_clockwise},
                                       {"clockwise", Sides::clockwise}});
   if (!(settings.near > 0) || !(settings.far > settings.near) || !std::isfinite(settings.far))
-    throw InputError("rasterize", "near, far", "is no depth range", "use 0 < near < far, in m");
+    throw InputError("rasterize", "near, far", "is not a depth range", "use 0 < near < far, in m");
   if (!(settings.sigma > 0) || !(settings.gamma > 0))
     throw InputError("rasterize", "sigma, gamma", "must be positive", "use e.g. 1e-5 and 1e-2");
   return settings;
@@ -396,7 +396,7 @@ void read_screen(Subject& subject, const py::handle& vertices, const py::handle&
     for (int& corner : face) {
       corner = *index++;
       if (corner < 0 || as_size(corner) >= subject.vertices.size())
-        throw InputError("faces", "", std::to_string(corner) + " is no vertex",
+        throw InputError("faces", "", std::to_string(corner) + " is not a vertex",
                          "give 0 to " + std::to_string(subject.vertices.size()) + " − 1");
     }
   ScreenMesh<double>& screen = subject.projected.screen;

@@ -1,4 +1,4 @@
-"""A small PointPillars-like network in plain PyTorch, trained for a minute on a data set, then attacked.
+"""Trains a small network like PointPillars, in plain PyTorch, on a data set for a minute, then attacks it.
 
     python3 attack_pillars.py DATA OUT
 """
@@ -20,7 +20,7 @@ def centres():
 
 
 class Pillars(nn.Module):
-    """Points, with the picture's colour where they fall, spread over pillars; one box a pillar."""
+    """Spreads points, each with the picture's colour at its pixel, over pillars; gives one box per pillar."""
 
     region = (0.0, COLUMNS * CELL, -ROWS * CELL / 2, ROWS * CELL / 2)
 
@@ -37,8 +37,8 @@ class Pillars(nn.Module):
         place = (2 * uvw[:, :2] / uvw[:, 2:].clamp(min=0.1) + 1) / size - 1
         colour = F.grid_sample(image.permute(2, 0, 1)[None], place[None, None], align_corners=False)[0, :, 0].t()
         features = self.point(torch.cat([points / 20, colour], 1))
-        # A point is shared among the four pillars around it. One pillar a point, as PointPillars has it, does as well:
-        # a point's features carry the gradient. Shared, it also says what moving over a pillar's border does.
+        # A point is shared among the four pillars around it. One pillar per point, as in PointPillars, works too: a point's
+        # features carry the gradient. With sharing, the gradient also shows the effect of crossing a pillar's border.
         x, y = points[:, 0] / CELL - 0.5, points[:, 1] / CELL + ROWS / 2 - 0.5
         grid = features.new_zeros(ROWS * COLUMNS, 32)
         for dc, dr in ((0, 0), (0, 1), (1, 0), (1, 1)):
@@ -53,7 +53,7 @@ class Pillars(nn.Module):
 
 
 def train(network, frames, steps):
-    """Each car's own pillar is to be found, and its box to be the label's."""
+    """Trains each car's own pillar to have a high logit, and its box to equal the label's."""
     optimiser = torch.optim.Adam(network.parameters(), lr=2e-3)
     for step in range(steps):
         frame = frames[step % len(frames)]

@@ -1,17 +1,17 @@
-"""Published networks as detectors, in PyTorch alone: Point-GNN (LiDAR), one for photographs, and CLOCs, which fuses both late.
+"""Published networks as detectors, in PyTorch alone: Point-GNN (LiDAR), one for photographs, and CLOCs, a late fusion of both.
 
     lidar = PointGnn("point_gnn_t0.npz")
     fusion = Clocs("clocs.npz", lidar, Picture("vehicle_adas_0002.pt"))
     mirage.attack(detector=fusion, data="path/to/kitti", out="out/run")
 
-or as a program, which needs torch and mirage_serve.py alone:
+or as a program, which needs only torch and mirage_serve.py:
 
     mirage attack --detector "exec:python3 published.py point-gnn point_gnn_t0.npz" --data path/to/kitti --out out/run
     … "exec:python3 published.py picture vehicle_adas_0002.pt"
     … "exec:python3 published.py clocs point_gnn_t0.npz vehicle_adas_0002.pt clocs.npz"
 
-The weights are their authors' (MIT; trained on KITTI). Point-GNN, Shi and Rajkumar, CVPR 2020: github.com/WeijingShi/Point-GNN,
-checkpoints/car_auto_T0_train, as arrays by the variables' names:
+The weights come from the authors (MIT; trained on KITTI). Point-GNN, Shi and Rajkumar, CVPR 2020: github.com/WeijingShi/Point-GNN,
+checkpoints/car_auto_T0_train, converted to arrays under the variables' names:
 
     reader = tensorflow.train.load_checkpoint("checkpoints/car_auto_T0_train")
     numpy.savez("point_gnn_t0.npz", **{name: reader.get_tensor(name) for name in reader.get_variable_to_shape_map()})
@@ -21,8 +21,8 @@ CLOCs, Pang, Morris and Radha, IROS 2020: github.com/lunhengsheng/CLOCs_based_pp
     state = torch.load("fusion_layer-37120.tckpt", map_location="cpu")
     numpy.savez("clocs.npz", **{name: tensor.numpy() for name, tensor in state.items()})
 
-The network for photographs is TorchScript: float32 [1, 3, H, W], blue first, 0 to 255, H and W multiples of 32, to boxes [N, 4]
-(pixels) and logits [N] before suppression.
+The network for photographs is a TorchScript file. It takes float32 [1, 3, H, W], blue first, 0 to 255, H and W multiples of 32,
+and returns boxes [N, 4] (left, top, right, bottom; pixels) and logits [N] before suppression.
 """
 
 import hashlib
@@ -35,17 +35,17 @@ import torch.nn.functional as F
 from torch.utils.checkpoint import checkpoint
 
 warnings.filterwarnings("ignore", "scatter_reduce")  # "in beta"
-BLOCK = 1 << 15  # edges that are worked on at once
+BLOCK = 1 << 15  # edges to process at once
 
 
 def version_of(file):
-    """Of its content: Mirage keeps answers on disk under it, so that an evaluation of hours goes on."""
+    """A hash of the file's content. Mirage stores answers on disk under it, so that a long evaluation can resume."""
     with open(file, "rb") as content:
         return hashlib.sha256(content.read()).hexdigest()[:16]
 
 
 def layers_of(arrays, scope):
-    """The linear layers of a scope, as (weights, biases)."""
+    """The linear layers of a scope, as a list of (weights, biases)."""
     found = []
     while True:
         name = f"{scope}/fully_connected" + (f"_{len(found)}" if found else "")
@@ -55,14 +55,14 @@ def layers_of(arrays, scope):
 
 
 def apply(layers, x):
-    """With a ReLU between them."""
+    """Applies linear layers to rows, with a ReLU between two layers."""
     for k, (weights, biases) in enumerate(layers):
         x = torch.addmm(biases, x.relu() if k else x, weights)
     return x
 
 
 def camera_of(matrix):
-    """Rotation and translation into the camera's frame: RQ decomposition of the projection."""
+    """Rotation and translation (m) from `velo` into the camera's frame, by RQ decomposition of the 3×4 projection."""
     q, r = np.linalg.qr(np.flipud(matrix[:, :3]).T)
     intrinsics, rotation = np.fliplr(np.flipud(r.T)), np.flipud(q.T)
     sign = np.sign(np.diag(intrinsics))
@@ -70,8 +70,8 @@ def camera_of(matrix):
 
 
 def pairs_within(radius, points, centres):
-    """Numbers of all (point, centre) at most so far apart, by centre: a grid of cells of that size, sorted so that the three of a
-    column follow one another."""
+    """Indices (points, centres) of all pairs at most `radius` apart (m), sorted by centre. A grid of cells of that size finds them;
+    it is sorted so that the three cells of a column are adjacent."""
     low = points.min(0) - 2 * radius
     cell, at = (np.floor((part - low) / radius).astype(np.int64) for part in (points, centres))
     extent = np.maximum(cell.max(0), at.max(0)) + 3
@@ -89,7 +89,7 @@ def pairs_within(radius, points, centres):
 
 
 def keypoints_of(xyz, voxel):
-    """Numbers of the points closest to the means of the occupied voxels: half a voxel's diagonal away at most."""
+    """For each occupied voxel (side in m), the index of the point closest to its mean, at most half a voxel's diagonal away."""
     cell = np.floor((xyz - (xyz.min(0) - voxel / 2)) / voxel).astype(np.int64)
     extent = cell.max(0) + 1
     _, voxel_of, count = np.unique((cell[:, 0] * extent[1] + cell[:, 1]) * extent[2] + cell[:, 2], return_inverse=True,
@@ -101,7 +101,7 @@ def keypoints_of(xyz, voxel):
 
 
 def marks_of(*columns):
-    """64 bits for each row of 32-bit values."""
+    """A 64-bit hash of each row of 32-bit values."""
     mark = np.zeros(len(columns[0]), np.uint64)
     for column in columns:
         for value in np.ascontiguousarray(column).view(np.uint32).T:
@@ -111,10 +111,10 @@ def marks_of(*columns):
 
 
 class PointGnn:
-    """Point-GNN without a graph layer (T0): each keypoint is told by the points within 1 m, and says two boxes.
+    """Point-GNN without a graph layer (T0): each keypoint gives two boxes, from the points within 1 m.
 
-    What it said of the same neighbourhood before is kept, so that an object on a roof costs only what it changes. The gradient of
-    such a neighbourhood is left out then, as nothing in it has moved.
+    Its answers are cached by neighbourhood, so that an object on a roof costs only what it changes. A cached neighbourhood has no
+    gradient, because nothing in it has moved.
     """
 
     region = (0.0, 70.0, -40.0, 40.0)
@@ -123,7 +123,7 @@ class PointGnn:
     heights = True
     VOXEL, RADIUS = 0.4, 1.0  # m
     SIZE = torch.tensor([3.88, 1.5, 1.63])  # m, median length, height, width
-    BASELINE = torch.tensor([0.0598, -0.0003, 0.0027])  # m, from KITTI's rectified camera 0, where boxes are, to the colour camera
+    BASELINE = torch.tensor([0.0598, -0.0003, 0.0027])  # m, from KITTI's rectified camera 0, the boxes' frame, to the colour camera
     LEAST_SCORE = 0.01
 
     def __init__(self, file, keep=1 << 19):
@@ -135,10 +135,10 @@ class PointGnn:
         if any(name.startswith("layer2/") for name in arrays) or not all((self.edges, self.features, self.classify, *self.locate)):
             raise ValueError(f"{file}: holds no Point-GNN without graph layers; convert checkpoints/car_auto_T0_train")
         self.version = version_of(file)
-        self.keep, self.known = keep, {}  # at most so many answers, by neighbourhood
+        self.keep, self.known = keep, {}  # at most `keep` answers, by neighbourhood
 
     def answers(self, reflectance, xyz, place, point, centre):
-        """K×18: 4 logits, 2 × 7 codes."""
+        """Answers for K keypoints, K×18: 4 logits, then the codes of 2 boxes, 7 each."""
         head = torch.cat([reflectance, xyz], 1)
         tail = torch.cat([torch.zeros_like(place[:, :1]), place], 1)
 
@@ -156,7 +156,7 @@ class PointGnn:
         return torch.cat([apply(layers, features) for layers in (self.classify, *self.locate)], 1)
 
     def boxes(self, points, pixel_from_velo):
-        """Boxes M×7 and logits M, before suppression."""
+        """Boxes M×7 in `velo` (centre, length, width, height in m; yaw in rad) and logits M, before suppression."""
         rotation, translation = (torch.from_numpy(part).float() for part in camera_of(pixel_from_velo.double().numpy()))
         xyz = points[:, :3] @ rotation.t() + translation
         ahead = xyz[:, 2].detach() > 0.1
@@ -199,14 +199,14 @@ class PointGnn:
 
 
 def overlaps(a, b):
-    """IoU of all pairs of rectangles."""
+    """IoU of all pairs of rectangles M×4 and N×4 (left, top, right, bottom): M×N."""
     inside = (torch.minimum(a[:, None, 2:], b[None, :, 2:]) - torch.maximum(a[:, None, :2], b[None, :, :2])).clamp(min=0).prod(2)
     area = [(part[:, 2] - part[:, 0]) * (part[:, 3] - part[:, 1]) for part in (a, b)]
     return inside / (area[0][:, None] + area[1][None] - inside).clamp(min=1e-6)
 
 
 class Picture:
-    """A network for 8-bit photographs: boxes in the picture."""
+    """A network for 8-bit photographs, with boxes M×4 in the picture (pixels)."""
 
     def __init__(self, file):
         self.network, self.version = torch.jit.load(file).eval(), version_of(file)
@@ -222,13 +222,13 @@ class Picture:
 
 
 class Clocs:
-    """CLOCs' fusion layer: a box of the LiDAR's network gets a new logit by those that the picture's network found, the greatest of
-    its pairs'. It was trained on other networks' scores (PointPillars, Cascade R-CNN)."""
+    """CLOCs' fusion layer. It pairs each box of the LiDAR network with the boxes of the picture network, and gives it the greatest
+    logit of its pairs. It was trained on other networks' scores (PointPillars, Cascade R-CNN)."""
 
     region = PointGnn.region
     classes = ["Car"]
     heights = True
-    DISTANCE = 82.0  # m, which count as 1
+    DISTANCE = 82.0  # m; the unit of the layer's distances
 
     def __init__(self, file, lidar, picture, least_score=0.01):
         self.lidar, self.picture, self.least_score = lidar, picture, least_score
@@ -238,7 +238,7 @@ class Clocs:
                             torch.from_numpy(arrays[f"fuse_2d_3d.{k}.bias"])) for k in (0, 2, 4, 6)]
 
     def rectangles(self, boxes, matrix, height, width):
-        """Of the projected corners, within the picture."""
+        """The rectangles M×4 (pixels) around the boxes' projected corners, clipped to the picture."""
         half = boxes.new_tensor([-0.5, 0.5])
         corner = torch.cartesian_prod(half, half, half) * boxes[:, None, 3:6]
         c, s = boxes[:, 6:].cos(), boxes[:, 6:].sin()
@@ -250,7 +250,7 @@ class Clocs:
         return torch.stack([u.amin(1), v.amin(1), u.amax(1), v.amax(1)], 1)
 
     def seen(self, image):
-        """Boxes in the picture and their scores, overlapping ones suppressed."""
+        """The picture network's boxes (pixels) and scores, without overlapping boxes."""
         boxes, logits = self.picture(image)
         scores = logits.sigmoid()
         order = scores.detach().argsort(descending=True)
@@ -279,7 +279,7 @@ class Clocs:
 
 
 def detector_of(name, *files):
-    """As the command line names it."""
+    """The detector that the command line names."""
     if name == "clocs":
         return Clocs(files[2], PointGnn(files[0]), Picture(files[1]))
     return {"point-gnn": PointGnn, "picture": Picture}[name](*files)

@@ -1,10 +1,10 @@
-"""A table: mirage.pytorch3d beside PyTorch3D's published formula in plain PyTorch (soft_formula.py), forward and backward.
+"""Prints a table: mirage.pytorch3d beside PyTorch3D's published formula in plain PyTorch (soft_formula.py), forward and backward.
 
     python3 pytorch3d_table.py [--sizes 64 128 256] [--repeats 3]
 
-PyTorch3D itself is not measured here: its wheels do not run beside Debian's PyTorch. The 320-face icosphere with 5×5 texels
-a face fills two thirds of the picture. Times are of the CPU. Differences: mean and largest of the colours, largest of alpha, and the cosine
-between the two gradients with respect to the vertices.
+PyTorch3D itself is not measured: its wheels do not run beside Debian's PyTorch. The mesh is an icosphere with 320 faces and 5×5
+texels per face, which fills two thirds of the picture. Times are CPU times. Differences are the mean and the largest in colour,
+the largest in alpha, and the cosine between the two gradients with respect to the vertices.
 """
 
 import argparse
@@ -25,7 +25,7 @@ def scene():
 
 
 def measure(draw, size, settings, repeats):
-    """Median CPU seconds, the picture and d (weighted sum) / d vertices."""
+    """Median CPU time (s), the picture, and the gradient of its weighted sum with respect to the vertices."""
     verts, faces, colors = scene()
     verts.requires_grad_(True)
     colors.requires_grad_(True)

@@ -1,8 +1,8 @@
-"""PyTorch3D's soft rasterisation as its documentation has it, in plain PyTorch over all pixels and faces: what
-mirage.pytorch3d is compared with (pytorch3d_table.py). Slow, and as plain as can be.
+"""PyTorch3D's soft rasterisation by the formulas in its documentation, in plain PyTorch over all pixels and faces. Slow and plain:
+pytorch3d_table.py compares mirage.pytorch3d with it.
 
     p(i, j) = sigmoid(−d(i, j) / σ), d the squared NDC distance to the face, negative inside; faces with d ≥ blur radius are
-              left out
+              skipped
     w(i, j) = p exp((z̄(i, j) − max z̄) / γ), z̄ = (zfar − z) / (zfar − znear); the background's weight is exp(−max z̄ / γ)
     colour  = (Σ w c + background) / Σ, alpha = 1 − Π (1 − p)
 """
@@ -13,7 +13,7 @@ import torch
 
 
 def _pixel_centres(height, width, dtype):
-    """x to the left and y up, the shorter side from −1 to 1."""
+    """Pixel centres P×1×2 in NDC: x to the left, y up, the shorter side from −1 to 1."""
     shorter = min(height, width)
     x = (width - 1 - 2 * torch.arange(width, dtype=dtype)) / shorter
     y = (height - 1 - 2 * torch.arange(height, dtype=dtype)) / shorter
@@ -32,7 +32,7 @@ def _squared_distance_to_edge(p, a, b):
 
 def soft_rasterize(verts_ndc, faces, colors, image_size, *, sigma=1e-4, gamma=1e-4, blur_radius=None,
                    background_color=(1.0, 1.0, 1.0), znear=1.0, zfar=100.0):
-    """The arguments and the H×W×4 result of mirage.pytorch3d.soft_rasterize."""
+    """Draws one mesh to H×W×4, with the arguments of mirage.pytorch3d.soft_rasterize."""
     height, width = (image_size, image_size) if isinstance(image_size, int) else image_size
     blur_radius = math.log(1 / 1e-4 - 1) * sigma if blur_radius is None else blur_radius
     corners = verts_ndc[faces]  # F×3×3
@@ -41,7 +41,8 @@ def soft_rasterize(verts_ndc, faces, colors, image_size, *, sigma=1e-4, gamma=1e
     v0, v1, v2 = xy.unbind(2)
     area = _cross(v1 - v0, v2 - v0)
     has_area = area.abs() > 1e-8
-    flat = torch.stack([_cross(v2 - v1, p - v1), _cross(v0 - v2, p - v2), _cross(v1 - v0, p - v0)], -1) / torch.where(has_area, area, torch.ones_like(area))[..., None]
+    flat = torch.stack([_cross(v2 - v1, p - v1), _cross(v0 - v2, p - v2), _cross(v1 - v0, p - v0)], -1) / torch.where(
+        has_area, area, torch.ones_like(area))[..., None]
     inside = (flat > 0).all(-1)
     distance = torch.stack([_squared_distance_to_edge(p, a, b) for a, b in ((v0, v1), (v1, v2), (v2, v0))]).amin(0)
     # Perspective first, then clipped, as PyTorch3D does.

@@ -1,10 +1,10 @@
-"""Boxes that another program has stored, as a detector for mirage detect and the clean side of mirage drive:
+"""Boxes stored by another program, as a detector for mirage detect and for the clean side of mirage drive:
 
     mirage drive --detector "exec:python3 stored_boxes.py path/to/boxes path/to/kitti-tracking" --mesh crate.obj --data path/to/kitti-tracking
 
-BOXES/SEQUENCE.txt has rows as AB3DMOT's repository has PointRCNN's (data/KITTI/pointrcnn_Car_val), commas between: frame, class,
-left, top, right, bottom, score (logit), height, width, length, x, y, z (m, rectified camera, the bottom's centre), rotation_y, alpha.
-It does not look: an object changes nothing."""
+BOXES/SEQUENCE.txt has the comma-separated rows of PointRCNN's files in AB3DMOT's repository (data/KITTI/pointrcnn_Car_val): frame,
+class, left, top, right, bottom, score (logit), height, width, length, x, y, z (m, rectified camera, centre of the bottom),
+rotation_y, alpha. The detector ignores the sensors, so an object changes nothing."""
 
 import sys
 
@@ -13,7 +13,7 @@ from mirage_serve import serve
 
 
 def read_calibration(file):
-    """velo_from_rectified, 4 × 4."""
+    """velo_from_rectified, 4×4 (m), from a KITTI calibration file."""
     rows = {line.split()[0].rstrip(":"): np.array(line.split()[1:], float) for line in open(file) if line.strip()}
     rectify, velo = np.eye(4), np.eye(4)
     rectify[:3, :3] = rows.get("R_rect", rows.get("R0_rect")).reshape(3, 3)

@@ -1,4 +1,4 @@
-"""Mirage: what a mesh on a car's roof does to a camera's picture and a LiDAR's sweep, with derivatives, on a CPU.
+"""Mirage simulates what a mesh on a car's roof changes in a camera's picture and a LiDAR's sweep, with derivatives, on a CPU.
 
     import mirage
     frame = mirage.read_frame("kitti", "000008")
@@ -7,11 +7,13 @@
     result = mirage.insert(frame, host, mesh)             # result.image, .points, .mask, .depth
     d_vertices, d_texels = result.vjp(d_image, d_points)
 
-`mirage.torch.insert` is the same as a torch.autograd.Function. Against a network of yours `mirage.check` says whether it is
-asked as it expects, `mirage.attack` learns a mesh, `mirage.evaluate` and `mirage.validate` judge it; `mirage.serve` makes it
-a detector for the command line. Units are metres, radians and scene-linear radiance; `velo` is the LiDAR's frame (x
-forward, y left, z up). Settings have the names of the command line's options (`mirage simulate --help`, `mirage attack
---help`) with _ for -. Arrays are NumPy's; where arrays go in, anything with __dlpack__ does too.
+`mirage.torch.insert` does the same as a torch.autograd.Function. For a network of yours, `mirage.check` tells whether Mirage
+calls it as it expects, and `mirage.attack` learns a mesh that hides vehicles from it. `mirage.evaluate` and `mirage.validate`
+judge that mesh. `mirage.serve` turns a network into a detector for the command line.
+
+Units are metres, radians and scene-linear radiance. `velo` is the LiDAR's frame: x forward, y left, z up. Settings are the
+command line's options (`mirage simulate --help`, `mirage attack --help`) with _ for -. Arrays come out as NumPy's; NumPy arrays,
+lists and anything with __dlpack__ go in. Wrong input raises InputError (a ValueError), failed work Failure (a RuntimeError).
 """
 
 from __future__ import annotations
@@ -25,14 +27,14 @@ from typing import TYPE_CHECKING
 
 
 def _complaint() -> str:
-    """Why this interpreter cannot have the module, or ""."""
+    """Why this interpreter cannot load the module; "" if it can."""
     built = [os.path.basename(file) for file in sorted(glob.glob(os.path.join(os.path.dirname(__file__), "_core.*.so")))]
     if "_core" + sysconfig.get_config_var("EXT_SUFFIX") not in built:
         tags = ", ".join(name.split(".")[1] for name in built) or "none"
         return (f"mirage: is built for {tags}, and this is Python {sys.version_info[0]}.{sys.version_info[1]} "
-                f"({sys.executable}); build it for this one, too: make python PYTHON={sys.executable}")
+                f"({sys.executable}); build it for this one too: make python PYTHON={sys.executable}")
     if importlib.util.find_spec("numpy") is None:
-        return f"mirage: needs NumPy, which {sys.executable} has not; python -m pip install numpy"
+        return f"mirage: needs NumPy, which {sys.executable} does not have; python -m pip install numpy"
     return ""
 
 
@@ -55,7 +57,7 @@ __all__ = ["Failure", "Frame", "Hits", "Host", "InputError", "Insertion", "Label
 
 
 def __getattr__(name: str):
-    """What needs PyTorch comes when it is asked for."""
+    """Imports the submodules that need PyTorch when they are first used."""
     if name in ("torch", "pytorch3d", "openpcdet", "mmdet3d"):
         return importlib.import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

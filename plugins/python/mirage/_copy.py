@@ -13,7 +13,7 @@ from ._detector import TorchDetector, parts_of
 
 
 class _Wrapped(torch.nn.Module):
-    """A function with the modules that it uses, so that their weights are parameters of the copy."""
+    """A function with the modules that it calls, so that their weights are parameters of the copy."""
 
     def __init__(self, function: Callable):
         super().__init__()
@@ -25,7 +25,7 @@ class _Wrapped(torch.nn.Module):
 
 
 class _OfAll(torch.nn.Module):
-    """What is stored: the plugin's signature, and the region, which TorchScript keeps of attributes of an object alone."""
+    """The stored module. It has the signature that the plugin calls, and `region`: TorchScript keeps only attributes of the object."""
 
     def __init__(self, network: Callable, region: list[float]):
         super().__init__()
@@ -47,7 +47,7 @@ class _OfImage(_OfAll):
 
 @contextlib.contextmanager
 def _as_the_plugin_runs_it() -> Iterator[None]:
-    """The executor of plugins/detectors/torchscript: another one takes other passes, and so other types."""
+    """Uses the executor of plugins/detectors/torchscript: another one runs other passes, and tensors can get other types."""
     executor, profiling = torch._C._jit_set_profiling_executor(True), torch._C._jit_set_profiling_mode(False)
     try:
         yield
@@ -57,7 +57,7 @@ def _as_the_plugin_runs_it() -> Iterator[None]:
 
 
 def _answer(function: Callable, inputs: tuple[torch.Tensor, ...]) -> list[torch.Tensor | None]:
-    """Boxes, logits, and the gradients of the logits' sum to image and points."""
+    """Boxes, logits, and the gradients of the logits' sum with respect to image and points (None: it does not depend on them)."""
     inputs = tuple(tensor.clone().requires_grad_(k < 2) for k, tensor in enumerate(inputs))
     with torch.enable_grad():
         boxes, logits = function(*inputs)
@@ -67,7 +67,7 @@ def _answer(function: Callable, inputs: tuple[torch.Tensor, ...]) -> list[torch.
 
 
 def _differs(function: Callable, copy: Callable, inputs: tuple[torch.Tensor, ...]) -> str:
-    """What the copy says otherwise, in a word, or ""."""
+    """How the copy's answer differs from the function's, in words; "" if it does not."""
     names = ("its boxes", "its logits", "its gradients to the image", "its gradients to the points")
     for name, ours, theirs in zip(names, _answer(function, inputs), _answer(copy, inputs)):
         if ours is None and theirs is None:
@@ -75,9 +75,9 @@ def _differs(function: Callable, copy: Callable, inputs: tuple[torch.Tensor, ...
         like = theirs if ours is None else ours
         ours, theirs = (torch.zeros_like(like) if tensor is None else tensor.double() for tensor in (ours, theirs))
         if ours.shape != theirs.shape:
-            return f"{name} have shape {list(theirs.shape)} for {list(ours.shape)}"
+            return f"{name} have shape {list(theirs.shape)} instead of {list(ours.shape)}"
         if name == "its boxes" and ours.shape[1] > 5:
-            return f"its boxes have {ours.shape[1]} columns, and a TorchScript detector's 5 (4 in the picture)"
+            return f"its boxes have {ours.shape[1]} columns; a TorchScript detector's have 5 (4 in the picture)"
         largest = float(ours.abs().max()) if ours.numel() else 0.0
         if not torch.allclose(ours, theirs.to(ours.dtype), rtol=1e-3, atol=1e-3 * largest + 1e-9):
             return f"{name} differ on another frame"
@@ -85,7 +85,7 @@ def _differs(function: Callable, copy: Callable, inputs: tuple[torch.Tensor, ...
 
 
 def _reason(problem: Exception) -> str:
-    """The line that says why: the last one of a TorchScript trace, or else the first. As the plugin's."""
+    """The line of an error that gives the reason: the last of a TorchScript trace, else the first. The plugin does the same."""
     text = str(problem)
     lines = [line.strip() for line in text.splitlines() if line.strip(" \t\r~^<-HERE")]
     if not lines:
@@ -95,13 +95,13 @@ def _reason(problem: Exception) -> str:
 
 
 def write_copy(detector: TorchDetector, samples: list[tuple[torch.Tensor, ...]], file: str) -> str:
-    """Writes the copy, or nothing; why not, in words, or "". What it says, and its gradients, must be what the network
-    says, run as the plugin runs it, on all samples: their numbers of points differ, which a trace that has frozen a
-    shape does not survive."""
+    """Writes a TorchScript copy to `file`. Returns "", or the reason why it wrote none. Run as the plugin runs it, the copy must
+    give the network's answers and gradients on all samples (image, points, pixel_from_velo). Their numbers of points differ, so
+    a trace that has frozen a shape fails."""
     if detector.takes == "frame":
-        return "it takes sensors by name, and a TorchScript detector takes one picture and one sweep"
+        return "it takes sensors by name, but a TorchScript detector takes one picture and one sweep"
     if detector.pictures != "linear":
-        return f"its pictures are {detector.pictures}, and a TorchScript detector's are linear"
+        return f"its pictures are {detector.pictures}, but a TorchScript detector's are linear"
     network, signature = detector.function, {"points": _OfPoints, "image": _OfImage}.get(detector.takes, _OfAll)
     whole, arity = (_OfImage, 1) if detector.finds_picture else (_OfAll, 3)
     function = signature(network, detector.region)

@@ -1,4 +1,4 @@
-"""Stub of the compiled half of the package."""
+"""Types of the package's compiled half."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ libtorch_version: str
 list_separator: str
 
 class InputError(ValueError):
-    """Something that was given is wrong; the text names it and says how to mend it."""
+    """Something in the input is wrong. The message names it and says how to fix it."""
 
 class Failure(RuntimeError):
-    """The work could not be done though the input was right."""
+    """The work failed although the input was right."""
 
 class Label:
-    """A labelled object of a frame; its box in `velo`, metres and radians."""
+    """A labelled object of a frame. box_bev (x, y of the centre, length, width, yaw), bottom (z) and height are in `velo`, m and rad;
+    box_2d (left, top, right, bottom) in pixels."""
 
     @property
     def type(self) -> str: ...
@@ -39,7 +40,7 @@ class Label:
     def height(self) -> float: ...
 
 class Host:
-    """A vehicle of a frame that can carry a mesh on its roof."""
+    """A vehicle of a frame that can carry a mesh on its roof. index: of its label in frame.labels."""
 
     @property
     def frame(self) -> Frame: ...
@@ -51,7 +52,8 @@ class Host:
     def share_in_view(self) -> float: ...
 
 class Frame:
-    """A recorded or generated moment: picture, sweep, calibration and labels."""
+    """A recorded or generated frame: picture, sweep, calibration and labels. Points N×4 and labels are in `velo` (x forward, y left,
+    z up; m)."""
 
     def __init__(self, *, image: ArrayLike, points: ArrayLike, intrinsics: Sequence[float], camera_from_velo: ArrayLike,
                  labels: Sequence[tuple[str, Sequence[float]]] = ..., id: str = "",
@@ -86,7 +88,8 @@ class Settings:
     def __init__(self, named: Mapping[str, str], where: str) -> None: ...
 
 class Mesh:
-    """Triangles with C×C texels each, in the frame of the roof they stand on."""
+    """F triangles with C×C texels each: vertices V×3 in the frame of the roof (x along the heading, y left, z up, m), faces F×3,
+    texels F×C×C×3, scene-linear albedo in [0, 1] (None: mid-grey)."""
 
     vertices: NDArray[numpy.float64]
     texels: NDArray[numpy.float64]
@@ -121,7 +124,7 @@ class Insertion:
             ) -> tuple[NDArray[numpy.float64], NDArray[numpy.float64]]: ...
 
 class Raster:
-    """N pictures by the soft rasteriser."""
+    """N pictures drawn by the soft rasteriser."""
 
     @property
     def image(self) -> NDArray[Any]: ...
@@ -133,7 +136,7 @@ class Raster:
             ) -> list[tuple[NDArray[numpy.float64], NDArray[numpy.float64]]]: ...
 
 class Hits:
-    """What rays met; N entries, one a ray."""
+    """What N rays hit, one entry per ray. Where a ray hits nothing, t is inf, mesh and face are −1, points and barycentrics nan."""
 
     @property
     def t(self) -> NDArray[numpy.float64]: ...

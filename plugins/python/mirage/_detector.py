@@ -1,4 +1,4 @@
-"""A network as a detector, and what an attack goes on by: the code and the weights that it works with."""
+"""A network as a detector, and the hash of its code, weights and settings by which an attack resumes."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ PLAIN = (str, bytes, int, float, complex, type(None))
 
 
 def _is_ours(kind: Any) -> bool:
-    """Whether a class or function is neither Python's, PyTorch's, NumPy's nor Mirage's; the adapters of published packages are the
-    user's settings of them."""
+    """Whether a class or function is none of Python's, PyTorch's, NumPy's and Mirage's. The adapters of published packages count as
+    the user's, because they hold settings."""
     module = getattr(kind, "__module__", None) or ""
     return module in ("mirage.openpcdet", "mirage.mmdet3d", "mirage._voxels") or module.split(".")[0] not in IGNORED
 
 
 def _is_own(kind: Any) -> bool:
-    """Whether a module or a class is the user's own: ours, and not installed."""
+    """Whether a module or class is the user's own: not one of IGNORED, and not an installed package."""
     name = kind.__name__ if inspect.ismodule(kind) else getattr(kind, "__module__", None) or ""
     file = getattr(sys.modules.get(name), "__file__", None) or ""
     return name.split(".")[0] not in IGNORED and "site-packages" not in file and "dist-packages" not in file
 
 
 def _names_in(code: CodeType) -> set[str]:
-    """Of globals and attributes that it names, in the functions within, too."""
+    """The names of globals and attributes that the code and its nested functions use."""
     return set(code.co_names).union(*(_names_in(one) for one in code.co_consts if isinstance(one, CodeType)))
 
 
 def _named_in(module: ModuleType, names: set[str], within: tuple[ModuleType, ...] = ()) -> Iterator[tuple[str, Any]]:
-    """What code with these names takes out of a module of the user's, and of those that it names there. What may change from call to
-    call has a name that begins with an underscore, as in objects."""
+    """(name, value) of what code with these names takes from a user's module, and from the user's modules that it names there.
+    Names with a leading underscore, except of callables and tensors, are left out: they may change from call to call."""
     for key in sorted(names & vars(module).keys()):
         one = vars(module)[key]
         if inspect.ismodule(one):
@@ -53,8 +53,8 @@ def _named_in(module: ModuleType, names: set[str], within: tuple[ModuleType, ...
 
 
 def parts_of(value: Any, name: str = "self", seen: set[int] | None = None) -> Iterator[tuple[str, Any]]:
-    """The modules, tensors, arrays, numbers, words and code that a callable works with: its class, its attributes, its closure, its
-    globals, and those of the functions, objects and containers among them. Of a module of the user's what the code names."""
+    """(name, value) of the modules, tensors, arrays, numbers, texts and code that a callable uses: from its class, attributes,
+    closure and globals, and from the functions, objects and containers among them. From a user's module only what the code names."""
     seen = set() if seen is None else seen
     if isinstance(value, PLAIN):
         yield name, value
@@ -108,7 +108,7 @@ def parts_of(value: Any, name: str = "self", seen: set[int] | None = None) -> It
 
 
 def _of_class(of: type) -> list[tuple[str, Any]]:
-    """The functions and attributes of a class and of those that it is made from."""
+    """The functions and attributes of a class and its base classes."""
     places = []
     for kind in of.__mro__:
         for key, one in sorted(vars(kind).items()) if _is_ours(kind) else ():
@@ -119,8 +119,8 @@ def _of_class(of: type) -> list[tuple[str, Any]]:
 
 
 def _of_object(value: Any) -> list[tuple[str, Any]]:
-    """Those of its class, and its own attributes. Of one that says its version, an attribute that is no network may change from
-    call to call; so may one whose name begins with an underscore."""
+    """The parts of an object's class, and its own attributes but those that may change from call to call: names with a leading
+    underscore and, if the object has a version, all others too. Modules, tensors and the version always count."""
     places = _of_class(type(value))
     says = getattr(value, "version", "")
     own = {key: getattr(value, key) for key in _slots_of(type(value)) if hasattr(value, key)}
@@ -132,7 +132,7 @@ def _of_object(value: Any) -> list[tuple[str, Any]]:
 
 
 def _slots_of(of: type) -> Iterator[str]:
-    """Attributes that its objects have outside of a dictionary."""
+    """The names of attributes that the class's objects keep in slots."""
     for kind in of.__mro__:
         slots = vars(kind).get("__slots__", ()) if _is_ours(kind) else ()
         for name in (slots,) if isinstance(slots, str) else slots:
@@ -141,14 +141,14 @@ def _slots_of(of: type) -> Iterator[str]:
 
 
 def _of_code(code: CodeType) -> bytes:
-    """Its instructions with the numbers and words in them, and those of the functions within."""
+    """The instructions, numbers and texts of the code and its nested functions."""
     inner = [_of_code(one) if isinstance(one, CodeType) else repr(one).encode()
              for one in code.co_consts if not isinstance(one, frozenset)]  # of which the order is another each time
     return b"\0".join([code.co_code, repr(code.co_names).encode(), *inner])
 
 
 def content_of(function: Callable) -> str:
-    """Changes with its code, its weights and its settings: an attack goes on only on the same network."""
+    """A hash of the function's code, weights and settings: an attack resumes only against the same network."""
     digest = hashlib.sha256(type(function).__qualname__.encode())
     for name, value in parts_of(function):
         digest.update(name.encode())
@@ -171,11 +171,11 @@ def content_of(function: Callable) -> str:
 
 
 class TorchDetector(Network):
-    """What the C++ side calls; it copies what it is given, which does not outlive the call."""
+    """The detector that the C++ side calls. It copies its arrays, because their memory is borrowed for the call."""
 
     error = InputError
 
     def forward(self, job: str, arrays: list, keep_graph: bool):
-        """job: JSON, where {"at": k} stands for arrays[k]."""
+        """(boxes, logits, classes or None, identities or None) of a job: JSON, in which {"at": k} stands for arrays[k]."""
         told = json.loads(job, object_hook=lambda one: arrays[one["at"]] if isinstance(one.get("at"), int) else one)
         return super().forward(Frame(told, lambda array: array.copy()), keep_graph)

@@ -1,4 +1,4 @@
-"""The commands of `mirage`, against a network of the caller's too."""
+"""The commands of `mirage`, for shipped detectors and for a network of the caller's."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from . import _core
 from ._settings import text_of, texts
 
 LOADS_DETECTORS = ("attack", "audit", "compare", "detect", "evaluate", "validate", "view")
-# Called with what is done, units done, units in all, the time left ("1:23") and a note.
+# Called with what is being done, units done, units in all, the time left ("1:23") and a note.
 Progress = Optional[Callable[[str, int, int, str, str], None]]
 
 
 class Result(dict):
-    """What a command's result.json holds; printed it is the command's table."""
+    """The content of a command's result.json. Printing it shows the command's table."""
 
     def __init__(self, values: dict[str, Any], summary: str):
         super().__init__(values)
@@ -30,7 +30,7 @@ class Result(dict):
     __repr__ = __str__
 
     def _repr_html_(self) -> str | None:
-        """In a notebook: the page that `view` wrote (None: the summary)."""
+        """What a notebook shows: the page that `view` wrote (None: the table)."""
         page = self.get("page")
         if not isinstance(page, str) or not page.endswith(".html") or not os.path.exists(page):
             return None
@@ -40,12 +40,12 @@ class Result(dict):
 
 
 def _show(what: str, done: int, total: int, left: str, note: str) -> None:
-    """A line of progress where standard error is no terminal: in a notebook."""
+    """Prints progress as one line where standard error is not a terminal, in a notebook."""
     print(f"\r{what} {done}/{total}  {left} left  {note}    ", end="" if done < total else "\n", file=sys.stderr, flush=True)
 
 
 def _run(command: str, settings: dict[str, Any], detectors: Any, where: str, quiet: bool, progress: Progress = None) -> Result:
-    """detectors: one as of `attack`, None, or those of `compare`."""
+    """detectors: one as for `attack`, None, or a list as for `compare`."""
     named = texts(settings)
     words, given = [], []
     named["quiet"] = "false"  # the table is for print(result)
@@ -72,7 +72,7 @@ def _run(command: str, settings: dict[str, Any], detectors: Any, where: str, qui
 
 
 def _check_torch(where: str) -> None:
-    """The shipped detectors bring Debian's LibTorch, which does not live beside another one in a process."""
+    """Failure if this process has another PyTorch than the shipped detectors' LibTorch: one process cannot hold both."""
     version = getattr(sys.modules.get("torch"), "__version__", "")
     if version and version.split(".")[:2] != _core.libtorch_version.split(".")[:2]:
         raise _core.Failure(f"{where}: this process has PyTorch {version}, and the shipped detectors need LibTorch "
@@ -80,7 +80,7 @@ def _check_torch(where: str) -> None:
 
 
 def _samples(data: str) -> list:
-    """Two frames' inputs as a detector gets them, and the first with half its points."""
+    """The inputs that a detector gets for the first and the last frame, and for the first with half its points."""
     import torch
 
     from ._insertion import read_frame
@@ -96,10 +96,12 @@ def _samples(data: str) -> list:
 
 def detect(detector: Callable | str = "fusion", *, data: str | os.PathLike, out: str | os.PathLike | None = None,
            quiet: bool = True, progress: Progress = None, **settings: Any) -> Result:
-    """Runs a detector over a data set and scores it. Returns what OUT/result.json holds: ap50, ap70, found of vehicles (at a
-    score of 0.3 and an IoU over 0.7), hints at what is wrong with the boxes, strata, …
+    """Runs a detector over a data set and scores it. Returns what OUT/result.json holds: ap50, ap70, vehicles and how many are
+    found (score of 0.3, IoU over 0.7), hints at what is wrong with the boxes, strata, …
 
-    detector: as of `attack`. out: None: out/detect. settings: as of `mirage detect`: frames, check, kitti, …
+    detector: as for `attack`. out: None: out/detect. settings: as for `mirage detect`: frames, check, kitti, …
+    quiet: False shows progress and messages on standard error. progress: a function to call with (what is being done, units
+    done, units in all, time left, note). Errors are those of `attack`. This holds for every command.
     """
     named = dict(settings, data=os.fspath(data), out=out)
     return _run("detect", named, detector, "mirage.detect", quiet, progress)
@@ -107,19 +109,19 @@ def detect(detector: Callable | str = "fusion", *, data: str | os.PathLike, out:
 
 def audit(detector: Callable | str = "fusion", *, data: str | os.PathLike, out: str | os.PathLike | None = None,
           quiet: bool = True, progress: Progress = None, **settings: Any) -> Result:
-    """What a detector loses when one of its inputs is wrong, and whether it uses its picture. Settings as of `mirage audit`:
-    frames, gate, …"""
+    """Measures what a detector loses when one of its inputs is wrong, and whether it uses its picture. Returns what OUT/result.json
+    holds: audit, uses, … detector: as for `attack`. out: None: out/audit. settings: as for `mirage audit`: frames, gate, …"""
     return _run("audit", dict(settings, data=os.fspath(data), out=out), detector, "mirage.audit", quiet, progress)
 
 
 def check(detector: Callable | str, data: str | os.PathLike, *, vehicles: int = 12, frames: int = 0,
           out: str | os.PathLike | None = None, **settings: Any) -> Result | None:
-    """Is my glue right? Prints what the detector finds in recorded frames, its boxes, headings and logits beside the labels,
-    how much of its change its gradient sees as an object on a roof moves by 1 cm, and what looks wrong: degrees for
-    radians, probabilities for logits, length and width exchanged, other axes, too few boxes. Raises nothing that the
-    detector or the data is to blame for: prints it, and returns None.
+    """Checks that a detector is connected correctly. Prints what it finds in recorded frames, its boxes, headings and logits
+    beside the labels, and how much of its change the gradient predicts when an object on a roof moves by 1 cm. Names likely
+    mistakes: degrees for radians, probabilities for logits, length and width exchanged, other axes, too few boxes. Returns what
+    `detect` returns. Prints any error, also the detector's own, and returns None then.
 
-    vehicles: at how many the gradient is looked at. frames: only the first ones (0: all).
+    vehicles: at how many the gradient is checked. frames: only the first ones (0: all). out, settings: as for `detect`.
     """
     try:
         result = detect(detector, data=data, out=out, check=vehicles, frames=frames, **settings)
@@ -132,28 +134,29 @@ def check(detector: Callable | str, data: str | os.PathLike, *, vehicles: int = 
 
 def attack(detector: Callable | str = "fusion", *, data: str | os.PathLike, out: str | os.PathLike,
            quiet: bool = True, progress: Progress = None, copy: bool = True, **settings: Any) -> Result:
-    """Learns one mesh that hides the vehicles of a data set from a detector; goes on from where it was
-    stopped. Returns what OUT/result.json holds.
+    """Learns one mesh that hides the vehicles of a data set from a detector. Resumes from OUT's checkpoint if there is one.
+    Returns what OUT/result.json holds.
 
-    detector: a callable (image, points, pixel_from_velo) -> (boxes, logits) on torch tensors, in PyTorch's own
-    autograd, without any export, or a name as of `mirage attack --detector`.
-        image: H×W×3 float32, scene-linear RGB in [0, 1]. points: N×4 float32, x, y, z (m), reflectance, those in view
-        (frame.points_in_view).
-        pixel_from_velo: 3×4 float32. boxes: M×5, x, y, length, width (m), yaw (rad) in the bird's-eye view, M×7, x, y, z of
-        the centre, length, width, height, yaw, or M×9, and the velocity's x and y; logits: M. A third tensor may hold M
-        classes. Dictionaries as of OpenPCDet and mmdetection3d are read, too.
-        One whose only argument is called points reads no picture; one that takes the image alone returns boxes in the
-        picture: M×4, left, top, right, bottom (pixels).
-        One whose only argument is called frame gets all sensors by name (mirage.mirage_serve.Frame).
-        An attribute `reads` (("points",)) says what it looks at; both without it; `region` (x_min, x_max, y_min, y_max in m)
-        where, 0, 70, -40, 40 without it; `classes` (["Car", …]) what its classes' numbers mean; others: mirage.mirage_serve.
+    detector: a callable (image, points, pixel_from_velo) -> (boxes, logits) on torch tensors, differentiated by PyTorch's
+    autograd without any export, or a name as for `mirage attack --detector`.
+        image: H×W×3 float32, scene-linear RGB in [0, 1]. points: N×4 float32, x, y, z in `velo` (m), reflectance: only those
+        in view (frame.points_in_view). pixel_from_velo: 3×4 float32.
+        boxes, in `velo`: M×5, x, y of the centre, length, width (m), yaw (rad, counter-clockwise from +x); M×7, x, y, z of the
+        centre, length, width, height, yaw; or M×9, these and the velocity's x and y (m/s). logits: M. A third tensor may hold
+        M classes. Dictionaries of OpenPCDet and mmdetection3d are read too.
+        A callable with one argument called points gets no picture; with one called frame, all sensors by name
+        (mirage.mirage_serve.Frame). With any other single argument it gets the image, and its boxes are in the picture: M×4,
+        left, top, right, bottom (pixels).
+        Optional attributes: `reads`, its inputs (default: ("image", "points")); `region`, where it searches, x_min, x_max,
+        y_min, y_max, m (default: 0, 70, -40, 40); `classes`, its class names (["Car", …]); more in mirage.mirage_serve.
         A torch.nn.Module runs as it is: call .eval() first.
-        "exec:python3 my_detector.py": a program (mirage.serve), in any Python, for any GPU.
-    out: the run folder, as `mirage evaluate`, `export` and `validate` read it. copy: keep a TorchScript copy of a
-    callable there (OUT/detector.pt), where one can be made, for the command line to judge the run by.
-    settings: as of `mirage attack`: iterations, batch, target, parts, size, expect, vertex_rate, texel_rate, seed, …
+        "exec:python3 my_detector.py" is a program that calls mirage.serve, in any Python, for any GPU.
+    out: the run folder, which `evaluate`, `export` and `validate` read. copy: also write a TorchScript copy of a callable
+    (OUT/detector.pt), by which the command line can judge the run; warns if there can be none.
+    settings: as for `mirage attack`: iterations, batch, target, parts, size, expect, vertex_rate, texel_rate, seed, …
 
-    The callable is called from one thread at a time. Ctrl-C stops after the step at hand, with a checkpoint.
+    The callable is called from one thread at a time. Raises InputError for wrong settings, data or answers, Failure for failed
+    work, and the callable's own errors. Ctrl-C ends it with KeyboardInterrupt after the current step, with a checkpoint.
     """
     data, out = os.fspath(data), os.fspath(out)
     if isinstance(detector, (str, os.PathLike)):
@@ -178,13 +181,13 @@ def attack(detector: Callable | str = "fusion", *, data: str | os.PathLike, out:
 
 def evaluate(run: str | os.PathLike | None = None, *, detector: Callable | str | None = None, out: str | os.PathLike | None = None,
              quiet: bool = True, progress: Progress = None, **settings: Any) -> Result:
-    """How often a run's mesh fools a detector on vehicles that it was not learned on, beside a random mesh of its size.
-    Returns what OUT/result.json holds: fn_asr, fp_asr, asr, vehicles, recall_iou, random, …, shares in [0, 1].
+    """Measures how often a run's mesh fools a detector on held-out vehicles, beside a random mesh of its size. Returns what
+    OUT/result.json holds: fn_asr, fp_asr, asr, vehicles, recall_iou, random, …; shares are in [0, 1].
 
-    run: None: of objects, mesh=["a.glb", …] or "zoo", on every car of data=…
-    detector: a callable as of `attack`, a name as of `mirage evaluate --detector`, or None: the run's own (of a run
-    against a callable its TorchScript copy). out: None: RUN/evaluate.
-    settings: as of `mirage evaluate`: data, hosts, hosts_of, random_meshes, score, iou, …
+    run: the run folder. None: judge objects instead, mesh=["a.glb", …] or "zoo", on every car of data=…
+    detector: a callable as for `attack`, a name as for `mirage evaluate --detector`, or None for the run's own. The own one of
+    a run against a callable is its TorchScript copy. out: None: RUN/evaluate, or out/evaluate without a run.
+    settings: as for `mirage evaluate`: data, hosts, hosts_of, random_meshes, score, iou, …
     """
     out = os.path.join(run, "evaluate") if out is None and run is not None else out
     return _run("evaluate", dict(settings, run=run, out=out), detector, "mirage.evaluate", quiet, progress)
@@ -193,11 +196,11 @@ def evaluate(run: str | os.PathLike | None = None, *, detector: Callable | str |
 def compare(detectors: Sequence[Callable | str], *, data: str | os.PathLike, runs: Sequence[str | os.PathLike] = (),
             mesh: Sequence[str | os.PathLike] | str = (), out: str | os.PathLike | None = None, quiet: bool = True,
             progress: Progress = None, **settings: Any) -> Result:
-    """Is the second detector easier to fool than the first? Both see the same cars of a data set with the same objects on their
-    roofs. Returns what OUT/result.json holds, under compare: difference (of the shares that vanish), low, high, parts, worse, …
+    """Tells whether the second detector is easier to fool than the first, on the same cars with the same objects on their roofs.
+    Returns what OUT/result.json holds, under compare: difference (second less first share of vanished cars), low, high, …
 
-    detectors: two as of `attack`, or one word with two weights or defenses. runs: of `attack`, whose meshes are the objects.
-    mesh: others, or "zoo". settings: as of `mirage compare`: adaptive, frames, score, …
+    detectors: two as for `attack`, or one name with two weights or defenses. runs: folders of `attack`, whose meshes are the
+    objects. mesh: further files, or "zoo". out: None: out/compare. settings: as for `mirage compare`: adaptive, frames, score, …
     """
     named = dict(settings, data=data, runs=list(runs) or None, mesh=mesh or None, out=out)
     return _run("compare", named, list(detectors), "mirage.compare", quiet, progress)
@@ -205,9 +208,9 @@ def compare(detectors: Sequence[Callable | str], *, data: str | os.PathLike, run
 
 def validate(run: str | os.PathLike, *, detector: Callable | str | None = None, out: str | os.PathLike | None = None,
              quiet: bool = True, progress: Progress = None, **settings: Any) -> Result:
-    """Draws a run's vehicles in Blender Cycles, asks the detector about these pictures and writes OUT/report.html.
+    """Renders a run's vehicles in Blender Cycles, runs the detector on these pictures and writes OUT/report.html.
 
-    detector: as of `evaluate`. out: None: RUN/validate. settings: as of `mirage validate`: frames, samples, light, …
+    detector: as for `evaluate`. out: None: RUN/validate. settings: as for `mirage validate`: frames, samples, light, …
     """
     run = os.fspath(run)
     out = os.path.join(run, "validate") if out is None else os.fspath(out)
@@ -217,15 +220,15 @@ def validate(run: str | os.PathLike, *, detector: Callable | str | None = None, 
 def view(data: str | os.PathLike | None = None, *, run: str | os.PathLike | None = None,
          detector: Callable | str | None = None, out: str | os.PathLike | None = None, quiet: bool = True,
          progress: Progress = None, **settings: Any) -> Result:
-    """Frames, boxes and attacks as one page that opens offline: of a data set, or of a run, whose detector (or the one that is
-    given) looks at them. Result["page"] is the file. settings: as of `mirage view`."""
+    """Writes one page that opens offline: frames of a data set, or of a run with its attacks and the boxes of its detector (or of
+    `detector`). Result["page"] is the file. out: None: out/view. settings: as for `mirage view`: frames, drive, detections, …"""
     named = dict(settings, data=data, run=run, out=out)
     return _run("view", named, detector, "mirage.view", quiet, progress)
 
 
 def export(run: str | os.PathLike, *, out: str | os.PathLike | None = None, quiet: bool = True, progress: Progress = None,
            **settings: Any) -> Result:
-    """Writes a run's mesh and scenes as .glb files; settings as of `mirage export`: frames, …"""
+    """Writes a run's mesh and scenes as .glb files. out: None: RUN/export. settings: as for `mirage export`: frames, …"""
     run = os.fspath(run)
     out = os.path.join(run, "export") if out is None else os.fspath(out)
     return _run("export", dict(settings, run=run, out=out), None, "mirage.export", quiet, progress)
@@ -233,6 +236,6 @@ def export(run: str | os.PathLike, *, out: str | os.PathLike | None = None, quie
 
 def generate(out: str | os.PathLike, *, frames: int = 8, quiet: bool = True, progress: Progress = None,
              **settings: Any) -> Result:
-    """Writes generated frames in KITTI's layout; settings as of `mirage generate`: rig, lidar, seed, truth, …"""
+    """Writes generated frames in KITTI's layout to `out`. settings: as for `mirage generate`: rig, lidar, seed, truth, …"""
     named = dict(settings, out=os.fspath(out), frames=frames)
     return _run("generate", named, None, "mirage.generate", quiet, progress)

@@ -1,4 +1,4 @@
-"""Settings by name: texts for the command line's own parser."""
+"""Settings by name, as texts for the command line's parser."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from . import _core
 
 
 def text_of(value: Any) -> str:
-    """As the command line would have it."""
+    """A value as the command line would have it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (list, tuple)):
@@ -21,7 +21,7 @@ def text_of(value: Any) -> str:
 
 
 def texts(settings: dict[str, Any]) -> dict[str, str]:
-    """What is None is left at its default."""
+    """Settings as texts. Those that are None are left out and keep their default."""
     return {name: text_of(value) for name, value in settings.items() if value is not None}
 
 
@@ -34,7 +34,7 @@ _DEFAULT: dict[str, "_core.Settings"] = {}
 
 
 def insertion_settings(settings: dict[str, Any], where: str) -> "_core.Settings":
-    """Parsed once for each set of values. InputError for an unknown name or a value out of range."""
+    """An insertion's settings, parsed once for each set of values. InputError for an unknown name or a value out of range."""
     if not settings:
         if where not in _DEFAULT:
             _DEFAULT[where] = _parsed((), where)

@@ -1,4 +1,4 @@
-"""Points in voxels, as spconv and mmcv make them: which voxel has no gradient, what is in it has."""
+"""Points in voxels, as spconv and mmcv make them. Gradients reach the points' values, but not the choice of voxel."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from ._core import InputError
 
 def voxels_of(points: torch.Tensor, bounds: Sequence[float], size: Sequence[float], most_points: int, most_voxels: int,
               ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """(voxels V×P×C, coordinates V×3 (z, y, x), numbers of points V) of points N×C within bounds (x, y, z at least, then at
-    most). Voxels stand in the order of their first points, of which each keeps the first `most_points`."""
+    """(voxels V×P×C, coordinates V×3 (z, y, x), numbers of points V) of points N×C within `bounds` (least x, y, z, then greatest,
+    m), with voxels of `size` (x, y, z, m). Voxels stand in the order of their first points; the first `most_voxels` stay. Each
+    keeps its first `most_points` points (P), and zeros fill the rest."""
     with torch.no_grad():
         low, step = points.new_tensor(bounds[:3]), points.new_tensor(size)
         cells = ((points.new_tensor(bounds[3:]) - low) / step).round().long()
@@ -38,7 +39,7 @@ def voxels_of(points: torch.Tensor, bounds: Sequence[float], size: Sequence[floa
 
 
 def turned(points: torch.Tensor, angle: float) -> torch.Tensor:
-    """Points in axes that stand turned by the angle (rad) about z."""
+    """The points in axes that are turned by the angle (rad, counter-clockwise) about z."""
     if angle == 0:
         return points
     c, s = math.cos(angle), math.sin(angle)
@@ -47,7 +48,7 @@ def turned(points: torch.Tensor, angle: float) -> torch.Tensor:
 
 
 def turned_back(boxes: torch.Tensor, angle: float) -> torch.Tensor:
-    """Boxes (7 or 9 columns) of such axes in the old ones."""
+    """Boxes (7 or 9 columns) from the turned axes, in the original ones."""
     if angle == 0:
         return boxes
     parts = [turned(boxes[:, :3], -angle), boxes[:, 3:6], boxes[:, 6:7] + angle]
@@ -57,10 +58,10 @@ def turned_back(boxes: torch.Tensor, angle: float) -> torch.Tensor:
 
 
 def region_of(bounds: Sequence[float], angle: float) -> tuple[float, float, float, float]:
-    """x_min, x_max, y_min, y_max (m) in the old axes of bounds in axes that stand turned by quarter turns."""
+    """x_min, x_max, y_min, y_max (m) in the original axes, of bounds in axes turned by `angle`. InputError if it is not a quarter turn."""
     quarters = round(angle / (math.pi / 2))
     if abs(angle - quarters * math.pi / 2) > 1e-3:
-        raise InputError(f"angle: {angle:g} rad is no quarter turn; give 0, π/2, −π/2 or π")
+        raise InputError(f"angle: {angle:g} rad is not a quarter turn; give 0, π/2, −π/2 or π")
     x, y = (bounds[0], bounds[3]), (bounds[1], bounds[4])
     for _ in range(quarters % 4):
         x, y = (-y[1], -y[0]), x
@@ -68,7 +69,7 @@ def region_of(bounds: Sequence[float], angle: float) -> tuple[float, float, floa
 
 
 class Wrapped:
-    """A network of a framework as mirage.attack takes it."""
+    """A framework's network as mirage.attack takes it: points N×4 in `velo` in, boxes in `velo` out."""
 
     heights = True
 

@@ -1,7 +1,7 @@
 """mmdetection3d's LiDAR networks as detectors: mirage.attack(detector=mirage.mmdet3d.wrap(model), …).
 
-Nothing of mmdetection3d is imported but its box type, where `meta` does not give one. Read of a model (1.x, VoxelNet and its
-like) are data_preprocessor.voxel_layer, extract_feat, bbox_head and dataset_meta.
+Of mmdetection3d only the box types are imported, and only without `meta`. A model (1.x, VoxelNet and its like) must have
+data_preprocessor.voxel_layer, extract_feat, bbox_head and dataset_meta.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from ._voxels import Wrapped, turned_back, voxels_of
 
 
 def wrap(model: Any, *, angle: float = 0.0, intensity: float = 1.0, meta: dict[str, Any] | None = None) -> "MMDet3D":
-    """model: of mmdet3d.apis.init_model. angle: of its x axis from straight ahead, rad, counter-clockwise, in quarter turns: 0
-    for KITTI and Waymo, −π/2 for nuScenes' own axes. intensity: what a reflectance of 1 is in its points' fourth number: 1 for
-    KITTI, 255 for nuScenes (0 where that number is a time). meta: what its head asks of a sample (None: box_type_3d,
-    LiDARInstance3DBoxes).
+    """A detector for mirage.attack from a model of mmdet3d.apis.init_model. InputError for another model or angle.
 
-    Its answers are those after its own suppression: lower test_cfg.score_thr of the model to have more."""
+    angle: from straight ahead to the model's x axis, rad, counter-clockwise, in quarter turns: 0 for KITTI and Waymo, −π/2 for
+    nuScenes' own axes. intensity: the fourth number of its points for a reflectance of 1: 1 for KITTI, 255 for nuScenes (0 if
+    that number is a time). meta: what its head needs of a sample (None: box_type_3d and box_mode_3d of LiDAR boxes).
+
+    Its answers are those after the model's own suppression. To get more, lower the model's test_cfg.score_thr."""
     if meta is None:
         from mmdet3d.structures import Box3DMode, LiDARInstance3DBoxes
 

@@ -1,7 +1,7 @@
 """OpenPCDet's LiDAR networks as detectors: mirage.attack(detector=mirage.openpcdet.wrap(model), …).
 
-Nothing of OpenPCDet is imported: what is read of a model are `dataset` (point_cloud_range, voxel_size, dataset_cfg,
-point_feature_encoder), `class_names` and `module_list`, as Detector3DTemplate has them.
+Nothing of OpenPCDet is imported. A model must have `dataset` (point_cloud_range, dataset_cfg, point_feature_encoder),
+`class_names` and `module_list`, as Detector3DTemplate does.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from ._voxels import Wrapped, turned_back, voxels_of
 
 
 def wrap(model: Any, *, angle: float = 0.0, intensity: float = 1.0, top: int = 2000) -> "OpenPCDet":
-    """model: of pcdet.models.build_network, with its weights loaded. angle: of its x axis from straight ahead, rad,
-    counter-clockwise, in quarter turns: 0 for KITTI and Waymo, −π/2 for nuScenes, whose x points to the right. intensity: what
-    a reflectance of 1 is in its points: 1 for KITTI, 255 for nuScenes. top: boxes that are kept, the best-scored, before
-    suppression; a head of centres gives those that are left after its own."""
+    """A detector for mirage.attack from a model of pcdet.models.build_network with its weights loaded. angle: from straight ahead
+    to the model's x axis, rad, counter-clockwise, in quarter turns: 0 for KITTI and Waymo, −π/2 for nuScenes, whose x points to
+    the right. intensity: the value of a reflectance of 1 in its points: 1 for KITTI, 255 for nuScenes. top: how many of the
+    best-scored boxes to keep, before suppression; a head of centres gives its boxes after its own suppression. InputError for
+    another model or angle, and for a model that samples its points at random."""
     return OpenPCDet(model, angle, intensity, top)
 
 
@@ -35,8 +36,8 @@ class OpenPCDet(Wrapped):
         self.masks = "mask_points_and_boxes_outside_range" in steps
         drawn = steps["sample_points"]["NUM_POINTS"]["test"] if "sample_points" in steps else -1
         if drawn != -1:
-            raise InputError(f"model: its sample_points draws {drawn} points by chance, so that one point more changes all; set "
-                             "NUM_POINTS to -1 in its DATA_PROCESSOR: it then gets every point")
+            raise InputError(f"model: its sample_points draws {drawn} points by chance, so one more point changes them all; set "
+                             "NUM_POINTS to -1 in its DATA_PROCESSOR, to give it every point")
         self.voxels = next((step for name, step in steps.items() if name.startswith("transform_points_to_voxels")), None)
 
     def detect(self, points: torch.Tensor):
@@ -64,8 +65,8 @@ class OpenPCDet(Wrapped):
 
 
 def _best_of(batch: dict[str, Any]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """(boxes, logits, classes from 0) of one sample, each box with its best class, as Detector3DTemplate.post_processing tells
-    it: by column, by column of each of several heads, or by the labels that a second stage took over from its proposals."""
+    """(boxes, logits, classes from 0) of one sample, each box with its best class, as Detector3DTemplate.post_processing finds it:
+    from the columns of one or several heads, or from the labels that a second stage took from its proposals."""
     scores, numbers = batch["batch_cls_preds"], batch.get("multihead_label_mapping")
     best = [head.flatten(0, -2).max(1) for head in (scores if isinstance(scores, (list, tuple)) else [scores])]
     logits = torch.cat([head.values for head in best])
@@ -77,7 +78,7 @@ def _best_of(batch: dict[str, Any]) -> tuple[torch.Tensor, torch.Tensor, torch.T
         classes = torch.cat([head.indices if numbers is None else numbers[k].to(head.indices)[head.indices] - 1
                              for k, head in enumerate(best)])
     boxes = batch["batch_box_preds"].flatten(0, -2)
-    if "rois" in batch:  # of which those without a size fill the batch up
+    if "rois" in batch:  # those without a size only fill the batch up
         real = (batch["rois"].flatten(0, -2)[:, 3:6] > 0).all(1)
         boxes, logits, classes = boxes[real], logits[real], classes[real]
     return boxes, logits, classes

@@ -1,16 +1,15 @@
-"""In the place of PyTorch3D's soft rasteriser, on a CPU: the same σ, γ and blur radius, by Mirage's own rasteriser.
+"""A replacement for PyTorch3D's soft rasteriser, on a CPU: the same σ, γ and blur radius, drawn by Mirage's rasteriser.
 
     renderer = MeshRenderer(MeshRasterizer(cameras, raster_settings), SoftPhongShader(…, blend_params=blend_params))
     images = renderer(meshes)
 becomes
     images = mirage.pytorch3d.SoftRenderer(cameras, raster_settings, blend_params)(meshes)
 
-for what PyTorch3D draws without lights. PyTorch3D itself is neither needed nor imported: meshes, cameras and settings are
-told by what they have. What is computed is its softmax_rgb_blend over sigmoid(−dists / σ), with these differences:
-every face counts, not the nearest faces_per_pixel; outside a face barycentrics are clipped on screen before they are
-corrected for perspective, not after; and the gradient is the exact one of what is drawn. Refused are what PyTorch3D would draw
-otherwise: depths that are linear on screen (orthographic cameras, perspective_correct=False), and faces that reach behind the
-camera, which would have to be cut.
+for what PyTorch3D draws without lights. PyTorch3D is neither needed nor imported: only the attributes of meshes, cameras and
+settings count. Mirage computes PyTorch3D's softmax_rgb_blend over sigmoid(−dists / σ), with three differences. Every face
+counts, not only the nearest faces_per_pixel. Outside a face, barycentrics are clipped on screen before they are corrected for
+perspective, not after. The gradient is exact for what is drawn. InputError is raised for depths that are linear on screen
+(orthographic cameras, perspective_correct=False), and for faces that reach behind the camera and would have to be cut.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ def _array(tensor: torch.Tensor) -> Any:
 
 def _drawn(verts: torch.Tensor, faces: torch.Tensor, z_clip_value: float,
            cull_backfaces: bool) -> tuple[torch.Tensor | None, float, float]:
-    """Which of the faces PyTorch3D draws, F booleans (None: all of them), and the least and largest depth of these. InputError for
+    """Which faces PyTorch3D draws, F booleans (None: all of them), and the least and largest depth (m) of these. InputError for
     faces that would have to be cut."""
     verts = verts.detach()
     z = verts[:, 2][faces]
@@ -55,11 +54,11 @@ def _drawn(verts: torch.Tensor, faces: torch.Tensor, z_clip_value: float,
 
 
 def _depth_numbers(least: float, most: float, gamma: float, znear: float, zfar: float) -> dict[str, float]:
-    """near, far, gamma and epsilon of the rasteriser for faces between these depths. It colours nothing outside of its depth
-    range, and PyTorch3D does. A range that holds all depths, with γ and the background's logit scaled to it, leaves every weight
-    what it is."""
+    """near, far, gamma and epsilon of the rasteriser for faces between these depths (m). Unlike PyTorch3D, it colours nothing
+    outside its depth range. So the range grows to hold all depths, and γ and the background's logit scale with it, which leaves
+    every weight as it is."""
     if not zfar > znear:
-        raise _core.InputError(f"soft_rasterize: znear, zfar: {znear:g} and {zfar:g} are no depth range; give znear < zfar, in m")
+        raise _core.InputError(f"soft_rasterize: znear, zfar: {znear:g} and {zfar:g} are not a depth range; give znear < zfar, in m")
     if least > most:  # there are no faces
         least = most = 1.0
     near = znear if 0 < znear < least else 0.9 * least  # a margin: rounded depths stay within
@@ -69,7 +68,7 @@ def _depth_numbers(least: float, most: float, gamma: float, znear: float, zfar: 
 
 
 class _Soft(torch.autograd.Function):
-    """N×H×W×4 of N meshes, or H×W×4 of `one`: their vertices (V×3: NDC and depth), then their colours."""
+    """Draws N meshes to N×H×W×4, or `one` to H×W×4. tensors: the meshes' vertices (V×3: NDC and depth), then their colours."""
 
     @staticmethod
     def forward(ctx, one, faces, by_vertex, scale, height, width, background, numbers, *tensors):
@@ -80,7 +79,7 @@ class _Soft(torch.autograd.Function):
                                             height, width, background, numbers, {"blend": "logit"}, 1, double)
         ctx.like = [(tensor.shape, tensor.dtype, tensor.device) for tensor in tensors]
         rgba = torch.from_numpy(ctx.drawn.rgba).to(tensors[0].device)
-        return rgba[0] if one else rgba  # here, where it needs no gradient as large as all pictures
+        return rgba[0] if one else rgba  # indexed here: outside, autograd would allocate a gradient of all pictures
 
     @staticmethod
     @torch.autograd.function.once_differentiable
@@ -96,15 +95,16 @@ def soft_rasterize(verts_ndc: torch.Tensor | Sequence[torch.Tensor], faces: torc
                    sigma: float = 1e-4, gamma: float = 1e-4, blur_radius: float | None = None,
                    background_color: Sequence[float] = (1.0, 1.0, 1.0), znear: float = 1.0, zfar: float = 100.0,
                    cull_backfaces: bool = False, z_clip_value: float = 0.0) -> torch.Tensor:
-    """One mesh, H×W×4: colour and alpha, as softmax_rgb_blend(colors, rasterize_meshes(…), BlendParams(sigma, gamma)).
-    Of lists (meshes, or one mesh in several views) N×H×W×4 in one call.
+    """Draws one mesh, differentiably, to H×W×4: colour (RGB) and alpha, as softmax_rgb_blend(colors, rasterize_meshes(…),
+    BlendParams(sigma, gamma)). Lists of meshes, or of one mesh in several views, give N×H×W×4 in one call.
 
-    verts_ndc: V×3 in PyTorch3D's NDC (x to the left, y up, the shorter side of the picture from −1 to 1) with the depth
-    in the view in z (m, positive in front). faces: F×3. colors: F×R×R×3 (TexturesAtlas) or V×3 (TexturesVertex).
-    image_size: an int or (H, W). blur_radius: as of RasterizationSettings, squared NDC distance outside a face from which
-    on it is skipped (None: log(1/1e-4 − 1)·sigma, as in its tutorials; 0: hard outlines). znear, zfar: depths (m) that γ is a
-    share of, as of softmax_rgb_blend; nearer and farther faces are drawn, too. cull_backfaces: leave out faces that turn
-    clockwise on screen. z_clip_value: leave out faces nearer than that (m). float64 in, float64 through.
+    verts_ndc: V×3, x and y in PyTorch3D's NDC (x to the left, y up, the shorter side of the picture from −1 to 1), z the depth
+    in the view (m, positive in front). faces: F×3. colors: F×R×R×3 (TexturesAtlas) or V×3 (TexturesVertex).
+    image_size: an int or (H, W). blur_radius: as in RasterizationSettings, the squared NDC distance outside a face beyond which
+    it is skipped (None: log(1/1e-4 − 1)·sigma, as in PyTorch3D's tutorials; 0: hard outlines). znear, zfar: as in
+    softmax_rgb_blend, the depth range (m) of which γ is a share; nearer and farther faces are drawn too. cull_backfaces: leave
+    out faces that turn clockwise on screen. z_clip_value: leave out faces nearer than that (m). A float64 tensor makes all float64.
+    Raises InputError for a face that reaches across z_clip_value or z = 0, lists of unequal length, or znear ≥ zfar.
     """
     height, width = (image_size, image_size) if isinstance(image_size, int) else (int(side) for side in image_size)
     if blur_radius is None:
@@ -114,7 +114,7 @@ def soft_rasterize(verts_ndc: torch.Tensor | Sequence[torch.Tensor], faces: torc
     one = isinstance(verts_ndc, torch.Tensor)
     verts, faces, colors = ([item] if one else list(item) for item in (verts_ndc, faces, colors))
     if not verts or len({len(verts), len(faces), len(colors)}) > 1:
-        raise _core.InputError(f"soft_rasterize: {len(verts)} verts, {len(faces)} faces, {len(colors)} colors; give as many")
+        raise _core.InputError(f"soft_rasterize: {len(verts)} verts, {len(faces)} faces, {len(colors)} colors; give equally many of each")
     told = [_drawn(v, f, z_clip_value, cull_backfaces) for v, f in zip(verts, faces)]
     for k, (kept, _, _) in enumerate(told):
         if kept is not None:
@@ -126,7 +126,7 @@ def soft_rasterize(verts_ndc: torch.Tensor | Sequence[torch.Tensor], faces: torc
 
 
 def _number_of(owner: Any, name: str, otherwise: Any) -> Any:
-    """An attribute that is a number, or a tensor with one for each camera. InputError where these differ."""
+    """An attribute as one number, from a number or from a tensor with one for each camera. InputError if these differ."""
     value = getattr(owner, name, None)
     if not isinstance(value, torch.Tensor):
         return otherwise if value is None else value
@@ -136,9 +136,10 @@ def _number_of(owner: Any, name: str, otherwise: Any) -> Any:
 
 
 class SoftRenderer(torch.nn.Module):
-    """A renderer for PyTorch3D's own Meshes, Cameras, RasterizationSettings and BlendParams: N×H×W×4.
+    """A renderer that takes PyTorch3D's Cameras, RasterizationSettings and BlendParams; called with Meshes, it gives N×H×W×4.
 
-    znear, zfar: of softmax_rgb_blend (None: the cameras', or 1 and 100 m of those that have none, as in PyTorch3D's shaders).
+    znear, zfar: as for soft_rasterize (None: the cameras', or 1 and 100 m if they have none, as in PyTorch3D's shaders). There
+    must be one camera for each mesh, or one for all; InputError otherwise, and as for soft_rasterize.
     """
 
     def __init__(self, cameras: Any, raster_settings: Any, blend_params: Any, *, znear: float | None = None,
@@ -151,7 +152,7 @@ class SoftRenderer(torch.nn.Module):
         blend, raster, textures = self.blend_params, self.raster_settings, meshes.textures
         perspective = getattr(raster, "perspective_correct", None)
         if not (getattr(self.cameras, "is_perspective", lambda: True)() if perspective is None else perspective):
-            raise _core.InputError("cameras, raster_settings: depths would be linear on screen, and are drawn in perspective alone; "
+            raise _core.InputError("cameras, raster_settings: depths would be linear on screen, but only perspective is drawn; "
                                    "give perspective cameras and perspective_correct=None, or use PyTorch3D's renderer")
         znear, zfar = (_number_of(self.cameras, name, otherwise) if own is None else own
                        for name, own, otherwise in (("znear", self.znear, 1.0), ("zfar", self.zfar, 100.0)))
@@ -162,11 +163,11 @@ class SoftRenderer(torch.nn.Module):
         screen = []
         view = self.cameras.get_world_to_view_transform()
         for mesh, verts in enumerate(meshes.verts_list()):
-            # N×V×3 by N cameras, one a mesh; V×3 or 1×V×3 by one for all.
+            # N×V×3 from N cameras, one for each mesh; V×3 or 1×V×3 from one for all.
             ndc, in_view = (points.reshape(-1, len(verts), 3)
                             for points in (self.cameras.transform_points_ndc(verts), view.transform_points(verts)))
             if len(ndc) not in (1, len(colors)):
-                raise _core.InputError(f"cameras: {len(ndc)} cameras for {len(colors)} meshes; give as many, or one")
+                raise _core.InputError(f"cameras: {len(ndc)} cameras for {len(colors)} meshes; give equally many, or one")
             camera = mesh if len(ndc) > 1 else 0
             screen.append(torch.cat([ndc[camera][:, :2], in_view[camera][:, 2:]], 1))
         return soft_rasterize(

@@ -1,4 +1,4 @@
-"""An insertion as an operation of PyTorch: any version of it, as nothing here is linked to it."""
+"""An insertion as a PyTorch operation. It works with any version of PyTorch, because it does not link against it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ._settings import insertion_settings
 
 
 def srgb(linear: torch.Tensor) -> torch.Tensor:
-    """Scene-linear values in [0, 1], as Mirage's pictures have them, as sRGB in [0, 1], as files have them: what a network
-    that was trained on 8-bit pictures / 255 expects. Differentiable."""
+    """Converts scene-linear values in [0, 1], as in Mirage's pictures, to sRGB in [0, 1], as in files: what a network trained on
+    8-bit pictures / 255 expects. Any shape; values outside [0, 1] are clamped. Differentiable."""
     linear = linear.clamp(0, 1)
     curve = 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055
     return torch.where(linear <= 0.0031308, 12.92 * linear, curve)
@@ -57,15 +57,15 @@ class Insertion(torch.autograd.Function):
 
 def insert(frame: _core.Frame, host: _core.Host | int, vertices: torch.Tensor, texels: torch.Tensor, *,
            faces: Any = None, **settings: Any) -> tuple[torch.Tensor, torch.Tensor]:
-    """Puts a mesh on a vehicle's roof: (image (H×W×3), points (M×4)), differentiable in vertices and texels.
+    """Puts a mesh on a vehicle's roof. Returns image (H×W×3, scene-linear RGB in [0, 1]) and points (M×4: x, y, z in `velo`, m,
+    and reflectance), differentiable in vertices and texels. The returns on the object come last; M may change from call to call.
 
-    frame, host, settings: as of mirage.insert. vertices: V×3, m; texels: F×C×C×3 albedo in [0, 1]; faces: F×3 indices
-    (None: those of the icosphere with so many vertices, as of mirage.icosphere and of an attack's mesh).
+    frame, host, settings: as for mirage.insert. vertices: V×3, m; texels: F×C×C×3, scene-linear albedo in [0, 1]; faces: F×3
+    indices (None: those of the icosphere with as many vertices, as from mirage.icosphere and mirage.attack).
 
-    If vertices or texels are float64, everything is drawn in float64 by the plain loop, and image and points are
-    float64: for torch.autograd.gradcheck. What jumps has no derivative: a texel's border, a ray that meets another
-    face. Check with equal texels or one a face, where only the rays are left.
-    Of M points the last are the returns on the object: M may change from call to call.
+    With float64 vertices or texels, everything is drawn in float64 by the plain loop, and image and points are float64, for
+    torch.autograd.gradcheck. A jump has no derivative: a texel's border, or a ray that changes face. To leave only the rays,
+    check with equal texels or one texel per face. Raises InputError and, for a gradient that is not finite, Failure.
     """
     double = torch.float64 in (vertices.dtype, texels.dtype)
     if faces is None:

@@ -29,7 +29,7 @@ std::string data_rig(const fs::path& data, const std::string& rig) {
     throw InputError(file.string(), "rig", "missing or not a text", "name the rig, for example \"kitti64\"");
   const std::string named = about.at("rig");
   if (named.empty() || named.find('/') != std::string::npos || named.find('\0') != std::string::npos)
-    throw InputError(file.string(), "rig", "is no rig's name", "name the rig, for example \"kitti64\"");
+    throw InputError(file.string(), "rig", "is not a rig's name", "name the rig, for example \"kitti64\"");
   return named;
 }
 
@@ -39,7 +39,7 @@ LidarModel lidar_of(const fs::path& data, const std::string& rig) {
   const std::string named = data_rig(data);
   const std::vector<std::string> shipped = shipped_names("scenes/rigs", ".toml");
   if (std::ranges::find(shipped, named) == shipped.end())
-    throw InputError((data / "dataset.json").string(), "rig", "\"" + named + "\" is no shipped rig",
+    throw InputError((data / "dataset.json").string(), "rig", "\"" + named + "\" is not a shipped rig",
                      use_one_of(named, shipped, "a rig.toml beside it"));
   return read_lidar_model(shipped_file("scenes/rigs/" + named + ".toml"));
 }

@@ -13,8 +13,8 @@ std::filesystem::path rig_file(const std::string& rig);
 
 /// What every command that reads data says of its option --rig.
 inline constexpr const char* kRigHelp =
-    "rig that recorded it: a shipped one's name or a rig file (*.toml; mirage rig finds one); empty: what "
-    "the data set says, else its layout's";
+    "rig that recorded the data: a shipped rig's name or a rig file (*.toml; mirage rig makes one). If "
+    "empty: the rig that the data set names, else the standard rig of its layout";
 
 /// The name of the rig that recorded the set, which chooses shipped weights: `rig`, if that is a shipped
 /// one's name; else the `rig` of DATA/dataset.json (generated sets have it), else the layout's

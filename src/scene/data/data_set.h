@@ -139,7 +139,7 @@ void seek(const std::vector<std::string>& classes, std::vector<Label>& labels);
 inline constexpr const char* kCars = "Car";
 /// The help of the option --classes.
 inline constexpr const char* kClassesHelp =
-    "classes of the labels that carry the object and have to be found, as Car,Van,Truck";
+    "label classes that carry the object and must be detected, e.g. Car,Van,Truck";
 
 /// Counts of labels by type: "41 vehicle.foo, 3 Pedestrian", the most frequent first, at most eight of them.
 std::string type_counts(const std::map<std::string, int>& types);

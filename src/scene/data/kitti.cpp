@@ -61,8 +61,8 @@ std::vector<int> read_track_file(const fs::path& file) {
     if (error != std::errc() || read != end || track < -1) {
       line.resize(std::min<std::size_t>(line.size(), 40));
       std::replace(line.begin(), line.end(), '\r', ' ');
-      throw InputError(file.string(), fmt::format("row {}", row), fmt::format("'{}' is no identity", line),
-                       "write the vehicle's number, or -1");
+      throw InputError(file.string(), fmt::format("row {}", row),
+                       fmt::format("'{}' is not an identity", line), "write the vehicle's number, or -1");
     }
     tracks.push_back(track);
   }
@@ -123,7 +123,7 @@ Surround read_surround(const fs::path& part, const std::string& id) {
   for (const nlohmann::json& entry : from.list("others", kMaxCameras)) {
     const JsonFields camera = from.inner(fmt::format("others[{}]", names.size()), entry);
     const std::string name = names.emplace_back(camera.text("name"));
-    if (!frame_id_problem(name).empty()) camera.fail("name", "can be no folder's name");
+    if (!frame_id_problem(name).empty()) camera.fail("name", "cannot be a folder's name");
     const auto k = camera.numbers("intrinsics", 4, 0, 1e5), size = camera.numbers("size", 2, 1, 16384),
                pose = camera.numbers("camera_from_velo", 12, -kMaxCameraDistance, kMaxCameraDistance);
     SideCamera side{name, {}, Lazy<ImageF>([] { return ImageF(); })};
@@ -143,7 +143,7 @@ Surround read_surround(const fs::path& part, const std::string& id) {
     const JsonFields row = from.inner(fmt::format("labels[{}]", all.labels.size()), entry);
     Label& label = all.labels.emplace_back();
     const auto named = std::find(names.begin(), names.end(), row.text("camera"));
-    if (named == names.end()) row.fail("camera", "is none of the others");
+    if (named == names.end()) row.fail("camera", "is not one of the others");
     label.camera = static_cast<int>(named - names.begin()) + 1;
     label.type = kitti_type(row.text("type"));
     label.truncated = row.number("truncated", 0, 1);
@@ -408,7 +408,7 @@ Sweep read_points(const fs::path& file, std::size_t columns) {
                      "further than 1 km away", kRestore);
   if (cut != 0)
     throw InputError(file.string(), fmt::format("byte {}", points.size - cut),
-                     fmt::format("truncated: {} bytes are no multiple of {}", points.size, row), kRestore);
+                     fmt::format("truncated: {} bytes are not a multiple of {}", points.size, row), kRestore);
   if (returns == 0)
     throw InputError(file.string(), fmt::format("{} points", rows), "none is a return (not finite, or zeros)",
                      kRestore);
@@ -553,7 +553,7 @@ MatrixRow CalibrationFile::row(std::initializer_list<const char*> names, std::si
     throw InputError(file_.string(), fmt::format("{}", fmt::join(names, " or ")), "row missing",
                      "add the row (KITTI's development kit describes it)");
   if (found.size() > 1)
-    throw InputError(file_.string(), name, fmt::format("the row stands there {} times", found.size()),
+    throw InputError(file_.string(), name, fmt::format("the row is there {} times", found.size()),
                      "keep the one that belongs to the recording");
   const Words& words = found.front();
   if (words.size() != count)
@@ -664,7 +664,8 @@ Label label_of(const KittiRow& row, const Calibration& calibration, LabelNotes& 
     row.demand(std::abs(value[14]) <= 2 * std::numbers::pi, 14, "rad is more than a full turn");
   }
   const bool empty = label.right <= label.left || label.bottom <= label.top;
-  row.demand(label.in_space || label.type == "DontCare" || !empty, 8, "is no size, and the 2-D box is empty");
+  row.demand(label.in_space || label.type == "DontCare" || !empty, 8,
+             "is not a size, and the 2-D box is empty");
   clip(label, calibration, notes);
   return label;
 }
@@ -674,7 +675,7 @@ void add_label(const KittiRow& row, Label label, std::vector<Label>& labels) {
     return other.in_space && in_one_place(other.box.bev, label.box.bev);
   };
   row.demand(!label.in_space || std::ranges::none_of(labels, repeats), 0,
-             "stands where one of a row before does");
+             "stands where one of an earlier row does");
   labels.push_back(std::move(label));
 }
 

@@ -65,7 +65,7 @@ OxtsRow oxts_row(const fs::path& file, std::size_t row) {
                      "write the angles in radians");
   if (!(std::abs(pose.latitude) < 89 && std::abs(pose.longitude) <= 360 && std::abs(pose.altitude) < 1e5))
     throw InputError(file.string(), row_name(row),
-                     "is no place on a road: latitude and longitude in degrees, altitude in metres",
+                     "is not a place on a road: latitude and longitude in degrees, altitude in metres",
                      kRestoreRow);
   return pose;
 }
@@ -86,7 +86,7 @@ double stamp_seconds(const fs::path& file, std::size_t row) {
                                    chrono::month(static_cast<unsigned>(value[1])),
                                    chrono::day(static_cast<unsigned>(value[2])));
   if (!good || !day.ok() || value[3] >= 24 || value[4] >= 60 || value[5] >= 61)
-    throw InputError(file.string(), row_name(row), "is no time, as 2011-09-26 13:02:25.594360375",
+    throw InputError(file.string(), row_name(row), "is not a time, as 2011-09-26 13:02:25.594360375",
                      kRestoreRow);
   const chrono::sys_days start = chrono::year(2000) / 1 / 1;
   const double days = static_cast<double>((chrono::sys_days(day) - start).count());
@@ -171,13 +171,13 @@ class Tracklets {
   double number(const XMLElement& of, const char* name) const {
     double value = 0;
     if (child(of, name).QueryDoubleText(&value) != tinyxml2::XML_SUCCESS || !std::isfinite(value))
-      throw wrong(of, name, "is no finite number");
+      throw wrong(of, name, "is not a finite number");
     return value;
   }
   int whole(const XMLElement& of, const char* name, int low, int high) const {
     const double value = number(of, name);
     if (!(value >= low && value <= high) || value != std::floor(value))
-      throw wrong(of, name, fmt::format("is no whole number from {} to {}", low, high));
+      throw wrong(of, name, fmt::format("is not a whole number from {} to {}", low, high));
     return static_cast<int>(value);
   }
   std::string text(const XMLElement& of, const char* name) const {
@@ -294,7 +294,7 @@ class KittiRaw : public KittiDrives {
         if (all[i].filename() == parts->first)
           return {parts->first, id.substr(parts->first.size() + 1), parts->second, i, all[i]};
     }
-    throw InputError(data().string(), "frame \"" + id + "\"", "is of no drive here",
+    throw InputError(data().string(), "frame \"" + id + "\"", "is not of any drive here",
                      "give drive and number, as 2011_09_26_drive_0009_sync_0000000012");
   }
 };
@@ -370,7 +370,7 @@ class KittiTracking : public KittiDrives {
     check_id(id);
     const auto parts = split_id(id);
     if (!parts)
-      throw InputError(data().string(), "frame \"" + id + "\"", "is no SEQUENCE_FRAME",
+      throw InputError(data().string(), "frame \"" + id + "\"", "is not a SEQUENCE_FRAME",
                        "give its sequence and number, as 0003_000012");
     const auto& [sequence, frame] = *parts;
     return {sequence, id.substr(sequence.size() + 1), frame, group_of(sequence), {}};

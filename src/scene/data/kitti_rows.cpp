@@ -114,7 +114,7 @@ void KittiRow::demand(bool good, int column, const std::string& problem) const {
 
 Box3 KittiRow::box(const Calibration& calibration) const {
   for (int i = 8; i < 11; ++i)
-    demand(value[as_size(i)] > 0 && value[as_size(i)] <= 50, i, "m is no size of a road user");
+    demand(value[as_size(i)] > 0 && value[as_size(i)] <= 50, i, "m is not the size of a road user");
   for (int i = 11; i < 14; ++i) demand(std::abs(value[as_size(i)]) <= 1000, i, "m is further than 1 km away");
   return velo_box({value[8], value[9], value[10], value[11], value[12], value[13], value[14]}, calibration);
 }
@@ -187,7 +187,7 @@ std::vector<KittiDetection> read_results(const std::filesystem::path& file, cons
     if (value[6] > value[4] && value[7] > value[5])
       detection.picture = {value[4], value[5], value[6], value[7]};
     if (!row.leaves_box_out()) detection.box = row.box(calibration);
-    row.demand(detection.box || detection.picture, 8, "is no size, and the 2-D box is empty");
+    row.demand(detection.box || detection.picture, 8, "is not a size, and the 2-D box is empty");
     detections.push_back(detection);
   });
   return detections;

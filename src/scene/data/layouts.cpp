@@ -27,7 +27,8 @@ std::optional<Label> projected_label(std::string type, const Box3& box, const Ca
 std::string box_problem(const Box3& box) {
   const Vec3d size(box.bev.length, box.bev.width, box.height), at(box.bev.x, box.bev.y, box.bottom);
   // Asked this way round: what is no number is no size.
-  if (!(size.minCoeff() > 0 && size.maxCoeff() <= 50)) return "has no size of a road user (0 to 50 m)";
+  if (!(size.minCoeff() > 0 && size.maxCoeff() <= 50))
+    return "does not have the size of a road user (0 to 50 m)";
   if (!(at.cwiseAbs().maxCoeff() <= 1000)) return "is further than 1 km away";
   return std::isfinite(box.bev.yaw) ? "" : "has no heading";
 }
@@ -79,7 +80,7 @@ InputError no_layout(const std::filesystem::path& data) {
   const std::size_t more = found.size() > kMax ? found.size() - kMax : 0;
   found.resize(found.size() - more);
   const std::string holds = found.empty() ? "nothing" : fmt::format("{}", fmt::join(found, ", "));
-  return wrong(fmt::format("is of none of the layouts that are read: it holds {}{}", holds,
+  return wrong(fmt::format("is in none of the layouts that are read: it holds {}{}", holds,
                            more > 0 ? fmt::format(" and {} more", more) : ""),
                "give KITTI's object or tracking benchmark (training/velodyne), a day of its raw recordings "
                "(calib_*.txt), nuScenes (v1.0-*), or what mirage generate makes");
@@ -105,7 +106,7 @@ void add_numbered_sweeps(const std::filesystem::path& folder, const std::string&
     if (entry.path().extension() != ".bin") continue;
     ids.push_back(prefix + "_" + entry.path().stem().string());
     if (!frame_id_problem(ids.back()).empty() || !split_id(ids.back()))
-      throw InputError(entry.path().string(), "name", "is no frame's name",
+      throw InputError(entry.path().string(), "name", "is not a frame's name",
                        "give the frame its number, as 000012.bin");
   }
 }

@@ -100,7 +100,7 @@ Transform pose_of(const JsonFields& row) {
   constexpr double kFar = 1e7;  // m; maps are kilometres wide
   const auto t = row.numbers("translation", 3, -kFar, kFar), q = row.numbers("rotation", 4, -1.01, 1.01);
   const Eigen::Quaterniond rotation(q[0], q[1], q[2], q[3]);
-  if (std::abs(rotation.norm() - 1) > 1e-3) row.fail("rotation", "is no rotation");
+  if (std::abs(rotation.norm() - 1) > 1e-3) row.fail("rotation", "is not a rotation");
   Transform pose = Transform::Identity();
   pose.linear() = rotation.normalized().toRotationMatrix();
   pose.translation() = Vec3d(t[0], t[1], t[2]);
@@ -233,7 +233,7 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder, bool between) 
       for (const nlohmann::json& line : row.list("camera_intrinsic", 3))
         for (const nlohmann::json& value : line)
           if (value.is_number()) sensor.intrinsics.push_back(value.get<double>());
-      if (sensor.intrinsics.size() != 9) row.fail("camera_intrinsic", "is no matrix of 3 × 3 numbers");
+      if (sensor.intrinsics.size() != 9) row.fail("camera_intrinsic", "is not a matrix of 3 × 3 numbers");
     }
     const std::string token = row.text("token");
     channel_of[token] = channel->second;
@@ -247,7 +247,7 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder, bool between) 
     const auto sensor = tables->sensors.find(row.text("calibrated_sensor_token"));
     if (sensor == tables->sensors.end()) return;
     const std::string token = row.text("sample_token");
-    if (!frame_id_problem(token).empty()) row.fail("sample_token", "can be no frame's name");
+    if (!frame_id_problem(token).empty()) row.fail("sample_token", "cannot be a frame's name");
     const std::string& channel = channel_of[sensor->first];
     const auto fill = [&](Shot& shot) {
       shot.file = file_of(row), shot.sensor = &sensor->second;
@@ -258,7 +258,7 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder, bool between) 
       fill(shot);
       loose.push_back(
           {row.text("token"), token, channel, row.integer("timestamp", 0, std::int64_t{1} << 60), &shot});
-      if (!frame_id_problem(loose.back().token).empty()) row.fail("token", "can be no frame's name");
+      if (!frame_id_problem(loose.back().token).empty()) row.fail("token", "cannot be a frame's name");
     }
     if (!key) return;
     Sample& sample = tables->samples[token];

@@ -139,7 +139,7 @@ Annotations read_annotations(const fs::path& data, const std::string& id, Camera
 
 void check_frame_range(const std::string& frames) {
   if (!range_of(frames))
-    throw FieldError("frames", frames, "is no range of frame numbers", "give it as 20:80, 20: or :80");
+    throw FieldError("frames", frames, "is not a range of frame numbers", "give it as 20:80, 20: or :80");
 }
 
 std::vector<Sequence> read_sequences(const std::filesystem::path& data, const SequencePart& part) {
@@ -227,19 +227,20 @@ void warn_of_labels(const LabelCensus& census) {
   const std::string data = census.data.string();
   if (!census.incomplete.empty()) spdlog::warn("{}: {}", data, census.incomplete);
   if (census.unlabelled > 0)
-    spdlog::warn("{}: {} of {} frames have no labels: nothing is scored in them, and no vehicle is a host",
-                 data, census.unlabelled, census.frames);
+    spdlog::warn(
+        "{}: {} of {} frames have no labels: they are not scored, and none of their vehicles is a host", data,
+        census.unlabelled, census.frames);
   const auto unknown = unknown_types(census);
   if (census.unlabelled < census.frames && sought(census) == 0)
     spdlog::warn("{}: {}{}{}", data, none_counts(census), unknown.empty() ? "" : "; known are ",
                  unknown.empty() ? "" : kKnownTypes);
   else if (!unknown.empty())
-    spdlog::warn("{}: labels of unknown types count for nothing: {}; known are {}", data,
-                 type_counts(unknown), kKnownTypes);
+    spdlog::warn("{}: labels of unknown types are ignored: {}; known types: {}", data, type_counts(unknown),
+                 kKnownTypes);
   if (census.in_picture_alone > 0)
     spdlog::warn(
-        "{}: {} of {} labels have a box in the picture alone: they count for detectors of the picture alone",
-        data, census.in_picture_alone, census.labels);
+        "{}: {} of {} labels have only a box in the picture, so they count only for picture detectors", data,
+        census.in_picture_alone, census.labels);
   if (census.notes.clipped > 0)
     spdlog::warn("{}: {} labels' boxes in the picture reach past its edge, and were clipped", data,
                  census.notes.clipped);

@@ -78,8 +78,8 @@ std::shared_ptr<const DataSet> open_separate_labels(const fs::path& data) {
   const nlohmann::json json = read_json(about, kMaxRecordBytes);
   const fs::path set = JsonFields(about, json, "make the labels again").text("data");
   if (!fs::is_directory(set, error) || fs::exists(set / kAbout, error))
-    throw InputError(about.string(), "data", set.string() + " is no folder of a data set",
-                     "write down where the data set lies now");
+    throw InputError(about.string(), "data", set.string() + " is not a folder of a data set",
+                     "write down where the data set is now");
   return std::make_shared<SeparateLabels>(data, open_data_set(set));
 }
 

@@ -78,15 +78,16 @@ void visit_fields(Visitor& visit, S& s) {
         s.backend);
   visit({.name = "crop", .help = "depth: width of a sample, pixels", .range = {64, Range::kMax}}, s.crop);
   visit({.name = "without_picture",
-         .help = "depth: share of samples whose picture is one grey",
+         .help = "depth: share of samples whose picture is replaced by uniform grey",
          .range = kShare},
         s.augmentation.without_picture);
   visit({.name = "scatter",
-         .help = "depth: largest share of a sample's returns that stray from their place",
+         .help = "depth: largest share of a sample's returns that are moved at random, by up to 3 pixels and "
+                 "about 5 % in range",
          .range = kShare},
         s.augmentation.scatter);
   visit({.name = "shift",
-         .help = "depth: pixels by which returns may be off the picture together",
+         .help = "depth: largest common shift of a sample's returns against the picture, pixels",
          .range = {0, 10}},
         s.augmentation.shift);
 }
