@@ -241,8 +241,7 @@ TEST(Settings, ASettingThatIsGoneIsIgnoredByReadersAndRefusedByWhatGoesOn) {
   EXPECT_EQ(fields_json(read), fields_json(settings));
   EXPECT_THAT(
       test::error_text<InputError>([&] { check_identity("checkpoint.json", written, identity(settings)); }),
-      StartsWith(
-          "checkpoint.json: objective: the run in this folder has this setting, and yours does not"));
+      StartsWith("checkpoint.json: objective: the run in this folder has this setting, and yours does not"));
 }
 
 }  // namespace

@@ -53,7 +53,8 @@ TEST(Reliance, TellsPlantedDetectorsApart) {
   EXPECT_EQ(ignores.ap70_none, ignores.ap70);
   EXPECT_EQ(ignores.mean_delta_logit, 0);
   EXPECT_FALSE(ignores.uses_picture());
-  EXPECT_THAT(picture_note(ignores), HasSubstr("does not use its picture, so this says nothing about images"));
+  EXPECT_THAT(picture_note(ignores),
+              HasSubstr("does not use its picture, so this says nothing about images"));
 }
 
 TEST(Reliance, AGlanceIsNotEnough) {

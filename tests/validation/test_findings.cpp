@@ -54,7 +54,8 @@ TEST_F(Findings, ADetectorThatDoesNotUseItsPictureTellsNothingAboutImages) {
   judged("kitti64-lidar-lidar", {120, 5, 3, 0}, {}, false);
   for (const char* name : {"order", "fusion", "image"}) {
     EXPECT_EQ(only(name).verdict, Verdict::open) << name;
-    EXPECT_EQ(only(name).sentence, "this detector does not use its picture, so this says nothing about images");
+    EXPECT_EQ(only(name).sentence,
+              "this detector does not use its picture, so this says nothing about images");
     EXPECT_TRUE(only(name).comparisons.empty());
     EXPECT_TRUE(only(name).why.empty());
   }

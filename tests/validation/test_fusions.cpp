@@ -179,7 +179,8 @@ TEST(FusionTable, ADetectorThatDoesNotUseItsPictureIsNamedInItsImageRows) {
   for (const json& finding : result.at("findings")) {
     if (finding.at("name") != "fusions-side") continue;
     for (const json& check : finding.at("checks"))
-      EXPECT_EQ(check.at("sentence"), "this detector does not use its picture, so this says nothing about images");
+      EXPECT_EQ(check.at("sentence"),
+                "this detector does not use its picture, so this says nothing about images");
   }
 }
 
