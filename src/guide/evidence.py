@@ -255,7 +255,7 @@ def option(row):
 
 
 # Findings about defences, and what of theirs takes ASR off.
-DEFENDED = (("adversarial", "adversarial training"), ("roof-objects", "beyond its control `roof-objects`"),
+DEFENDED = (("adversarial", "adversarial training"), ("roof-objects", "its part beyond the control `roof-objects`"),
             ("adversarial+shadows", "shadow checks besides"), ("shadows", "shadow checks alone"), ("jpeg", "`jpeg:50`"),
             ("ceiling:1.4", "`ceiling:1.4`"), ("ceiling", "training under it"))
 
@@ -266,9 +266,9 @@ def defences(source):
     rows = [[option(row), grouped(made["found"][row["case"]]), *rate(row), str(row["vehicles"]), *rate(row, "asr"), printed(row, "asr"),
              percent(row["values"]["ap70"]["value"])]
             for row in made["rows"]]
-    taken = [f"{said} {told(made['findings'][name][0]['comparisons'][0]['difference'])}" for name, said in DEFENDED if made["findings"].get(name)]
+    taken = [f"- {said}: {told(made['findings'][name][0]['comparisons'][0]['difference'])}" for name, said in DEFENDED if made["findings"].get(name)]
     return table(["`--defense`", "cars", "vanished, %", "95 %", "cars of ASR", "ASR, %", "95 %", "paper's ASR, %", "clean AP 0.7, %"],
-                 rows) + commands(made) + "\nPoints of ASR taken off: " + "; ".join(taken) + ".\n"
+                 rows) + commands(made) + "\nASR taken off, in points:\n\n" + "\n".join(taken) + "\n"
 
 
 def worth(source):
