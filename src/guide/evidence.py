@@ -2,8 +2,8 @@
 
     evidence.py SOURCE                                      writes every block and plot
     evidence.py SOURCE --check                              compares them; exit code 1 where one is another one
-    evidence.py SOURCE --keep NAME FILE KEY... [-- COMMAND] stores a result as validation/results/NAME.json; of a list of objects
-                                                            KEY[FIELD,…] stores these fields, which may be such lists
+    evidence.py SOURCE --keep NAME FILE KEY... [-- COMMAND] stores a result as validation/results/NAME.json; of an object or a
+                                                            list of them KEY[FIELD,…] stores these fields, which may be such
     evidence.py SOURCE --keep-lines NAME PATTERN -- COMMAND runs a command in SOURCE and stores the printed lines with PATTERN
 
 A block of a page stands between <!-- evidence: NAME --> and <!-- /evidence -->, and its table is TABLES[NAME] of the stored files.
@@ -464,14 +464,13 @@ def sayings(source):
     insertion_ms = stored(source, "bench")["figures"]["insertion_ms_10m_sigma_1e-5"]
     recorded_made, defences_made = experiment(source, "fusions-real"), experiment(source, "table4")
     recorded_cars = next(row for row in recorded_made["rows"] if row["target"] == "fusion" and row["source"] == "fusion, both")
-    undefended = next(row for row in defences_made["rows"] if option(row) == "none")
-    defended = {option(row): row["values"]["asr"] for row in defences_made["rows"]}
-    best = defended["`adversarial+shadows`"]
+    by_defence = {option(row): row for row in defences_made["rows"]}
+    bare, best = by_defence["none"], by_defence["`adversarial+shadows`"]["values"]["asr"]
     return {"README.md": (
         share(recorded_cars["values"]["vanished"], f" of {recorded_made['found'][recorded_cars['case']]}"),
-        f"| from {100 * defended['none']['value']:.0f} to {100 * best['value']:.0f} % | {100 * best['low']:.0f}–{100 * best['high']:.0f} % |",
+        f"| from {100 * bare['values']['asr']['value']:.0f} to {100 * best['value']:.0f} % | {100 * best['low']:.0f}–{100 * best['high']:.0f} % |",
         f"| {matched['hit_disagreements']} of {grouped(matched['rays'])} rays differ |",
-        share(undefended["values"]["vanished"], f" of {grouped(defences_made['found'][undefended['case']])}"), share(sized["values"]["vanished"]),
+        share(bare["values"]["vanished"], f" of {grouped(defences_made['found'][bare['case']])}"), share(sized["values"]["vanished"]),
         f"| {lost['value']:.1f} s; a random object: {gap['random']['value']:.1f} s | {lost['low']:.1f}–{lost['high']:.1f} s |",
         share(certificate(source)["lattice_iou70"]), f"| {insertion_ms:.0f} ms on one core |")}
 
@@ -655,11 +654,12 @@ def written(source):
 
 
 def fields(result, words):
-    """Of an object what "a,b[c,d]" names: a as it is, and of the objects in the list b c and d."""
+    """Of an object what "a,b[c,d]" names: a as it is, and of b, an object or a list of them, c and d."""
     out = {}
     for key, _, inner in re.findall(r"(\w+)(\[((?:[^\[\]]|\[[^\[\]]*\])*)\])?", words):
         if key in result:
-            out[key] = [fields(each, inner) for each in result[key]] if inner else result[key]
+            of = result[key]
+            out[key] = of if not inner else fields(of, inner) if isinstance(of, dict) else [fields(each, inner) for each in of]
     return out
 
 
