@@ -59,14 +59,24 @@ void give(const std::vector<Answer>& answers, const Answer** first, std::int64_t
 template <class T>
 struct CFunctions {
   static T& of(void* instance) { return *static_cast<T*>(instance); }
-  /// What make() gives: a T* or a std::unique_ptr<T>. Null if it throws.
+  /// What make() gives. Null if it throws.
   template <class Make>
   static void* made(char* error, std::size_t error_size, const Make& make) noexcept {
     std::unique_ptr<T> instance;
-    guarded(error, error_size, [&] { instance = std::unique_ptr<T>(make()); });
+    guarded(error, error_size, [&] { instance = make(); });
     return instance.release();
   }
   static void destroy(void* instance) { delete &of(instance); }
+  static auto capabilities(void* instance) { return of(instance).capabilities(); }
+  static void* share(void* instance, char* error, std::size_t error_size) {
+    return made(error, error_size, [&] { return of(instance).shared(); });
+  }
+  /// Of a detector's table of version 4; below that of version 3.
+  template <class Pass, class Answer>
+  static int forward(void* instance, const Pass* pass, const Answer** answers, std::int64_t* count,
+                     char* error, std::size_t error_size) {
+    return guarded(error, error_size, [&] { give(of(instance).forward(*pass), answers, count); });
+  }
   template <class Input, class Answer>
   static int forward(void* instance, const Input* input, float score_threshold, std::int32_t keep_graph,
                      const Answer** answers, std::int64_t* count, char* error, std::size_t error_size) {

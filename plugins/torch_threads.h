@@ -2,13 +2,17 @@
 #pragma once
 
 #include <ATen/Parallel.h>
+#include <torch/nn/utils/clip_grad.h>
+#include <torch/optim/optimizer.h>
 #include <torch/types.h>
 #include <torch/utils.h>
 
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <cmath>
 #include <exception>
+#include <stdexcept>
 #include <thread>
 #include <vector>
 
@@ -57,6 +61,28 @@ void for_each_sample(std::size_t count, int threads, const Work& work) {
   others.clear();
   for (const auto& problem : problems)
     if (problem) std::rethrow_exception(problem);
+}
+
+/// Steps against the sum of the samples' gradients over `divisor`; the loss terms, summed alike. An undefined
+/// gradient is 0. The sum's norm is at most max_gradient. Summed in the samples' order, so that the number of
+/// threads changes nothing. std::runtime_error if the total is not finite.
+inline std::array<float, 3> take_step(torch::optim::Optimizer& optimiser,
+                                      const std::vector<at::Tensor>& parameters,
+                                      const std::vector<SampleResult>& results, float divisor,
+                                      double max_gradient, double learning_rate) {
+  std::array<float, 3> loss{};
+  for (const at::Tensor& parameter : parameters) parameter.mutable_grad() = torch::zeros_like(parameter);
+  for (const SampleResult& result : results) {
+    for (std::size_t t = 0; t < loss.size(); ++t) loss[t] += result.loss[t] / divisor;
+    for (std::size_t k = 0; k < parameters.size(); ++k)
+      if (result.gradients[k].defined()) parameters[k].mutable_grad().add_(result.gradients[k], 1 / divisor);
+  }
+  if (!std::isfinite(loss[0]))
+    throw std::runtime_error("the training loss is not finite; lower the learning rate");
+  torch::nn::utils::clip_grad_norm_(parameters, max_gradient);
+  for (auto& group : optimiser.param_groups()) group.options().set_lr(learning_rate);
+  optimiser.step();
+  return loss;
 }
 
 }  // namespace mirage

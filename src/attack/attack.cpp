@@ -262,11 +262,10 @@ AttackResult run_attack(const AttackSettings& requested, const DetectorPool& det
   CheckpointTimer timer(settings.checkpoint);
   const long first = state.iteration;
   const auto step = [&] {
-    if (!settings.renderer) return stepper.step(state, &stages);
     try {
       return stepper.step(state, &stages);
-    } catch (const std::exception&) {  // the renderer may be lost at any step, and steps are dear
-      save();
+    } catch (const std::exception&) {
+      if (settings.renderer) save();  // it may be lost at any step, and steps are dear
       throw;
     }
   };
@@ -308,6 +307,28 @@ AttackResult run_attack(const AttackSettings& requested, const DetectorPool& det
   result.iterations = static_cast<int>(state.iteration);
   finish(settings, state, train, test, state.iteration - first, seconds, stages, detectors.size(), result);
   return result;
+}
+
+nlohmann::json to_json(const AttackResult& result) {
+  nlohmann::json json = {{"attack", to_word(result.attack)},
+                         {"vehicles_train", result.vehicles_train},
+                         {"vehicles_test", result.vehicles_test},
+                         {"found_clean", to_json(result.found_clean)},
+                         {"clusters", to_json(result.clusters)},
+                         {"rooftops", to_json(result.rooftops)},
+                         {"iterations", result.iterations},
+                         {"loss", result.loss},
+                         {"seconds_per_iteration", result.seconds_per_iteration},
+                         {"stages", result.stages},
+                         {"placement", text_of(result.placement)},
+                         {"placed", to_json(result.placement)},
+                         {"left_out", to_json(result.left_out)},
+                         {"buildable", fields_json(result.buildable)},
+                         {"plateau", nullptr}};
+  if (result.plateau) json["plateau"] = fields_json(*result.plateau);
+  if (result.black_box) json["black_box"] = fields_json(*result.black_box);
+  if (result.automatic) json["auto"] = fields_json(*result.automatic);
+  return json;
 }
 
 }  // namespace mirage

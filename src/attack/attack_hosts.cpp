@@ -3,15 +3,15 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <functional>
 #include <map>
+#include <ranges>
 #include <set>
 #include <string>
 
 #include "attack/evaluation.h"
 #include "base/error.h"
 #include "base/fields.h"
-#include "base/names.h"
-#include "base/parallel.h"
 #include "base/random.h"
 #include "base/sizes.h"
 #include "detection/car_in_picture.h"
@@ -44,21 +44,15 @@ std::size_t hosts_of(const std::vector<FrameHosts>& lane) {
 }
 
 /// Frames of most hosts first, each to the lane that has the fewest.
-std::vector<std::vector<FrameHosts>> deal(const std::vector<FrameHosts>& frames, std::size_t lanes) {
+std::vector<std::vector<FrameHosts>> distribute_to_lanes(const std::vector<FrameHosts>& frames,
+                                                         std::size_t lanes) {
   std::vector<std::vector<FrameHosts>> dealt(lanes);
-  for (const FrameHosts& frame : frames)
-    std::min_element(dealt.begin(), dealt.end(), [](const auto& a, const auto& b) {
-      return hosts_of(a) < hosts_of(b);
-    })->push_back(frame);
+  for (const FrameHosts& frame : frames) std::ranges::min_element(dealt, {}, hosts_of)->push_back(frame);
   return dealt;
 }
 
 bool even(const std::vector<std::vector<FrameHosts>>& lanes) {
-  std::size_t least = hosts_of(lanes.front()), most = least;
-  for (const auto& lane : lanes) {
-    least = std::min(least, hosts_of(lane));
-    most = std::max(most, hosts_of(lane));
-  }
+  const auto [least, most] = std::ranges::minmax(lanes | std::views::transform(hosts_of));
   return static_cast<double>(most) <= kMaxUnevenness * static_cast<double>(least);
 }
 
@@ -94,14 +88,12 @@ std::filesystem::path label_by_detections(const AttackSettings& settings, const 
     });
   if (unlabelled.empty()) return folder;
   std::atomic<std::size_t> cars = 0;
-  parallel_for(detectors.size(), [&](std::size_t worker) {
-    for (std::size_t i = worker; i < unlabelled.size(); i += detectors.size()) {
-      throw_if_interrupted("frames are looked at anew");
-      const Frame frame = read_frame(settings.data, unlabelled[i]);
-      const std::vector<Label> found = found_cars(*detectors[worker], frame, score);
-      cars += found.size();
-      write_labels(folder / "label_2" / (frame.id + ".txt"), found, frame.calibration);
-    }
+  for_each_with_detector(detectors, unlabelled.size(), [&](Detector& own, std::size_t i) {
+    throw_if_interrupted("frames are looked at anew");
+    const Frame frame = read_frame(settings.data, unlabelled[i]);
+    const std::vector<Label> found = found_cars(own, frame, score);
+    cars += found.size();
+    write_labels(folder / "label_2" / (frame.id + ".txt"), found, frame.calibration);
   });
   write_separate_labels(folder, settings.data, about);
   spdlog::warn("{} cars in {} unlabelled frames are {}'s own detections, so its AP on them means nothing",
@@ -142,10 +134,9 @@ HostOrder::HostOrder(std::span<const Host> hosts, int batch, std::uint64_t seed)
   for (const auto& [name, list] : by_frame) frames.push_back(list);
   RandomStream random(seed, "lanes of frames");
   shuffle(frames, random);
-  std::stable_sort(frames.begin(), frames.end(),
-                   [](const FrameHosts& a, const FrameHosts& b) { return a.size() > b.size(); });
+  std::ranges::stable_sort(frames, std::greater(), std::ranges::size);
   std::size_t lanes = std::min(as_size(batch), frames.size());
-  while (!even(lanes_ = deal(frames, lanes))) --lanes;  // one lane is even
+  while (!even(lanes_ = distribute_to_lanes(frames, lanes))) --lanes;  // one lane is even
 }
 
 std::vector<std::size_t> HostOrder::drawn_order(std::size_t lane, long pass) const {

@@ -103,8 +103,7 @@ void fit_limits(AttackSettings& settings);
 
 template <class Visitor, FieldsOf<AttackSettings> S>
 void visit_fields(Visitor& visit, S& s) {
-  using Source = std::conditional_t<std::is_const_v<S>, const FrameSource, FrameSource>;
-  visit_fields(visit, static_cast<Source&>(s));
+  visit_fields(visit, as_base<FrameSource>(s));
   visit_fields(visit, s.detector);
   visit({.name = "weights_hash", .option = ""}, s.weights_hash);
   visit({.name = "attack",
@@ -159,7 +158,7 @@ void visit_fields(Visitor& visit, S& s) {
          .option = "validate-every",
          .lacking = "20"},
         s.validation_every);
-  visit({.name = "batch", .help = "host vehicles a step", .range = {1, 65536}}, s.batch);
+  visit({.name = "batch", .help = "host vehicles per step", .range = {1, 65536}}, s.batch);
   visit({.name = "seed", .option = ""}, s.seed);  // every command has one
   visit_fields(visit, s.checkpoint);
   visit({.name = "vertex_rate", .help = "Adam's rate for vertices, m", .range = kPositive}, s.vertex_rate);

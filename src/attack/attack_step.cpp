@@ -21,39 +21,36 @@ std::vector<std::size_t> own_hosts(std::size_t n) {
   return own;
 }
 
+/// Those of all points, one after the other, as they lie in memory.
+std::span<double> coordinates(std::vector<Vec3d>& points) {
+  static_assert(sizeof(Vec3d) == 3 * sizeof(double));
+  return {points.empty() ? nullptr : points.front().data(), 3 * points.size()};
+}
+
 /// Gives every rank the steps that the others computed: then each sums all of them in the batch's order, to
 /// the same bits as one process. `adversary` tells how long gradients are. A call of all ranks.
 void share_steps(std::vector<HostStep>& steps, const TexturedMesh& adversary) {
   if (rank_count() == 1) return;
-  constexpr std::size_t kHead = 4;  // hide, false positives, hidden, found
-  const std::size_t vertices = adversary.mesh.vertices.size(), texels = adversary.atlas.texels.size();
-  std::vector<std::vector<double>> blocks(steps.size(), std::vector<double>(kHead + 3 * (vertices + texels)));
-  const auto pack = [](std::vector<Vec3d>& points, double* into, bool out) {
-    for (std::size_t i = 0; i < points.size(); ++i)
-      for (int c = 0; c < 3; ++c)
-        if (out)
-          into[3 * i + as_size(c)] = points[i][c];
-        else
-          points[i][c] = into[3 * i + as_size(c)];
-  };
-  const auto move = [&](bool out) {
-    for (std::size_t k = 0; k < steps.size(); ++k) {
-      HostStep& step = steps[k];
-      double* block = blocks[k].data();
-      step.gradient.vertices.resize(vertices, Vec3d::Zero());
-      step.gradient.texels.resize(texels, Vec3d::Zero());
-      if (out)
-        block[0] = step.hide, block[1] = step.false_positive, block[2] = step.hidden, block[3] = step.found;
-      else
-        step.hide = block[0], step.false_positive = block[1], step.hidden = block[2] != 0,
-        step.found = block[3] != 0;
-      pack(step.gradient.vertices, block + kHead, out);
-      pack(step.gradient.texels, block + kHead + 3 * vertices, out);
-    }
-  };
-  move(true);
+  std::vector<std::vector<double>> blocks;  // hide, false positive, hidden, found, vertices, texels
+  for (HostStep& step : steps) {
+    AdversaryGradient& gradient = step.gradient;
+    gradient.vertices.resize(adversary.mesh.vertices.size(), Vec3d::Zero());
+    gradient.texels.resize(adversary.atlas.texels.size(), Vec3d::Zero());
+    auto& block = blocks.emplace_back(std::vector<double>{
+        step.hide, step.false_positive, static_cast<double>(step.hidden), static_cast<double>(step.found)});
+    for (const std::span<double> part : {coordinates(gradient.vertices), coordinates(gradient.texels)})
+      block.insert(block.end(), part.begin(), part.end());
+  }
   share_blocks(blocks);
-  move(false);
+  for (std::size_t k = 0; k < steps.size(); ++k) {
+    HostStep& step = steps[k];
+    auto from = blocks[k].begin();
+    step.hide = *from++, step.false_positive = *from++;
+    step.hidden = *from++ != 0, step.found = *from++ != 0;
+    for (const std::span<double> part :
+         {coordinates(step.gradient.vertices), coordinates(step.gradient.texels)})
+      for (double& value : part) value = *from++;
+  }
 }
 
 /// Of the hosts of a batch the frames of this rank's.
@@ -151,7 +148,7 @@ HostStep attack_host(Detector& detector, const StepHost& host, const TexturedMes
   if (!back) return step;
   step.gradient.vertices.assign(adversary.mesh.vertices.size(), Vec3d::Zero());
   step.gradient.texels.assign(adversary.atlas.texels.size(), Vec3d::Zero());
-  const bool any = std::any_of(value.d_logits.begin(), value.d_logits.end(), [](double d) { return d != 0; });
+  const bool any = std::ranges::any_of(value.d_logits, [](double d) { return d != 0; });
   step.seconds.rest += clock.lap();
   if (!any) return step;
   SensorGradient gradient = detector.backward(value.d_logits);
@@ -222,8 +219,8 @@ std::vector<HostStep> AttackStepper::steps_of(const std::vector<HostId>& hosts, 
     const std::size_t k = mine[i];
     const auto prepared = store_.get(hosts[k].frame);
     const auto clean = clean_cache_->of(*prepared, detector);
-    const StepHost host{*prepared, hosts[k], store_.placement(hosts[k]),
-                        clean,     nullptr,  {pictures_.get(), &rendered}};
+    const StepHost host{*prepared,       hosts[k], store_.placement(hosts[k]), clean, nullptr,
+                        pictures_.get(), &rendered};
     isolated([&] {  // or a loop inside would take another host's work, and its time
       steps[k] = step_host(detector, host, adversary, settings_, first_world + k, back);
     });

@@ -36,8 +36,8 @@ struct HostStep {
 
 /// One host of an iteration: simulates both sensors with the adversary placed (in the host's drawn world if
 /// there is one), detects, and takes the loss of the placement's targets back to the adversary's vertices (m,
-/// adversary frame) and texels. What is no input of settings.target gets no gradient, but is simulated all
-/// the same. Without the way `back` its gradient is empty.
+/// adversary frame) and texels. Inputs outside settings.target get no gradient, but are simulated all the
+/// same. With `back` false the gradient is empty.
 HostStep attack_host(Detector& detector, const StepHost& host, const TexturedMesh& adversary,
                      const AttackSettings& settings, bool back = true);
 
@@ -48,11 +48,11 @@ HostStep attack_host(Detector& detector, const StepHost& host, const TexturedMes
 HostStep step_host(Detector& detector, StepHost host, const TexturedMesh& adversary,
                    const AttackSettings& settings, std::uint64_t number, bool back);
 
-/// Steps of one attack. What it is given outlives it.
+/// Steps of one attack. Its arguments must outlive it.
 class AttackStepper {
  public:
   /// `mesh`: the adversary's, for its faces. `clean_cache`: what other steppers of the same detector have
-  /// seen. InputError for a target or parts of another word.
+  /// seen.
   AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
                 const std::vector<Host>& hosts, const Mesh& mesh,
                 std::shared_ptr<CleanDetectionCache> clean_cache = std::make_shared<CleanDetectionCache>());

@@ -1,10 +1,9 @@
 #include "attack/baseline.h"
 
 #include <algorithm>
-#include <array>
 #include <map>
 
-#include "attack/adversary.h"
+#include "attack/checkpoint.h"
 #include "base/fields.h"
 #include "base/random.h"
 #include "base/sizes.h"
@@ -26,16 +25,46 @@ std::vector<std::vector<std::size_t>> neighbours(const Mesh& mesh) {
   return beside;
 }
 
+/// Cuboid of the given half sizes (m) with n × n × 2 faces a side, watertight; n ≥ 1.
+Mesh divided_cuboid(const Vec3d& half, int n) {
+  Mesh mesh;
+  std::map<std::array<int, 3>, int> numbers;
+  const auto vertex = [&](const std::array<int, 3>& at) {
+    const auto [place, added] = numbers.try_emplace(at, static_cast<int>(mesh.vertices.size()));
+    if (added)
+      mesh.vertices.push_back(
+          half.cwiseProduct(Vec3d(2. * at[0] / n - 1, 2. * at[1] / n - 1, 2. * at[2] / n - 1)));
+    return place->second;
+  };
+  for (int axis = 0; axis < 3; ++axis)
+    for (const int side : {0, n})
+      for (int i = 0; i < n; ++i)
+        for (int j = 0; j < n; ++j) {
+          // (axis, u, v) is right-handed, so that u × v points along +axis.
+          const auto corner = [&](int u, int v) {
+            std::array<int, 3> at{};
+            at[as_size(axis)] = side;
+            at[as_size((axis + 1) % 3)] = i + u;
+            at[as_size((axis + 2) % 3)] = j + v;
+            return vertex(at);
+          };
+          const int a = corner(0, 0), b = corner(1, 0), c = corner(1, 1), d = corner(0, 1);
+          if (side == n)
+            mesh.faces.insert(mesh.faces.end(), {{a, b, c}, {a, c, d}});
+          else
+            mesh.faces.insert(mesh.faces.end(), {{a, c, b}, {a, d, c}});
+        }
+  return mesh;
+}
+
 void keep_rules(TexturedMesh& mesh, const TexturedMesh& start, const Run& run) {
   project(mesh, run.settings.limits);
   if (run.settings.buildable.on) keep_buildable(mesh, start, run.settings.buildable, run.settings.limits);
 }
 
-TexturedMesh sized_mesh(const Run& run, std::uint64_t seed) {
+TexturedMesh size_matched_mesh(const Run& run, std::uint64_t seed) {
   const Eigen::AlignedBox3d target = bounds(run.adversary.mesh);
-  TexturedMesh start = initial_adversary(run.settings.limits);
-  if (run.settings.buildable.on)
-    make_buildable(start, run.settings.buildable, run.settings.limits);  // its base is flat
+  TexturedMesh start = fresh_state(run.settings).adversary;  // its base is flat in a buildable run
   fit_bounds(start.mesh, target);
   TexturedMesh baseline = start;
   const TexturedMesh random = random_adversary(seed, run.settings.limits);
@@ -95,7 +124,8 @@ std::vector<TexturedMesh> baseline_meshes(const Run& run, Baseline kind, int cou
       meshes.push_back(i == 0 ? run.random
                               : random_baseline(seed, run.settings.limits, run.settings.buildable));
     else
-      meshes.push_back(kind == Baseline::sized ? sized_mesh(run, seed) : filling_mesh(run, kind, seed));
+      meshes.push_back(kind == Baseline::sized ? size_matched_mesh(run, seed)
+                                               : filling_mesh(run, kind, seed));
   }
   return meshes;
 }
@@ -123,37 +153,6 @@ void fit_bounds(Mesh& mesh, const Eigen::AlignedBox3d& target) {
       else
         v[c] = target.min()[c] + (extent > 0 ? (v[c] - low) / extent * target.sizes()[c] : 0);
     }
-}
-
-Mesh divided_cuboid(const Vec3d& half, int n) {
-  Mesh mesh;
-  std::map<std::array<int, 3>, int> numbers;
-  const auto vertex = [&](const std::array<int, 3>& at) {
-    const auto [place, added] = numbers.try_emplace(at, static_cast<int>(mesh.vertices.size()));
-    if (added)
-      mesh.vertices.push_back(
-          half.cwiseProduct(Vec3d(2. * at[0] / n - 1, 2. * at[1] / n - 1, 2. * at[2] / n - 1)));
-    return place->second;
-  };
-  for (int axis = 0; axis < 3; ++axis)
-    for (const int side : {0, n})
-      for (int i = 0; i < n; ++i)
-        for (int j = 0; j < n; ++j) {
-          // (axis, u, v) is right-handed, so that u × v points along +axis.
-          const auto corner = [&](int u, int v) {
-            std::array<int, 3> at{};
-            at[as_size(axis)] = side;
-            at[as_size((axis + 1) % 3)] = i + u;
-            at[as_size((axis + 2) % 3)] = j + v;
-            return vertex(at);
-          };
-          const int a = corner(0, 0), b = corner(1, 0), c = corner(1, 1), d = corner(0, 1);
-          if (side == n)
-            mesh.faces.insert(mesh.faces.end(), {{a, b, c}, {a, c, d}});
-          else
-            mesh.faces.insert(mesh.faces.end(), {{a, c, b}, {a, d, c}});
-        }
-  return mesh;
 }
 
 void paint_patches(TexturedMesh& mesh, int patches, std::uint64_t seed) {

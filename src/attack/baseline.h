@@ -40,9 +40,6 @@ TexturedMesh filling_shape(Baseline kind, const AdversaryLimits& limits, const B
 /// has no extent are only moved.
 void fit_bounds(Mesh& mesh, const Eigen::AlignedBox3d& target);
 
-/// Cuboid of the given half sizes with n × n × 2 faces a side, watertight; n ≥ 1.
-Mesh divided_cuboid(const Vec3d& half, int n);
-
 /// Connected patches of faces, each of one random colour; at least one, at most a patch a face.
 void paint_patches(TexturedMesh& mesh, int patches, std::uint64_t seed);
 

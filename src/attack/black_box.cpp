@@ -62,9 +62,7 @@ bool sees_colours(const AttackSettings& settings, const Capabilities& can) {
 }
 
 std::vector<NamedStart> search_starts(const AttackSettings& settings) {
-  TexturedMesh paper = initial_adversary(settings.limits);
-  if (settings.buildable.on) make_buildable(paper, settings.buildable, settings.limits);
-  std::vector<NamedStart> starts{{"paper", paper}};
+  std::vector<NamedStart> starts{{"paper", fresh_state(settings).adversary}};
   if (learns_shape(settings))
     for (const Baseline kind : {Baseline::ellipsoid, Baseline::cuboid})
       starts.push_back({to_word(kind), filling_shape(kind, settings.limits, settings.buildable)});
@@ -138,8 +136,7 @@ void Evolution::add(double value) {
   method_->population = method_->method.evolve(method_->population);
   std::vector<std::size_t> order(values_.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t a, std::size_t b) { return values_[a] < values_[b]; });
+  std::ranges::stable_sort(order, {}, [&](std::size_t i) { return values_[i]; });
   order.resize(order.size() / 2);  // pagmo keeps its mean to itself; this is how it is made
   double sum = 0;
   std::fill(centre_.begin(), centre_.end(), 0.0);
@@ -206,12 +203,13 @@ class BlackBox {
         starts_(search_starts(settings_)),
         identity_(run.identity),
         timer_(settings_.checkpoint),
-        progress_("attack", as_size(settings_.queries), settings_.quiet) {
+        progress_("attack", as_size(settings_.queries), settings_.quiet),
+        plan_(black_box_plan(settings_, starts_.size(), modes_of(starts_.front().mesh).size(),
+                             sample_.size())) {
     identity_.json["recipe"] = kBlackBoxRecipe;
   }
 
   SearchOutcome run() {
-    plan();
     open();
     SearchOutcome outcome;
     outcome.first = std::ssize(rows_);
@@ -273,10 +271,6 @@ class BlackBox {
     return starts * std::ssize(sample_) + (meshes - starts) * settings_.batch;
   }
 
-  void plan() {
-    plan_ = black_box_plan(settings_, starts_.size(), modes_of(starts_.front().mesh).size(), sample_.size());
-  }
-
   void open() {
     if (exists(file_)) {
       constexpr const char* kAgain = "delete the file to start the run again";
@@ -327,8 +321,7 @@ class BlackBox {
       start.value = rows_[i].loss();
       spdlog::info("start {}: {:.4f} on {} vehicles", start.name, start.value, sample_.size());
     }
-    return *std::min_element(starts_.begin(), starts_.end(),
-                             [](const NamedStart& a, const NamedStart& b) { return a.value < b.value; });
+    return *std::ranges::min_element(starts_, {}, &NamedStart::value);
   }
 
   const SearchRun& run_;

@@ -24,7 +24,7 @@
 #include <vector>
 
 #include "attack/adversary.h"
-#include "attack/attack_result.h"
+#include "attack/attack.h"
 #include "attack/attack_settings.h"
 #include "attack/attack_step.h"
 
@@ -78,16 +78,16 @@ std::vector<Host> search_hosts(std::vector<Host> hosts, std::uint64_t seed);
 // Strategy: A Tutorial", arXiv 1604.00772), by pagmo.
 
 /// Numbers are drawn a generation at a time from a normal distribution, which moves to the better half of
-/// them and takes their spread. What is drawn depends on the seed and on the values told, so that a search is
-/// restored by telling it the same values again.
+/// them and takes their spread. Draws depend only on the seed and the values added: adding the same values
+/// again restores a search.
 class Evolution {
  public:
   /// From zero, with standard deviation 1 at first; ≥ 5 `samples` a generation.
   Evolution(std::size_t numbers, int samples, std::uint64_t seed);
   ~Evolution();
-  /// Where the function is to be looked at now.
+  /// The point at which to evaluate the function next.
   const std::vector<double>& next() const;
-  /// The function there; finite.
+  /// Reports the function's value at next(); finite.
   void add(double value);
   /// The distribution's mean: the better half of the last whole generation, weighted by rank.
   const std::vector<double>& centre() const { return centre_; }

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <set>
 
 #include "base/error.h"
 #include "base/fields.h"
@@ -103,6 +104,15 @@ std::vector<Vec3d> patches_of_profile(const std::string& bytes, const fs::path& 
   return patches;
 }
 
+/// None if the text is no number.
+std::optional<double> number_in(const std::string& text) {
+  try {
+    return parse_number(text, kGamutField);
+  } catch (const FieldError&) {
+    return std::nullopt;
+  }
+}
+
 /// Whether the text has Little CMS open another file.
 bool includes(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(),
@@ -132,7 +142,7 @@ std::vector<Vec3d> patches_of_chart(const std::string& text, const fs::path& fil
   };
   const auto all = [&](const std::array<const char*, 3>& headings) -> std::optional<std::array<int, 3>> {
     const std::array<int, 3> found = {column(headings[0]), column(headings[1]), column(headings[2])};
-    return *std::min_element(found.begin(), found.end()) < 0 ? std::nullopt : std::optional(found);
+    return std::ranges::min(found) < 0 ? std::nullopt : std::optional(found);
   };
   constexpr std::array<const char*, 3> kXyz = {"XYZ_X", "XYZ_Y", "XYZ_Z"}, kLab = {"LAB_L", "LAB_A", "LAB_B"};
   const auto xyz = all(kXyz), lab = xyz ? std::nullopt : all(kLab);
@@ -147,13 +157,7 @@ std::vector<Vec3d> patches_of_chart(const std::string& text, const fs::path& fil
     for (std::size_t k = 0; k < 3; ++k) {
       const char* cell = cmsIT8GetDataRowCol(chart.get(), row, from[k]);
       const std::string where = fmt::format("{} of patch {}", called[k], row + 1);
-      const auto number = [&]() -> std::optional<double> {
-        try {
-          return cell ? std::optional(parse_number(cell, where)) : std::nullopt;
-        } catch (const FieldError&) {
-          return std::nullopt;
-        }
-      }();
+      const std::optional<double> number = cell ? number_in(cell) : std::nullopt;
       // Black backings and noise measure a little below 0; whiteners shine above a perfect white.
       const Range range = xyz ? Range{-1, 150} : k == 0 ? Range{-1, 120} : Range{-200, 200};
       if (!number || !range.contains(*number))
@@ -191,11 +195,7 @@ PrintGamut read_gamut_word(const std::string& text) {
 PrintGamut read_gamut_box(const std::string& text) {
   const std::vector<std::string> words = listed_words(text.substr(std::string(kBox).size()));
   const auto number = [&](std::size_t i) {
-    try {
-      return i < words.size() && words.size() == 2 ? parse_number(words[i], kGamutField) : -1;
-    } catch (const FieldError&) {
-      return -1.0;
-    }
+    return words.size() == 2 ? number_in(words[i]).value_or(-1) : -1;
   };
   return PrintGamut::box(number(0), number(1), text);
 }
@@ -230,11 +230,11 @@ void print(TexturedMesh& adversary, const BuildableSettings& settings) {
 }
 
 /// Vertices of the faces that break a rule.
-std::vector<int> offenders(const Mesh& mesh, double min_thickness) {
-  std::vector<int> vertices;
+std::set<int> offenders(const Mesh& mesh, double min_thickness) {
+  std::set<int> vertices;
   const auto add = [&](int face) {
     const Face& f = mesh.faces[as_size(face)];
-    vertices.insert(vertices.end(), {f[0], f[1], f[2]});
+    vertices.insert(f.begin(), f.end());
   };
   for (const auto& pair : intersecting_faces(mesh)) {
     add(pair[0]);
@@ -246,13 +246,11 @@ std::vector<int> offenders(const Mesh& mesh, double min_thickness) {
       add(static_cast<int>(f));
       add(face_walls[f].opposite);
     }
-  std::sort(vertices.begin(), vertices.end());
-  vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
   return vertices;
 }
 
 /// Base vertices are those that `before` has on the floor: they stay there, to the bit, and others above.
-void hold_base(std::vector<Vec3d>& vertices, const Mesh& before) {
+void pin_base(std::vector<Vec3d>& vertices, const Mesh& before) {
   const std::vector<Vec3d>& old = before.vertices;
   const double floor = bounds(before).min().z(),
                above = std::nextafter(floor, std::numeric_limits<double>::infinity());
@@ -299,13 +297,13 @@ void thicken(Mesh& mesh, const Mesh& before, double least, const AdversaryLimits
         mesh.vertices[i] = (mesh.vertices[i] + 0.5 * lack[i] * normals[i].normalized())
                                .cwiseMax(-limits.half)
                                .cwiseMin(limits.half);
-    hold_base(mesh.vertices, before);
+    pin_base(mesh.vertices, before);
   }
 }
 
 /// Takes the vertices that break a rule back to `old`, first half the way and then all of it, until none is
 /// left: faces all of whose vertices are back are as good as they were.
-void take_back(Mesh& mesh, const std::vector<Vec3d>& old, double min_thickness) {
+void revert_invalid_vertices(Mesh& mesh, const std::vector<Vec3d>& old, double min_thickness) {
   std::vector<int> returned(old.size(), 0);
   for (bool moved = true; moved;) {
     moved = false;
@@ -446,9 +444,9 @@ void keep_buildable(TexturedMesh& adversary, const TexturedMesh& before, const B
                     const AdversaryLimits& limits) {
   Mesh& mesh = adversary.mesh;
   print(adversary, settings);
-  hold_base(mesh.vertices, before.mesh);
+  pin_base(mesh.vertices, before.mesh);
   thicken(mesh, before.mesh, settings.min_thickness + kReserve, limits);
-  take_back(mesh, before.mesh.vertices, settings.min_thickness);
+  revert_invalid_vertices(mesh, before.mesh.vertices, settings.min_thickness);
 }
 
 TexturedMesh random_baseline(std::uint64_t seed, const AdversaryLimits& limits,
@@ -476,20 +474,10 @@ BuildableReport buildable_report(const TexturedMesh& adversary, const BuildableS
   const double floor = bounds(mesh).min().z();
   for (const std::size_t i : used_vertices(mesh)) report.base_vertices += mesh.vertices[i].z() <= floor;
   const std::vector<Vec3d>& texels = adversary.atlas.texels;
-  const auto within =
-      std::count_if(texels.begin(), texels.end(), [&](const Vec3d& t) { return settings.gamut.holds(t); });
+  const auto within = std::ranges::count_if(texels, [&](const Vec3d& t) { return settings.gamut.holds(t); });
   report.printable =
       static_cast<double>(within) / static_cast<double>(std::max<std::size_t>(1, texels.size()));
   return report;
-}
-
-nlohmann::json to_json(const BuildableReport& report) {
-  return {{"intersecting_pairs", report.intersecting_pairs},
-          {"min_thickness_m", report.min_thickness},
-          {"base_vertices", report.base_vertices},
-          {"base_area_m2", report.base_area},
-          {"watertight", report.watertight},
-          {"texels_in_print_range", report.printable}};
 }
 
 }  // namespace mirage

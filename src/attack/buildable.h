@@ -150,10 +150,13 @@ struct BuildableReport {
            printable > 1 - 1e-9;
   }
 };
+template <class Visitor, FieldsOf<BuildableReport> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "intersecting_pairs", s.intersecting_pairs, "min_thickness_m", s.min_thickness,
+              "base_vertices", s.base_vertices, "base_area_m2", s.base_area, "watertight", s.watertight,
+              "texels_in_print_range", s.printable);
+}
 /// Measures the mesh as it is, and counts its texels within settings.gamut.
 BuildableReport buildable_report(const TexturedMesh& adversary, const BuildableSettings& settings);
-
-/// {intersecting_pairs, min_thickness_m, base_vertices, base_area_m2, watertight, texels_in_print_range}
-nlohmann::json to_json(const BuildableReport& report);
 
 }  // namespace mirage

@@ -83,12 +83,12 @@ std::vector<Mistake> mistakes(Matching matching, bool beyond_a_turn) {
   }
   if (beyond_a_turn) {  // or small headings would become none, which many cars have
     list.push_back(of_bev("yaw read as degrees", [](BevBox box) {
-      box.yaw *= std::numbers::pi / 180;
+      box.yaw *= kDegree;
       return box;
     }));
     list.push_back(of_bev("yaw read as degrees, and length and width exchanged", [](BevBox box) {
       std::swap(box.length, box.width);
-      box.yaw *= std::numbers::pi / 180;
+      box.yaw *= kDegree;
       return box;
     }));
   }
@@ -112,16 +112,13 @@ std::vector<Mistake> mistakes(Matching matching, bool beyond_a_turn) {
   return list;
 }
 
-bool found_in(const CleanFrame& frame, const HostTruth& host, double score, double iou, const Undo& undo) {
-  return std::any_of(frame.proposals.begin(), frame.proposals.end(), [&](const Detection& proposal) {
-    return proposal.score() > score && host.host_iou(undo ? undo(proposal, frame) : proposal) > iou;
-  });
-}
-
 int count_found(const std::vector<CleanFrame>& frames, double score, double iou, const Undo& undo = {}) {
   int found = 0;
   for (const CleanFrame& frame : frames)
-    for (const HostTruth& host : frame.hosts) found += found_in(frame, host, score, iou, undo);
+    for (const HostTruth& host : frame.hosts)
+      found += std::ranges::any_of(frame.proposals, [&](const Detection& proposal) {
+        return proposal.score() > score && host.host_iou(undo ? undo(proposal, frame) : proposal) > iou;
+      });
   return found;
 }
 
@@ -217,8 +214,8 @@ void add_hints(const std::vector<CleanFrame>& frames, Matching matching, CleanPe
   }
 }
 
-bool any_over(std::span<const Detection> proposals, const HostTruth& truth, double iou) {
-  return std::any_of(proposals.begin(), proposals.end(), [&](const Detection& p) {
+bool any_overlap(std::span<const Detection> proposals, const HostTruth& truth, double iou) {
+  return std::ranges::any_of(proposals, [&](const Detection& p) {
     return p.score() > EvaluationSettings().score_threshold && truth.host_iou(p) > iou;
   });
 }
@@ -251,11 +248,11 @@ CleanPerformance find_plain(const DetectorPool& detectors, FrameStore& store, co
 }  // namespace
 
 bool finds(std::span<const Detection> proposals, const HostTruth& truth) {
-  return any_over(proposals, truth, EvaluationSettings().detected_iou);
+  return any_overlap(proposals, truth, EvaluationSettings().detected_iou);
 }
 
 bool reports(std::span<const Detection> proposals, const HostTruth& truth) {
-  return any_over(proposals, truth, kMissCriteria.front().iou);
+  return any_overlap(proposals, truth, kVanished.iou);
 }
 
 std::vector<Detection> CleanDetectionCache::of(const PreparedFrame& prepared, Detector& detector) {

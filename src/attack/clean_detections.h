@@ -2,7 +2,6 @@
 #pragma once
 
 #include <map>
-#include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -60,9 +59,9 @@ struct CleanPerformance {
   std::vector<std::string> hints;
 };
 
-/// What looks like a mistake in the detector's boxes is told in `hints`: with too few found each known
-/// mistake is undone (degrees, sides swapped, other axes, …), and what then finds more is named with its
-/// number.
+/// `hints` names suspected mistakes in the detector's boxes. With too few vehicles found, each known mistake
+/// (degrees, sides swapped, other axes, …) is undone in turn. Those whose undoing finds more are named with
+/// their counts.
 CleanPerformance clean_performance(const std::vector<CleanFrame>& frames, Matching matching);
 /// Looks at every frame of `hosts`. With Victim::object: whether a plain object (plain_object()) is reported
 /// at some of them, spread evenly; `clean_cache` is not used.

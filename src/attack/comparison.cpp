@@ -27,17 +27,13 @@ struct Pair {
   const HostOutcome* second;
 };
 
-const MissCriterion& vanished() {
-  return kMissCriteria[0];
-}
-
 std::vector<Pair> pairs_of(std::span<const HostOutcome> first, std::span<const HostOutcome> second) {
   std::map<std::pair<HostId, int>, const HostOutcome*> seconds;
   for (const HostOutcome& host : second) seconds[{host.id, host.mesh}] = &host;
   std::vector<Pair> pairs;
   for (const HostOutcome& host : first) {
     const Pair pair{&host, seconds.at({host.id, host.mesh})};
-    if (vanished().finds(*pair.first, true) && vanished().finds(*pair.second, true)) pairs.push_back(pair);
+    if (kVanished.finds(*pair.first, true) && kVanished.finds(*pair.second, true)) pairs.push_back(pair);
   }
   return pairs;
 }
@@ -62,41 +58,35 @@ ComparedPart part_of(const std::string& by, const std::string& name, const std::
     const HostId& id = pair.first->id;
     const bool in_first = counts_first(pair), in_second = counts_second(pair);
     const std::string cluster = pair.first->cluster();
-    if (in_first) first.add(cluster, !vanished().finds(*pair.first, false), 0, 1.0 / of_first.at(id));
-    if (in_second) second.add(cluster, !vanished().finds(*pair.second, false), 0, 1.0 / of_second.at(id));
+    if (in_first) first.add(cluster, !kVanished.finds(*pair.first, false), 0, 1.0 / of_first.at(id));
+    if (in_second) second.add(cluster, !kVanished.finds(*pair.second, false), 0, 1.0 / of_second.at(id));
     if (!in_first && !in_second) continue;
     vehicles.insert(id);
     clusters.add(id.frame, pair.first->track);
   }
   part.vehicles = static_cast<int>(vehicles.size());
-  part.clusters = clusters.count().count;
+  part.clusters = clusters.count();
   part.first = first.interval();
   part.second = second.interval();
   part.difference = share_difference(second, first);
   return part;
 }
 
-ClusterCount clusters_of(const std::vector<Pair>& pairs) {
-  Clusters clusters;
-  for (const Pair& pair : pairs) clusters.add(pair.first->id.frame, pair.first->track);
-  return clusters.count();
-}
-
-std::vector<WorseVehicle> worse_of(const std::vector<Pair>& pairs, const std::vector<std::string>& objects) {
-  std::vector<WorseVehicle> worse;
+std::vector<NewlyMissedVehicle> newly_missed(const std::vector<Pair>& pairs,
+                                             const std::vector<std::string>& objects) {
+  std::vector<NewlyMissedVehicle> worse;
   for (const auto& [first, second] : pairs)
-    if (vanished().finds(*first, false) && !vanished().finds(*second, false))
+    if (kVanished.finds(*first, false) && !kVanished.finds(*second, false))
       worse.push_back({first->id, objects.at(as_size(first->mesh)), first->range, first->attacked_score,
                        second->clean_score});
-  std::stable_sort(worse.begin(), worse.end(),
-                   [](const WorseVehicle& a, const WorseVehicle& b) { return a.range < b.range; });
+  std::ranges::stable_sort(worse, {}, &NewlyMissedVehicle::range);
   return worse;
 }
 
 int found_as_recorded(std::span<const HostOutcome> hosts) {
   std::set<HostId> found;
   for (const HostOutcome& host : hosts)
-    if (vanished().finds(host, true)) found.insert(host.id);
+    if (kVanished.finds(host, true)) found.insert(host.id);
   return static_cast<int>(found.size());
 }
 
@@ -111,7 +101,7 @@ SimulationSettings without_draws(SimulationSettings simulation) {
 void check_runs(const std::vector<Run>& runs, const PlaceChoice& place) {
   std::set<std::filesystem::path> folders;
   const auto shown_by = [](const Run& run) {
-    return to_json(without_draws(run.settings.simulation)).flatten();
+    return fields_json(without_draws(run.settings.simulation)).flatten();
   };
   const nlohmann::json of_first = runs.empty() ? nlohmann::json() : shown_by(runs.front());
   for (const Run& run : runs) {
@@ -190,7 +180,6 @@ Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const 
   result.hosts = static_cast<int>(first.size() / std::max<std::size_t>(1, objects.size()));
   result.found = {found_as_recorded(first), found_as_recorded(second)};
   const std::vector<Pair> pairs = pairs_of(first, second);
-  result.clusters = clusters_of(pairs);
   const auto add = [&](const std::string& by, const std::string& name, const auto& counts) {
     ComparedPart part = part_of(by, name, pairs, counts, counts);
     if (part.vehicles > 0 || result.parts.empty()) result.parts.push_back(std::move(part));
@@ -203,23 +192,23 @@ Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const 
   for (const HostPart& part : host_parts(first))
     add(part.by, part.name, [&](const Pair& pair) { return part.holds(*pair.first); });
   std::vector<double> p;
-  for (const ComparedPart& part : result.parts) p.push_back(p_value(part.difference, part.clusters));
+  for (const ComparedPart& part : result.parts) p.push_back(p_value(part.difference, part.clusters.count));
   result.parts.front().p = p.front();
   const std::vector<double> adjusted = holm(std::span(p).subspan(1));
   for (std::size_t i = 0; i < adjusted.size(); ++i) result.parts[i + 1].p = adjusted[i];
   if (adaptive) {
     const auto own = [](int mesh) { return [mesh](const Pair& pair) { return pair.first->mesh == mesh; }; };
     result.own = part_of("own", "", pairs, own(0), own(1));
-    result.own->p = p_value(result.own->difference, result.own->clusters);
+    result.own->p = p_value(result.own->difference, result.own->clusters.count);
   }
   const ComparedPart& all = result.parts.front();
-  result.detectable = detectable_difference(all.difference, result.clusters.count);
+  result.detectable = detectable_difference(all.difference, all.clusters.count);
   for (const double difference : {0.02, 0.05, 0.1})
     result.needed.push_back({difference, result.detectable < 1
                                              ? sample_size(all.vehicles, result.detectable, difference)
                                              : std::nullopt});  // so few tell nothing
   result.bounds = {hidden_bound(first), hidden_bound(second)};
-  result.worse = worse_of(pairs, objects);
+  result.worse = newly_missed(pairs, objects);
   return result;
 }
 
@@ -290,7 +279,6 @@ Comparison compare(const ComparisonRequest& request, Provenance* provenance) {
     const DetectorPool pool = std::move(pools[outcomes.size()]);  // what it keeps goes before the next works
     EvaluationSettings settings = request.settings;
     const Capabilities can = pool.front()->capabilities();
-    settings.matching = can.matching();
     settings.detector_identity = detector_identity(options, can.version);
     require_shared(store.cache(), "compare", settings.detector_identity);
     settings.reports_outcomes = rank() == 0;
@@ -305,7 +293,7 @@ Comparison compare(const ComparisonRequest& request, Provenance* provenance) {
   }
   if (rank() > 0) return {};
   if (provenance) {
-    provenance->set("simulation", to_json(simulation));
+    provenance->set("simulation", fields_json(simulation));
     add_frames(*provenance, request, frames);
     add_objects(*provenance, objects);
   }
@@ -321,18 +309,18 @@ nlohmann::json to_json(const Comparison& comparison) {
                          {"hosts", comparison.hosts},
                          {"found", comparison.found},
                          {"vehicles", all.vehicles},
-                         {"clusters", to_json(comparison.clusters)},
+                         {"clusters", to_json(all.clusters)},
                          {"difference", all.difference.value},
                          {"low", all.difference.low},
                          {"high", all.difference.high},
-                         {"told", to_string(classify(all.difference))},
+                         {"told", to_word(classify(all.difference))},
                          {"first", to_json(all.first)},
                          {"second", to_json(all.second)},
                          {"bounds", list_json(comparison.bounds, fields_json<HiddenBound>)},
                          {"detectable", comparison.detectable},
                          {"needed", list_json(comparison.needed, fields_json<Comparison::Needed>)},
                          {"parts", list_json(comparison.parts, fields_json<ComparedPart>)},
-                         {"worse", list_json(comparison.worse, fields_json<WorseVehicle>)}};
+                         {"worse", list_json(comparison.worse, fields_json<NewlyMissedVehicle>)}};
   for (const std::string& object : comparison.objects) json["objects"].push_back(escape_name(object));
   if (comparison.own) json["own"] = fields_json(*comparison.own);
   return json;

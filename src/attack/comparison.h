@@ -5,10 +5,10 @@
 // An object that was learned against the first detector flatters the second. So the first two objects may be
 // each detector's own: then the difference of "own" is that of each detector under its own object.
 //
-// What the data could show at all is said beside: the smallest true difference that would be told in 80 % of
-// such sets (detectable_difference), and how many vehicles of this kind would show 2, 5 and 10 points.
-// Several questions are asked of one set (ranges, occlusions, objects); their p values are Holm's
-// (Scandinavian Journal of Statistics 6, 1979).
+// The power is reported, too: the smallest true difference that 80 % of such sets would detect
+// (detectable_difference), and the numbers of vehicles that would detect 2, 5 and 10 points. Several
+// questions are asked of one set (ranges, occlusions, objects); their p values are Holm's (Scandinavian
+// Journal of Statistics 6, 1979).
 #pragma once
 
 #include <array>
@@ -44,25 +44,25 @@ struct ComparisonRequest : FrameSource {
 struct ComparedPart {
   std::string by, name;    ///< "all" and "", "range" and "15-30 m", "object" and the mesh's name, …
   int vehicles = 0;        ///< found as recorded by both
-  int clusters = 0;        ///< of these
+  ClusterCount clusters;   ///< of these
   Interval first, second;  ///< shares that vanish
   Interval difference;     ///< second − first, paired, by cluster
   double p = 1;            ///< two-sided, Holm's over all parts but the first, which is the main question
 };
 template <class Visitor, FieldsOf<ComparedPart> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit_named(visit, "by", s.by, "name", s.name, "vehicles", s.vehicles, "clusters", s.clusters, "first",
-              s.first, "second", s.second, "difference", s.difference, "p", s.p);
+  visit_named(visit, "by", s.by, "name", s.name, "vehicles", s.vehicles, "clusters", s.clusters.count,
+              "first", s.first, "second", s.second, "difference", s.difference, "p", s.p);
 }
 
 /// A vehicle that only the second detector loses.
-struct WorseVehicle {
+struct NewlyMissedVehicle {
   HostId id;
   std::string object;
   double range = 0;                                ///< m
   double first_score = 0, second_clean_score = 0;  ///< the first's under attack, the second's as recorded
 };
-template <class Visitor, FieldsOf<WorseVehicle> S>
+template <class Visitor, FieldsOf<NewlyMissedVehicle> S>
 void visit_fields(Visitor& visit, S& s) {
   visit_named(visit, "frame", s.id.frame, "label", s.id.label, "object", s.object, "range", s.range,
               "first_score", s.first_score, "second_clean_score", s.second_clean_score);
@@ -73,7 +73,6 @@ struct Comparison {
   std::vector<std::string> detectors, objects;  ///< names; objects: those of the runs before the meshes
   int hosts = 0;                                ///< tried
   std::array<int, 2> found{};                   ///< of them, as recorded by the first and by the second
-  ClusterCount clusters;                        ///< of the vehicles that both find
   std::vector<ComparedPart> parts;              ///< "all" first; parts without vehicles are left out
   /// Each under its own object, second − first, with `adaptive`.
   std::optional<ComparedPart> own;
@@ -84,8 +83,8 @@ struct Comparison {
     double difference;
     std::optional<long> vehicles;  ///< none: more than any plan takes
   };
-  std::vector<Needed> needed;       ///< for 2, 5 and 10 points
-  std::vector<WorseVehicle> worse;  ///< nearest first
+  std::vector<Needed> needed;             ///< for 2, 5 and 10 points
+  std::vector<NewlyMissedVehicle> worse;  ///< nearest first
 
   /// Whether both find fewer than kFewFound of the vehicles, or none: of a difference over so few little
   /// follows.

@@ -4,7 +4,7 @@
 #include <memory>
 #include <vector>
 
-#include "base/hand_out.h"
+#include "base/parallel.h"
 #include "detection/detector.h"
 
 namespace mirage {

@@ -4,7 +4,9 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <set>
 #include <utility>
@@ -13,94 +15,304 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/logging.h"
+#include "base/parallel.h"
 #include "base/ranks.h"
 #include "base/sizes.h"
 #include "base/types.h"
 #include "detection/average_precision.h"
 #include "scene/data/kitti_rows.h"
 #include "simulation/insertion.h"
-#include "simulation/render_scene.h"
 
 namespace mirage {
 namespace {
 
-/// Boxes with identities as tracks: each is confirmed, and coasts where no detection touches it.
-std::vector<TrackState> tracks_of(const std::vector<Detection>& boxes, const std::vector<Detection>& found,
-                                  const DriveScene& scene, const std::string& who) {
-  std::vector<TrackState> tracks;
-  for (const Detection& box : boxes) {
-    if (box.identity < 0)
-      throw InputError(who, "identities", "a box has none",
-                       "answer with one a box, 0 or more, the same for the same object");
-    TrackState state;
-    state.id = box.identity;
-    state.box = scene.upright(box.box);
-    state.confirmed = true;
-    state.score = box.score();
-    for (std::size_t k = 0; k < found.size() && state.detection < 0; ++k)
-      if (iou(found[k].box.bev, box.box.bev) > 0) state.detection = static_cast<int>(k);
-    tracks.push_back(state);
-  }
-  return tracks;
-}
-
-/// By the tracker of these settings.
-Tracks tracks_by(const TrackerSettings& settings, const DriveScene& scene,
-                 const SceneDetections& scene_detections) {
-  const std::vector<SceneFrame>& frames = scene.frames();
-  Tracker tracker(settings);
-  Tracks tracks(frames.size());
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    const Transform world_from_ego = laid_flat(frames[i].moment.world_from_ego);
-    std::vector<TrackedDetection> found;
-    for (const Detection& detection : scene_detections[i])
-      found.push_back({moved_flat(scene.upright(detection.box), world_from_ego), detection.score()});
-    for (TrackState& state : tracker.step(frames[i].moment.time, found)) {
-      state.box = moved_flat(state.box, world_from_ego.inverse());
-      tracks[i].push_back(state);
-    }
-  }
-  return tracks;
-}
-
-/// By the user's tracker, which reads kDetections.
-Tracks tracks_by(Detector& tracker, const DriveScene& scene, const SceneDetections& scene_detections) {
-  const std::vector<SceneFrame>& frames = scene.frames();
-  Tracks tracks;
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    std::vector<float> rows;
-    for (const Detection& detection : scene_detections[i]) {
-      const Box3 box = scene.upright(detection.box);
-      for (const double value : {box.bev.x, box.bev.y, box.bottom + box.height / 2, box.bev.length,
-                                 box.bev.width, box.height, box.bev.yaw, detection.score()})
-        rows.push_back(static_cast<float>(value));
-    }
-    Frame frame;
-    frame.id = frames[i].id;
-    frame.moment = frames[i].moment;
-    frame.calibration = frames[i].calibration;
-    SensorView view;
-    view.frame = &frame;
-    view.calibration = &frame.calibration;
-    view.continues = i > 0;
-    SensorData detections;
-    detections.kind = SensorData::Kind::other;
-    detections.name = kDetections;
-    detections.values = rows;
-    detections.shape = {static_cast<std::int64_t>(scene_detections[i].size()), 8, 0};
-    detections.time = frames[i].moment.time;
-    view.others.push_back(detections);
-    tracks.push_back(tracks_of(tracker.forward(view, 0, false), scene_detections[i], scene, tracker.name()));
-  }
-  return tracks;
-}
-
 namespace fs = std::filesystem;
+
+/// A frame of a sequence with all that is known of it before anything is inserted.
+struct SceneFrame {
+  std::string id;
+  Moment moment;
+  std::vector<Label> labels;
+  Calibration calibration;
+};
+
+/// What a detector finds in each frame of a scene.
+using SceneDetections = std::vector<std::vector<Detection>>;
+/// The tracks that live in each frame of a scene, in `velo`.
+using Tracks = std::vector<std::vector<TrackState>>;
+
+/// Tracks through one version of a scene: by whoever tracks in the drive, and by our tracker at each of
+/// kDeaths.
+struct VersionTracks {
+  Tracks own;
+  std::array<Tracks, kDeaths.size()> at_death;
+};
+
+/// The vehicle that carries the object in a frame; null where it is not followed.
+struct FrameCarrier {
+  const Carrier* carrier = nullptr;
+  HostId host;
+};
+/// By the place of a frame in its scene.
+using FrameCarriers = std::vector<FrameCarrier>;
+
+/// One way through a scene: an object on one vehicle, or nothing on any.
+struct Pass {
+  const FrameCarriers* carriers = nullptr;
+  const TexturedMesh* object = nullptr;
+};
+
+/// For Interrupted.
+const char* how_to_go_on(const DriveRequest& request) {
+  return request.goes_on ? "finished vehicles are kept; run the same command again to go on"
+                         : "nothing is kept of a detector or tracker without a version; run it again";
+}
+
+/// One sequence of a drive, as all its vehicles share it: its frames before anything is inserted, what a
+/// detector finds in them, as recorded or with an object on a vehicle, and the tracks through them. Its
+/// arguments must outlive it.
+class DriveScene {
+ public:
+  /// Reads the sequence, and looks at it and follows it as recorded. InputError as judge_drive's.
+  DriveScene(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request,
+             const Sequence& sequence)
+      : detectors_(detectors),
+        store_(store),
+        request_(request),
+        can_(detectors.front()->capabilities()),
+        name_(sequence.name),
+        road_(-store.get(sequence.frames.front().id)->lidar.height) {
+    for (const SequenceFrame& frame : sequence.frames) {
+      Annotations annotations = read_annotations(request.data, frame.id);
+      frames_.push_back(
+          {frame.id, frame.moment, std::move(annotations.labels), std::move(annotations.calibration)});
+    }
+    clean_ = recorded();
+    clean_tracks_ = follow(clean_);
+  }
+
+  const std::string& name() const { return name_; }
+  /// By rising time.
+  const std::vector<SceneFrame>& frames() const { return frames_; }
+  const SceneDetections& clean() const { return clean_; }              ///< as recorded
+  const VersionTracks& clean_tracks() const { return clean_tracks_; }  ///< as recorded
+  /// How boxes are compared with the vehicle's label.
+  Matching matching() const { return can_.matching(); }
+  /// Whether a frame's answer depends on others.
+  bool needs_all() const { return can_.remembers || request_.settings.sweeps > 1; }
+  /// Detections that confirm a track on a vehicle: a tracker of the user's confirms by its own rule.
+  int birth() const { return request_.tracker || can_.remembers ? 1 : request_.settings.tracker.birth; }
+
+  /// The detection's box; one from above is given a height.
+  Box3 upright(const Box3& box) const {
+    constexpr double kUnknownHeight = 1.5;  // m, from the road up
+    return box.height > 0 ? box : Box3{box.bev, road_, kUnknownHeight};
+  }
+
+  /// What the detector finds in each pass. Passes go through a frame one after the other, so that what it
+  /// makes of the frame without an object serves them all. After Ctrl-C, Interrupted.
+  std::vector<SceneDetections> see(const std::vector<Pass>& passes,
+                                   const std::function<void()>& frame_done) const {
+    std::vector<SceneDetections> scene_detections(passes.size(), SceneDetections(frames_.size()));
+    std::vector<std::vector<Lazy<Sweep>>> sweeps(passes.size());
+    const auto reach = as_size(request_.settings.sweeps);
+    const auto sweep_of = [this](const Pass& pass, std::size_t i) {
+      const auto prepared = store_.get(frames_[i].id);
+      const Carrier* carrier = (*pass.carriers)[i].carrier;
+      if (!carrier) return prepared->frame.sweep;
+      const Placement placement = placement_of(request_.place, *carrier, prepared->frame.labels);
+      return simulate(*prepared, placement, *pass.object, request_.simulation).sweep;
+    };
+    if (reach > 1)
+      for (std::size_t p = 0; p < passes.size(); ++p)
+        for (std::size_t i = 0; i < frames_.size(); ++i)
+          sweeps[p].emplace_back([&sweep_of, &pass = passes[p], i] { return sweep_of(pass, i); });
+    // Whether nothing of the object is in what the detector sees of the frame.
+    const auto is_as_recorded = [&](const Pass& pass, std::size_t i) {
+      if (can_.remembers || !pass.object) return false;
+      const auto last = pass.carriers->begin() + static_cast<std::ptrdiff_t>(i) + 1;
+      return std::all_of(last - static_cast<std::ptrdiff_t>(std::min(i + 1, reach)), last,
+                         [](const FrameCarrier& at) { return !at.carrier; });
+    };
+    std::optional<RenderedPictures> pictures;
+    if (request_.renderer) pictures.emplace(*request_.renderer, request_.evaluation.expectation_seed);
+    const auto detect = [&](Detector& detector, std::size_t p, std::size_t i) {
+      if (is_as_recorded(passes[p], i)) {
+        scene_detections[p][i] = clean_[i];
+        return;
+      }
+      throw_if_interrupted(how_to_go_on(request_));
+      scene_detections[p][i] = seen(detector, i, passes[p], sweeps[p], pictures ? &*pictures : nullptr);
+      if ((*passes[p].carriers)[i].carrier) frame_done();
+    };
+    if (can_.remembers)
+      for (std::size_t p = 0; p < passes.size(); ++p)
+        for (std::size_t i = 0; i < frames_.size(); ++i) detect(*detectors_.front(), p, i);
+    else
+      for_each_with_detector(detectors_, frames_.size(), [&](Detector& detector, std::size_t i) {
+        for (std::size_t p = 0; p < passes.size(); ++p) detect(detector, p, i);
+      });
+    return scene_detections;
+  }
+
+  /// `own` by the detector itself, the user's tracker, or ours.
+  VersionTracks follow(const SceneDetections& scene_detections) const {
+    VersionTracks tracks;
+    TrackerSettings settings = request_.settings.tracker;
+    const bool named = can_.remembers && std::ranges::any_of(scene_detections, [](const auto& boxes) {
+                         return !boxes.empty() && boxes.front().identity >= 0;
+                       });
+    if (request_.tracker)
+      tracks.own = tracks_by(*request_.tracker, scene_detections);
+    else if (named)
+      for (const auto& boxes : scene_detections) tracks.own.push_back(tracks_of(boxes, boxes, "--detector"));
+    else
+      tracks.own = tracks_by(settings, scene_detections);
+    const bool is_ours = !request_.tracker && !named;
+    for (std::size_t d = 0; d < kDeaths.size(); ++d) {
+      settings.death = kDeaths[d];
+      tracks.at_death[d] = is_ours && settings.death == request_.settings.tracker.death
+                               ? tracks.own
+                               : tracks_by(settings, scene_detections);
+    }
+    return tracks;
+  }
+
+ private:
+  /// Boxes with identities as tracks: each is confirmed, and coasts where no detection touches it.
+  std::vector<TrackState> tracks_of(const std::vector<Detection>& boxes, const std::vector<Detection>& found,
+                                    const std::string& who) const {
+    std::vector<TrackState> tracks;
+    for (const Detection& box : boxes) {
+      if (box.identity < 0)
+        throw InputError(who, "identities", "a box has none",
+                         "answer with one a box, 0 or more, the same for the same object");
+      TrackState state;
+      state.id = box.identity;
+      state.box = upright(box.box);
+      state.confirmed = true;
+      state.score = box.score();
+      for (std::size_t k = 0; k < found.size() && state.detection < 0; ++k)
+        if (iou(found[k].box.bev, box.box.bev) > 0) state.detection = static_cast<int>(k);
+      tracks.push_back(state);
+    }
+    return tracks;
+  }
+
+  /// By the tracker of these settings.
+  Tracks tracks_by(const TrackerSettings& settings, const SceneDetections& scene_detections) const {
+    Tracker tracker(settings);
+    Tracks tracks(frames_.size());
+    for (std::size_t i = 0; i < frames_.size(); ++i) {
+      const Transform world_from_ego = laid_flat(frames_[i].moment.world_from_ego);
+      std::vector<TrackedDetection> found;
+      for (const Detection& detection : scene_detections[i])
+        found.push_back({moved_flat(upright(detection.box), world_from_ego), detection.score()});
+      for (TrackState& state : tracker.step(frames_[i].moment.time, found)) {
+        state.box = moved_flat(state.box, world_from_ego.inverse());
+        tracks[i].push_back(state);
+      }
+    }
+    return tracks;
+  }
+
+  /// By the user's tracker, which reads kDetections.
+  Tracks tracks_by(Detector& tracker, const SceneDetections& scene_detections) const {
+    Tracks tracks;
+    for (std::size_t i = 0; i < frames_.size(); ++i) {
+      std::vector<float> rows;
+      for (const Detection& detection : scene_detections[i]) {
+        const Box3 box = upright(detection.box);
+        for (const double value : {box.bev.x, box.bev.y, box.bottom + box.height / 2, box.bev.length,
+                                   box.bev.width, box.height, box.bev.yaw, detection.score()})
+          rows.push_back(static_cast<float>(value));
+      }
+      Frame frame;
+      frame.id = frames_[i].id;
+      frame.moment = frames_[i].moment;
+      frame.calibration = frames_[i].calibration;
+      SensorView view;
+      view.frame = &frame;
+      view.calibration = &frame.calibration;
+      view.continues = i > 0;
+      SensorData detections;
+      detections.kind = SensorData::Kind::other;
+      detections.name = kDetections;
+      detections.values = rows;
+      detections.shape = {static_cast<std::int64_t>(scene_detections[i].size()), 8, 0};
+      detections.time = frames_[i].moment.time;
+      view.others.push_back(detections);
+      tracks.push_back(tracks_of(tracker.forward(view, 0, false), scene_detections[i], tracker.name()));
+    }
+    return tracks;
+  }
+
+  SceneDetections recorded() const {
+    if (needs_all()) {
+      const FrameCarriers nobody(frames_.size());
+      return see({{Pass{&nobody, nullptr}}}, [] {}).front();
+    }
+    std::vector<HostId> frames;
+    for (const SceneFrame& frame : frames_) frames.push_back({frame.id, 0});
+    const CleanDetections clean = clean_detections(detectors_, store_, frames, request_.evaluation);
+    SceneDetections scene_detections;
+    for (const SceneFrame& frame : frames_) scene_detections.push_back(clean.at(frame.id));
+    return scene_detections;
+  }
+
+  /// Returns of the frame and of those before it, in its `velo`.
+  Sweep merged(std::size_t i, const std::vector<Lazy<Sweep>>& sweeps) const {
+    const std::size_t first = i + 1 - std::min(i + 1, as_size(request_.settings.sweeps));
+    Sweep together;
+    for (std::size_t k = first; k <= i; ++k) {
+      const Transform moved = frames_[i].moment.world_from_ego.inverse() * frames_[k].moment.world_from_ego;
+      for (const LidarPoint& point : sweeps[k].get()) {
+        const Vec3f at = (moved * point.position().cast<double>()).cast<float>();
+        together.push_back({at.x(), at.y(), at.z(), point.reflectance});
+      }
+    }
+    return together;
+  }
+
+  std::vector<Detection> seen(Detector& detector, std::size_t i, const Pass& pass,
+                              const std::vector<Lazy<Sweep>>& sweeps, RenderedPictures* pictures) const {
+    const FrameCarrier& frame_carrier = (*pass.carriers)[i];
+    const auto prepared = store_.get(frames_[i].id);
+    const auto found = [&](SensorView view) {
+      view.continues = i > 0;
+      Sweep together;
+      if (!sweeps.empty()) view.points = together = merged(i, sweeps);
+      return detections(detector, view, request_.evaluation);
+    };
+    if (!frame_carrier.carrier) return found(view_of(prepared->frame));
+    RenderedMesh rendered;  // of no step: its pictures are not kept
+    if (pictures) rendered.mesh = *pass.object;
+    const StepHost host{*prepared,
+                        frame_carrier.host,
+                        placement_of(request_.place, *frame_carrier.carrier, prepared->frame.labels),
+                        {},
+                        nullptr,
+                        pictures,
+                        &rendered};
+    Observation shown(host, *pass.object, request_.simulation);
+    return found(shown.view(can_, can_.why_whole.empty() && sweeps.empty()));
+  }
+
+  const DetectorPool& detectors_;
+  FrameStore& store_;
+  const DriveRequest& request_;
+  Capabilities can_;
+  std::string name_;
+  std::vector<SceneFrame> frames_;
+  double road_ = 0;  ///< m, its z in `velo`
+  SceneDetections clean_;
+  VersionTracks clean_tracks_;
+};
 
 constexpr double kHalfLane = 1.75;  // m to each side of straight ahead
 /// Vehicles that are judged together: they share what a detector makes of their frames as recorded, and an
 /// interruption loses all of them.
-constexpr std::size_t kTogether = 8;
+constexpr std::size_t kVehiclesPerBatch = 8;
 
 /// A vehicle of a sequence: its frames, and its label in each.
 struct TrackedVehicle {
@@ -111,7 +323,6 @@ struct TrackedVehicle {
   const Label& label(const DriveScene& scene, std::size_t i) const {
     return scene.frames()[frames[i]].labels[as_size(labels[i])];
   }
-  const BevBox& box(const DriveScene& scene, std::size_t i) const { return label(scene, i).box.bev; }
 };
 
 /// Labels of these types inside the detector's region (x_min, x_max, y_min, y_max; m).
@@ -173,7 +384,7 @@ bool would_be_labelled(const Box3& box, const SceneFrame& frame) {
   const Vec2d pixel = camera.project<double>(middle);
   if (!(pixel.x() >= 0 && pixel.x() <= camera.width - 1 && pixel.y() >= 0 && pixel.y() <= camera.height - 1))
     return false;
-  return std::none_of(frame.labels.begin(), frame.labels.end(), [&](const Label& label) {
+  return std::ranges::none_of(frame.labels, [&](const Label& label) {
     return label.type == "DontCare" && intersection_area(*seen, picture_box(label)) >= area(*seen) / 2;
   });
 }
@@ -182,13 +393,13 @@ bool is_phantom(const Box3& box, const DriveScene& scene, std::size_t at, DriveV
   const SceneFrame& frame = scene.frames()[at];
   const auto touches = [&](const Box3& other) { return iou(box.bev, other.bev) > 0; };
   return would_be_labelled(box, frame) &&
-         std::none_of(frame.labels.begin(), frame.labels.end(),
-                      [&](const Label& label) {
-                        return is_road_user(label) && has_box(label) && touches(label.box);
-                      }) &&
+         std::ranges::none_of(frame.labels,
+                              [&](const Label& label) {
+                                return is_road_user(label) && has_box(label) && touches(label.box);
+                              }) &&
          (version == DriveVersion::clean ||
-          std::none_of(scene.clean()[at].begin(), scene.clean()[at].end(),
-                       [&](const Detection& detection) { return touches(detection.box); }));
+          std::ranges::none_of(scene.clean()[at],
+                               [&](const Detection& detection) { return touches(detection.box); }));
 }
 
 /// Velocity of the car in the world at one of two frames or more, m/s.
@@ -203,7 +414,7 @@ Vec3d ego_velocity(const std::vector<SceneFrame>& frames, std::size_t i) {
 void set_observations(DriveVersion version, const DriveScene& scene, const TrackedVehicle& followed,
                       const SceneDetections& scene_detections, const Tracks& tracks, int birth,
                       VehicleDrive& vehicle) {
-  const double least = kMissCriteria.front().iou;
+  const double least = kVanished.iou;
   std::set<int> phantoms;
   std::map<int, int> hits;  // of tracks on the vehicle, since it carries the object
   for (std::size_t i = 0; i < followed.frames.size(); ++i) {
@@ -291,7 +502,7 @@ VehicleDrive unseen_drive(const DriveScene& scene, const TrackedVehicle& followe
   for (std::size_t i = 0; i < followed.frames.size(); ++i) {
     const std::size_t at = followed.frames[i];
     const Moment& moment = scene.frames()[at].moment;
-    const BevBox& box = followed.box(scene, i);
+    const BevBox& box = followed.label(scene, i).box.bev;
     DriveFrame frame;
     frame.index = moment.index;
     frame.time = moment.time;
@@ -304,12 +515,6 @@ VehicleDrive unseen_drive(const DriveScene& scene, const TrackedVehicle& followe
     vehicle.frames.push_back(frame);
   }
   return vehicle;
-}
-
-/// For Interrupted.
-const char* how_to_go_on(const DriveRequest& request) {
-  return request.goes_on ? "finished vehicles are kept; run the same command again to go on"
-                         : "nothing is kept of a detector or tracker without a version; run it again";
 }
 
 /// Where a finished vehicle is written; empty: nowhere.
@@ -354,7 +559,7 @@ void judge_vehicles(FrameStore& store, const DriveRequest& request, const DriveS
       showed[to_word(version)] = shown(scene, followed, scene_detections, tracks.own);
       VehicleDrive other = vehicle;
       for (std::size_t d = 0; d < kDeaths.size(); ++d) {
-        set_observations(version, scene, followed, scene_detections, tracks.at(d),
+        set_observations(version, scene, followed, scene_detections, tracks.at_death[d],
                          request.settings.tracker.birth, other);
         const DriveOutcome outcome = outcome_of(other, version);
         vehicle.deaths[d].track_gap_s[version] = outcome.track_gap_s;
@@ -390,8 +595,8 @@ void add_track_frames(const DriveScene& scene, const Sought& sought, int sequenc
     for (const TrackState& track : scene.clean_tracks().own[i]) {
       if (!track.confirmed) continue;
       // As the benchmark has it, what nobody would have labelled is no false alarm.
-      const bool on_truth = std::any_of(boxes.begin(), boxes.end(),
-                                        [&](const BevBox& box) { return iou(box, track.box.bev) > 0; });
+      const bool on_truth =
+          std::ranges::any_of(boxes, [&](const BevBox& box) { return iou(box, track.box.bev) > 0; });
       if (!on_truth && !would_be_labelled(track.box, scene.frames()[i])) continue;
       frame.tracks.push_back(sequence * kTracksOfSequence + track.id);
       tracks.push_back(track.box.bev);
@@ -406,9 +611,8 @@ void add_track_frames(const DriveScene& scene, const Sought& sought, int sequenc
 /// The first frame that leaves the vehicle out: what it carries all the way can be nowhere else.
 LeftOut left_out_of(const PlaceChoice& place, const DriveScene& scene, const TrackedVehicle& vehicle) {
   for (std::size_t i = 0; i < vehicle.frames.size(); ++i) {
-    const std::vector<Label>& labels = scene.frames()[vehicle.frames[i]].labels;
-    const Carrier carrier{.label = labels[as_size(vehicle.labels[i])]};
-    const LeftOut why = placement_of(place, carrier, labels).left_out;
+    const Carrier carrier{.label = vehicle.label(scene, i)};
+    const LeftOut why = placement_of(place, carrier, scene.frames()[vehicle.frames[i]].labels).left_out;
     if (why != LeftOut::no) return why;
   }
   return LeftOut::no;
@@ -422,158 +626,14 @@ struct Group {
 
 }  // namespace
 
-DriveScene::DriveScene(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request,
-                       const Sequence& sequence)
-    : detectors_(detectors),
-      store_(store),
-      request_(request),
-      can_(detectors.front()->capabilities()),
-      name_(sequence.name),
-      road_(-store.get(sequence.frames.front().id)->lidar.height) {
-  for (const SequenceFrame& frame : sequence.frames) {
-    Annotations annotations = read_annotations(request.data, frame.id);
-    frames_.push_back(
-        {frame.id, frame.moment, std::move(annotations.labels), std::move(annotations.calibration)});
-  }
-  clean_ = recorded();
-  clean_tracks_ = follow(clean_);
-}
-
-SceneDetections DriveScene::recorded() const {
-  if (needs_all()) {
-    const FrameCarriers nobody(frames_.size());
-    return see({{Pass{&nobody, nullptr}}}, [] {}).front();
-  }
-  std::vector<HostId> frames;
-  for (const SceneFrame& frame : frames_) frames.push_back({frame.id, 0});
-  const CleanDetections clean = clean_detections(detectors_, store_, frames, request_.evaluation);
-  SceneDetections scene_detections;
-  for (const SceneFrame& frame : frames_) scene_detections.push_back(clean.at(frame.id));
-  return scene_detections;
-}
-
-std::vector<SceneDetections> DriveScene::see(const std::vector<Pass>& passes,
-                                             const std::function<void()>& frame_done) const {
-  std::vector<SceneDetections> scene_detections(passes.size(), SceneDetections(frames_.size()));
-  std::vector<std::vector<Lazy<Sweep>>> sweeps(passes.size());
-  const auto reach = as_size(request_.settings.sweeps);
-  const auto sweep_of = [this](const Pass& pass, std::size_t i) {
-    const auto prepared = store_.get(frames_[i].id);
-    const Carrier* carrier = (*pass.carriers)[i].carrier;
-    if (!carrier) return prepared->frame.sweep;
-    const Placement placement = placement_of(request_.place, *carrier, prepared->frame.labels);
-    return simulate(*prepared, placement, *pass.object, request_.simulation).sweep;
-  };
-  if (reach > 1)
-    for (std::size_t p = 0; p < passes.size(); ++p)
-      for (std::size_t i = 0; i < frames_.size(); ++i)
-        sweeps[p].emplace_back([&sweep_of, &pass = passes[p], i] { return sweep_of(pass, i); });
-  // Whether nothing of the object is in what the detector sees of the frame.
-  const auto is_as_recorded = [&](const Pass& pass, std::size_t i) {
-    if (can_.remembers || !pass.object) return false;
-    const auto last = pass.carriers->begin() + static_cast<std::ptrdiff_t>(i) + 1;
-    return std::all_of(last - static_cast<std::ptrdiff_t>(std::min(i + 1, reach)), last,
-                       [](const FrameCarrier& at) { return !at.carrier; });
-  };
-  std::optional<RenderedPictures> pictures;
-  if (request_.renderer) pictures.emplace(*request_.renderer, request_.evaluation.expectation_seed);
-  const auto detect = [&](Detector& detector, std::size_t p, std::size_t i) {
-    if (is_as_recorded(passes[p], i)) {
-      scene_detections[p][i] = clean_[i];
-      return;
-    }
-    throw_if_interrupted(how_to_go_on(request_));
-    scene_detections[p][i] = seen(detector, i, passes[p], sweeps[p], pictures ? &*pictures : nullptr);
-    if ((*passes[p].carriers)[i].carrier) frame_done();
-  };
-  if (can_.remembers)
-    for (std::size_t p = 0; p < passes.size(); ++p)
-      for (std::size_t i = 0; i < frames_.size(); ++i) detect(*detectors_.front(), p, i);
-  else
-    for_each_with_detector(detectors_, frames_.size(), [&](Detector& detector, std::size_t i) {
-      for (std::size_t p = 0; p < passes.size(); ++p) detect(detector, p, i);
-    });
-  return scene_detections;
-}
-
-/// Returns of the frame and of those before it, in its `velo`.
-Sweep DriveScene::merged(std::size_t i, const std::vector<Lazy<Sweep>>& sweeps) const {
-  const std::size_t first = i + 1 - std::min(i + 1, as_size(request_.settings.sweeps));
-  Sweep together;
-  for (std::size_t k = first; k <= i; ++k) {
-    const Transform moved = frames_[i].moment.world_from_ego.inverse() * frames_[k].moment.world_from_ego;
-    for (const LidarPoint& point : sweeps[k].get()) {
-      const Vec3f at = (moved * point.position().cast<double>()).cast<float>();
-      together.push_back({at.x(), at.y(), at.z(), point.reflectance});
-    }
-  }
-  return together;
-}
-
-std::vector<Detection> DriveScene::seen(Detector& detector, std::size_t i, const Pass& pass,
-                                        const std::vector<Lazy<Sweep>>& sweeps,
-                                        RenderedPictures* pictures) const {
-  const FrameCarrier& frame_carrier = (*pass.carriers)[i];
-  const auto prepared = store_.get(frames_[i].id);
-  const auto found = [&](SensorView view) {
-    view.continues = i > 0;
-    Sweep together;
-    if (!sweeps.empty()) view.points = together = merged(i, sweeps);
-    return detections(detector, view, request_.evaluation);
-  };
-  if (!frame_carrier.carrier) return found(view_of(prepared->frame));
-  RenderedMesh rendered;  // of no step: its pictures are not kept
-  if (pictures) rendered.mesh = *pass.object;
-  const StepHost host{*prepared,
-                      frame_carrier.host,
-                      placement_of(request_.place, *frame_carrier.carrier, prepared->frame.labels),
-                      {},
-                      nullptr,
-                      {pictures, &rendered}};
-  Observation shown(host, *pass.object, request_.simulation);
-  return found(shown.view(can_, can_.why_whole.empty() && sweeps.empty()));
-}
-
-Box3 DriveScene::upright(const Box3& box) const {
-  constexpr double kUnknownHeight = 1.5;  // m, from the road up
-  return box.height > 0 ? box : Box3{box.bev, road_, kUnknownHeight};
-}
-
-VersionTracks DriveScene::follow(const SceneDetections& scene_detections) const {
-  VersionTracks tracks;
-  TrackerSettings settings = request_.settings.tracker;
-  const bool named =
-      can_.remembers && std::any_of(scene_detections.begin(), scene_detections.end(), [](const auto& boxes) {
-        return !boxes.empty() && boxes.front().identity >= 0;
-      });
-  if (request_.tracker)
-    tracks.own = tracks_by(*request_.tracker, *this, scene_detections);
-  else if (named)
-    for (const auto& boxes : scene_detections)
-      tracks.own.push_back(tracks_of(boxes, boxes, *this, "--detector"));
-  else
-    tracks.own = tracks_by(settings, *this, scene_detections);
-  const bool is_ours = !request_.tracker && !named;
-  for (std::size_t d = 0; d < kDeaths.size(); ++d) {
-    settings.death = kDeaths[d];
-    if (!is_ours || settings.death != request_.settings.tracker.death)
-      tracks.others[d] = tracks_by(settings, *this, scene_detections);
-  }
-  return tracks;
-}
-
 Transform laid_flat(const Transform& pose) {
-  Transform laid = Transform::Identity();
-  laid.linear() = Eigen::AngleAxisd(std::atan2(pose(1, 0), pose(0, 0)), Vec3d::UnitZ()).toRotationMatrix();
-  laid.translation() = Vec3d(pose.translation().x(), pose.translation().y(), 0);
-  return laid;
+  return upright_pose({pose.translation().x(), pose.translation().y(), 0}, heading_of(pose));
 }
 
 Box3 moved_flat(const Box3& box, const Transform& pose) {
   const Vec3d at = pose * Vec3d(box.bev.x, box.bev.y, box.bottom);
-  const double turn = std::atan2(pose(1, 0), pose(0, 0));
-  return {
-      {at.x(), at.y(), box.bev.length, box.bev.width, wrap_angle(box.bev.yaw + turn)}, at.z(), box.height};
+  const double yaw = wrap_angle(box.bev.yaw + heading_of(pose));
+  return {{at.x(), at.y(), box.bev.length, box.bev.width, yaw}, at.z(), box.height};
 }
 
 DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request) {
@@ -598,7 +658,7 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
     const DriveScene& scene = scenes.emplace_back(detectors, store, request, sequence);
     add_track_frames(scene, sought, static_cast<int>(scenes.size()) - 1, track_frames);
     result.frames += static_cast<int>(scene.frames().size());
-    const std::size_t together = scene.needs_all() ? 1 : kTogether;  // each holds its sweeps
+    const std::size_t together = scene.needs_all() ? 1 : kVehiclesPerBatch;  // each holds its sweeps
     std::size_t in_group = 0;
     for (TrackedVehicle& vehicle : vehicles_of(scene.frames(), sought, request.settings.least_frames)) {
       if (request.only && !request.only->contains({scene.name(), vehicle.track})) continue;

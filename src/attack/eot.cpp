@@ -19,25 +19,31 @@ namespace {
 constexpr double kLowestSun = 3 * kDegree;
 constexpr double kShape = 0.01, kMaxShape = 0.2;  // m
 
+/// What stands behind the word's colon; none if that is no such number.
+template <class Number>
+std::optional<Number> number_after_colon(const std::string& word) {
+  const char *first = word.data() + word.find(':') + 1, *end = word.data() + word.size();
+  Number number = 0;
+  const auto [read, error] = std::from_chars(first, end, number);
+  return error == std::errc() && read == end ? std::optional(number) : std::nullopt;
+}
+
 /// Of "shape:0.02", in m.
-double shape_of(const std::string& word, const std::string& number) {
-  double sigma = 0;
-  const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), sigma);
-  if (error != std::errc() || end != number.data() + number.size() || !(sigma > 0 && sigma <= kMaxShape))
+double shape_of(const std::string& word) {
+  const auto sigma = number_after_colon<double>(word);
+  if (!sigma || !(*sigma > 0 && *sigma <= kMaxShape))
     throw FieldError("expectation", word, "is not a distance",
                      fmt::format("use metres over 0 and up to {}, as in shape:{}", kMaxShape, kShape));
-  return sigma;
+  return *sigma;
 }
 
 /// Of "worst:4", "paints:24": a number of `what`.
 double count_of(const std::string& word, const char* what, double most) {
-  const std::string number = word.substr(word.find(':') + 1);
-  int count = 0;
-  const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), count);
-  if (error != std::errc() || end != number.data() + number.size() || count < 2 || count > most)
+  const auto count = number_after_colon<int>(word);
+  if (!count || *count < 2 || *count > most)
     throw FieldError("expectation", word, fmt::format("is not a number of {}", what),
                      fmt::format("use 2 to {}, as in {}:4", most, word.substr(0, word.find(':'))));
-  return count;
+  return *count;
 }
 
 /// Of each texel the cluster among `count` (k-means, from quantiles of luminance: the same every time).
@@ -49,8 +55,7 @@ std::vector<int> clusters_of(const std::vector<Vec3d>& texels, int count) {
     by_luminance[as_size(i)] = i;
     for (int c = 0; c < 3; ++c) colours.at<float>(i, c) = static_cast<float>(texels[as_size(i)][c]);
   }
-  std::stable_sort(by_luminance.begin(), by_luminance.end(),
-                   [&](int a, int b) { return texels[as_size(a)].sum() < texels[as_size(b)].sum(); });
+  std::ranges::stable_sort(by_luminance, {}, [&](int i) { return texels[as_size(i)].sum(); });
   for (int k = 0; k < colours.rows; ++k)
     labels.at<int>(by_luminance[as_size(k)]) =
         static_cast<int>(static_cast<std::int64_t>(k) * count / colours.rows);
@@ -112,7 +117,7 @@ EotSettings parse_expectation(const std::string& words) {
     const bool all = word == "all";
     bool recognised = all || word == "none";
     if (word.starts_with("shape:")) {
-      e.shape = shape_of(word, word.substr(6));
+      e.shape = shape_of(word);
       continue;
     }
     if (word.starts_with("worst:")) {
@@ -278,14 +283,6 @@ SampledHost::SampledHost(const SampledEnvironment* draw, const PreparedFrame& re
       simulation_(draw ? draw->simulation(simulation) : simulation) {
   if (draw && draw->expectation().any_in_frame()) frame_ = draw->frame(recorded);
   if (draw && draw->expectation().any_in_object()) built_ = draw->built(designed);
-}
-
-void SampledHost::add_noise(ImageF& image) const {
-  if (draw_) draw_->add_noise(image);
-}
-
-bool SampledHost::changes_picture() const {
-  return draw_ && (draw_->expectation().exposure > 0 || draw_->expectation().image_noise > 0);
 }
 
 void SampledHost::vjp(AdversaryGradient& gradient) const {

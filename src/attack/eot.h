@@ -43,6 +43,8 @@ struct EotSettings {
   bool any_in_object() const { return shape > 0 || colour > 0 || paints > 0; }
   /// Whether the frame itself changes (SampledEnvironment::frame).
   bool any_in_frame() const { return sun > 0 || light > 0 || exposure > 0; }
+  /// Whether pixels differ from the recorded ones away from the object.
+  bool any_in_picture() const { return exposure > 0 || image_noise > 0; }
   /// Draws to choose the worst of; 1: nothing is chosen.
   int draws() const { return worst > 1 ? static_cast<int>(worst) : 1; }
 };
@@ -120,7 +122,7 @@ class SampledEnvironment {
   std::uint64_t seed_, draw_;
 };
 
-/// One host with what a draw changes, or as recorded without one. What it is made of outlives it.
+/// One host with what a draw changes, or as recorded without one. Its arguments must outlive it.
 class SampledHost {
  public:
   /// `draw`: null for the world as recorded.
@@ -137,12 +139,6 @@ class SampledHost {
   const Placement& placement() const { return placement_; }
   /// The settings with the draw's range noise.
   const SimulationSettings& simulation() const { return simulation_; }
-  /// Which draw it is; 0 as recorded.
-  std::uint64_t number() const { return draw_ ? draw_->number() : 0; }
-  /// The camera's noise, if the draw has any.
-  void add_noise(ImageF& image) const;
-  /// Whether pixels differ from the recorded ones away from the object: exposure, noise.
-  bool changes_picture() const;
   /// Turns d loss / d object() into d loss / d designed.
   void vjp(AdversaryGradient& gradient) const;
 

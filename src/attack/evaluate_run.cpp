@@ -40,18 +40,13 @@ Reliance cached_reliance(const DetectorPool& detectors, const std::string& ident
   const auto measure = [&] {
     std::vector<Detector*> instances;
     for (const auto& detector : detectors) instances.push_back(detector.get());
-    std::unique_ptr<Progress> progress;
-    const auto on_progress = [&](std::size_t done, std::size_t total) {
-      if (!progress) progress = std::make_unique<Progress>("use of the picture", total, quiet);
-      progress->update(done);
-    };
     // Processes share the passes by what is kept of them.
     const RecordedFrames frames =
         rank_count() > 1 ? recorded_frames(source, identity, "evaluate") : recorded_frames(source);
-    return measure_reliance(instances, frames, ids, on_progress, seen);
+    return measure_reliance(instances, frames, ids, progress_of("use of the picture", quiet), seen);
   };
   const auto disk = DiskCache::from_environment();
-  if (identity.empty() || !disk->on() || !reads_picture(*detectors.front())) return measure();
+  if (identity.empty() || !disk->on() || !detectors.front()->capabilities().reads_image) return measure();
   const std::string key = key_of(identity, source, ids);
   if (const auto bytes = disk->read(kKind, key)) try {
       const nlohmann::json json = nlohmann::json::parse(*bytes);
@@ -360,7 +355,7 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
   result["precision"] = evaluation.detector.precision;
   result["locality"] = evaluation.detector.locality;
   result["reliance"] = to_json(evaluation.reliance);
-  result["simulation"] = to_json(evaluation.target_run.settings.simulation);
+  result["simulation"] = fields_json(evaluation.target_run.settings.simulation);
   result["sun"] = evaluation.target_run.settings.sun;
   result["depth"] = escape_name(evaluation.target_run.settings.depth);
   result["rooftop"] = escape_name(evaluation.target_run.settings.rooftop);

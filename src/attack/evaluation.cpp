@@ -3,19 +3,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
-#include <map>
 #include <set>
 #include <tuple>
 
 #include "attack/baseline.h"
-#include "attack/host_outcome.h"
-#include "attack/observation.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image.h"
-#include "base/json_fields.h"
 #include "base/logging.h"
 #include "base/random.h"
 #include "base/ranks.h"
@@ -53,26 +48,6 @@ std::vector<HostPart> host_parts(std::span<const HostOutcome> hosts) {
   for (const std::string& kind : kinds)
     list.push_back({"kind", kind, [kind](const HostOutcome& host) { return host.kind == kind; }});
   return list;
-}
-
-std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int meshes) {
-  std::vector<StratumSuccess> result;
-  for (const HostPart& part : host_parts(hosts)) {
-    int members = 0;
-    ClusteredShare clean, attacked;
-    for (const HostOutcome& host : hosts)
-      if (part.holds(host)) {
-        ++members;
-        clean.add(host.cluster(), kMissCriteria[0].finds(host, true), 0, 1.0 / meshes);
-        attacked.add(host.cluster(), kMissCriteria[0].finds(host, false), 0, 1.0 / meshes);
-      }
-    result.push_back({part.by,
-                      part.name,
-                      members / meshes,
-                      success_rates(hosts, {}, part.holds),
-                      {clean.interval(), attacked.interval()}});
-  }
-  return result;
 }
 
 std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& data,
@@ -124,6 +99,26 @@ std::string hash_of(const TexturedMesh& textured) {
 }
 
 namespace {
+
+std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int meshes) {
+  std::vector<StratumSuccess> result;
+  for (const HostPart& part : host_parts(hosts)) {
+    int members = 0;
+    ClusteredShare clean, attacked;
+    for (const HostOutcome& host : hosts)
+      if (part.holds(host)) {
+        ++members;
+        clean.add(host.cluster(), kVanished.finds(host, true), 0, 1.0 / meshes);
+        attacked.add(host.cluster(), kVanished.finds(host, false), 0, 1.0 / meshes);
+      }
+    result.push_back({part.by,
+                      part.name,
+                      members / meshes,
+                      success_rates(hosts, {}, part.holds),
+                      {clean.interval(), attacked.interval()}});
+  }
+  return result;
+}
 
 /// Best IoU with the host, and that detection's score.
 std::pair<double, double> best_match(const std::vector<Detection>& detections, const HostTruth& truth) {
@@ -263,9 +258,8 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> c
   outcome.detected = outcome.clean_iou > settings.detected_iou;
   outcome.hidden = outcome.detected && outcome.attacked_iou <= settings.detected_iou;
   for (const Detection& proposal : attacked) {
-    const bool was_found = std::any_of(clean.begin(), clean.end(), [&](const Detection& c) {
-      return settings.matching.overlap(proposal, c) > 0;
-    });
+    const bool was_found = std::ranges::any_of(
+        clean, [&](const Detection& c) { return settings.matching.overlap(proposal, c) > 0; });
     if (was_found || truth.label_iou(proposal) >= settings.false_positive_iou) continue;
     const double distance = settings.matching.distance(proposal, truth.host());
     const BevBox& box = proposal.box.bev;
@@ -451,6 +445,9 @@ nlohmann::json to_json(const Evaluation& evaluation) {
 /// What is written of every host.
 template <class Visitor, FieldsOf<HostOutcome> S>
 void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "frame", .plain = true}, s.id.frame);
+  visit({.name = "label", .range = kNotNegative}, s.id.label);
+  visit({.name = "kind", .plain = true}, s.kind);
   visit({.name = "from_box"}, s.from_box);
   visit({.name = "range", .range = kNotNegative}, s.range);
   visit({.name = "occluded"}, s.occluded);
@@ -459,6 +456,10 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "attacked_iou", .range = kShare}, s.attacked_iou);
   visit({.name = "clean_score", .range = kShare}, s.clean_score);
   visit({.name = "attacked_score", .range = kShare}, s.attacked_score);
+  visit({.name = "clean_distance", .range = kNotNegative, .lacking = "inf", .endless = true},
+        s.clean_distance);
+  visit({.name = "attacked_distance", .range = kNotNegative, .lacking = "inf", .endless = true},
+        s.attacked_distance);
   visit({.name = "detected"}, s.detected);
   visit({.name = "hidden"}, s.hidden);
   visit({.name = "false_positive"}, s.false_positive);
@@ -470,19 +471,11 @@ namespace {
 constexpr std::size_t kMaxEntries = 100'000'000;
 constexpr int kMaxMeshes = 1'000'000;
 
-/// The fields that hold a distance in m.
-constexpr std::pair<const char*, double HostOutcome::*> kDistances[] = {
-    {"clean_distance", &HostOutcome::clean_distance}, {"attacked_distance", &HostOutcome::attacked_distance}};
-
 HostOutcome read_outcome(const JsonFields& json) {
   HostOutcome host;
-  host.id = {json.text("frame"), json.count("label")};
-  host.kind = json.text("kind");
   if (json.has("mesh")) host.mesh = json.count("mesh", kMaxMeshes);
   if (json.has("track")) host.track = json.count("track");
   if (json.has("victim")) host.victim = json.count("victim");
-  for (const auto& [key, distance] : kDistances)
-    if (json.has(key) && !json.is_null(key)) host.*distance = json.number(key, 0, Range::kMax);
   read_fields(json, host);
   return host;
 }
@@ -493,10 +486,8 @@ nlohmann::json outcomes_json(const std::vector<HostOutcome>& hosts, int meshes) 
   auto list = nlohmann::json::array();
   for (const HostOutcome& host : hosts) {
     nlohmann::json entry = fields_json(host);
-    entry.update({{"frame", host.id.frame}, {"label", host.id.label}, {"kind", host.kind}});
-    if (!host.matching.in_picture())
-      for (const auto& [key, distance] : kDistances)
-        entry[key] = std::isfinite(host.*distance) ? nlohmann::json(host.*distance) : nlohmann::json();
+    if (host.matching.in_picture())
+      for (const char* key : {"clean_distance", "attacked_distance"}) entry.erase(key);
     if (meshes > 1) entry["mesh"] = host.mesh;
     if (host.track >= 0) entry["track"] = host.track;
     if (host.victim >= 0) entry["victim"] = host.victim;

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <filesystem>
-#include <functional>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -30,7 +29,7 @@ struct HostPart {
 /// Truncation: up to 0.15 (KITTI's "easy") and more. Kind: HostOutcome::kind, in alphabetical order.
 std::vector<HostPart> host_parts(std::span<const HostOutcome> hosts);
 
-/// Success in one of host_parts.
+/// Success in one of host_parts, which may have no hosts.
 struct StratumSuccess {
   std::string by;    ///< "range", "occlusion", "truncation" or "kind"
   std::string name;  ///< "15-30 m", "partly occluded", …
@@ -55,9 +54,6 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "seen"}, s.seen);
 }
 
-/// In each part, with no hosts too.
-std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int meshes = 1);
-
 /// What kind of vehicle each host is, where the data set tells: a generated set lays its streets out again
 /// and gives cars' body styles ("hatchback", …). Empty for recorded sets and sets of other generator
 /// versions, whose hosts are all of the type "Car". By host_name.
@@ -68,11 +64,11 @@ std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& da
 //
 // For each host vehicle, with the detector run on the frame as recorded (clean) and with the adversary on the
 // host's roof (attacked), after non-maximum suppression and at score ≥ score_threshold:
+//   FN: the host is detected at IoU > 0.7 clean and not attacked.
+//   FP: an attacked box that has IoU < 0.3 with every ground truth and no overlap with any clean detection.
 // Where the victim is the object itself (Victim::object) it is judged in the host's place, by its
 // own_label(); "clean" is then the frame with a plain cuboid that fills the placement's volume, judged by
 // that one's.
-//   FN: the host is detected at IoU > 0.7 clean and not attacked.
-//   FP: an attacked box that has IoU < 0.3 with every ground truth and no overlap with any clean detection.
 // A detector that finds boxes in the picture alone is judged there: the host is detected attacked, too, by a
 // box around it and the object (HostTruth), and the ground truth holds DontCare regions.
 // FN ASR, FP ASR and ASR (FN or FP) are shares of the vehicles that were detected clean
@@ -128,7 +124,7 @@ std::string hash_of(const TexturedMesh& textured);
 std::uint64_t draw_of(const HostId& vehicle);
 
 /// An object on a host as an evaluation shows it to a detector: in EvaluationSettings::expectation's draw for
-/// the vehicle, or as recorded where nothing is drawn. What it is made of outlives it.
+/// the vehicle, or as recorded where nothing is drawn. Its arguments must outlive it.
 class JudgedScene {
  public:
   /// Draws and simulates. Errors as FrameStore::placement's.

@@ -22,12 +22,6 @@ double median(std::vector<double> values) {
   return values.empty() ? 0 : quantile(std::move(values), 0.5);
 }
 
-/// By how much two headings differ, either way round.
-double turned(double a, double b) {
-  const double difference = std::remainder(a - b, std::numbers::pi);
-  return std::abs(difference);
-}
-
 }  // namespace
 
 BoxHabits box_habits(const std::vector<CleanFrame>& frames) {
@@ -37,9 +31,8 @@ BoxHabits box_habits(const std::vector<CleanFrame>& frames) {
     for (const HostTruth& host : frame.hosts) {
       const BevBox& label = host.host().box.bev;
       // Detections are sorted by falling score.
-      const auto found =
-          std::find_if(frame.proposals.begin(), frame.proposals.end(),
-                       [&](const Detection& p) { return horizontal_distance(p.box.bev, label) < kNear; });
+      const auto found = std::ranges::find_if(
+          frame.proposals, [&](const Detection& p) { return horizontal_distance(p.box.bev, label) < kNear; });
       if (found == frame.proposals.end()) continue;
       taken[as_size(found - frame.proposals.begin())] = true;
       const BevBox& box = found->box.bev;
@@ -48,7 +41,7 @@ BoxHabits box_habits(const std::vector<CleanFrame>& frames) {
       const double dx = box.x - label.x, dy = box.y - label.y, c = std::cos(label.yaw),
                    s = std::sin(label.yaw);
       along.push_back(c * dx + s * dy), across.push_back(c * dy - s * dx);
-      yaw.push_back(turned(box.yaw, label.yaw));
+      yaw.push_back(std::abs(std::remainder(box.yaw - label.yaw, std::numbers::pi)));
       logit.push_back(found->logit);
     }
     for (std::size_t i = 0; i < taken.size(); ++i)

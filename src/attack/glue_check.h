@@ -32,7 +32,7 @@ void visit_fields(Visitor& visit, S& s) {
 /// (CleanFrame::proposals).
 BoxHabits box_habits(const std::vector<CleanFrame>& frames);
 
-/// What moving the object changes, and what of that the gradient tells.
+/// How the loss changes when the object moves, and how much of that the gradient predicts.
 struct SeenChange {
   int vehicles = 0;
   /// Σ predicted · measured / Σ measured² over steps of 1 cm forward and to the left, where measured is the

@@ -20,13 +20,6 @@ bool is_road_user(const Label& label) {
   return label.type != "DontCare" && label.type != "Misc";
 }
 
-std::vector<BevBox> ground_truth_boxes(const Frame& frame) {
-  std::vector<BevBox> boxes;
-  for (const Label& label : frame.labels)
-    if (is_road_user(label) && has_box(label)) boxes.push_back(label.box.bev);
-  return boxes;
-}
-
 namespace {
 
 constexpr double kCarHeight = 1.5;  // m
@@ -57,13 +50,6 @@ nlohmann::json box_json(const NewBox& new_box, bool in_picture) {
           {"distance_from_sensor", new_box.range}};
 }
 
-nlohmann::json to_json(const Distribution& d, bool any) {
-  return {{"edges", d.edges},
-          {"counts", d.counts},
-          {"median", any ? nlohmann::json(d.median) : nlohmann::json()},
-          {"p90", any ? nlohmann::json(d.p90) : nlohmann::json()}};
-}
-
 /// Of the hosts for which `counts` holds the share for which `works` does.
 ClusteredShare share_of(std::span<const HostOutcome> hosts, const OutcomeTest& counts,
                         const OutcomeTest& works) {
@@ -76,14 +62,20 @@ ClusteredShare share_of(std::span<const HostOutcome> hosts, const OutcomeTest& c
   return share;
 }
 
+/// Of the first mesh: as recorded each mesh's vehicles are the same.
+int vehicles_of(std::span<const HostOutcome> hosts, const OutcomeTest& counts) {
+  int vehicles = 0;
+  std::optional<int> mesh;
+  for (const HostOutcome& host : hosts)
+    if (counts(host)) vehicles += host.mesh == mesh.emplace(mesh.value_or(host.mesh));
+  return vehicles;
+}
+
 MissRate rate(std::span<const HostOutcome> hosts, const MissCriterion& rule) {
   const auto found_clean = [&](const HostOutcome& host) { return rule.finds(host, true); };
   const ClusteredShare hidden =
       share_of(hosts, found_clean, [&](const HostOutcome& host) { return !rule.finds(host, false); });
-  MissRate result{hidden.interval(), 0};
-  for (const HostOutcome& host : hosts)
-    result.vehicles += host.mesh == hosts.front().mesh && found_clean(host);
-  return result;
+  return {hidden.interval(), vehicles_of(hosts, found_clean)};
 }
 
 Interval paired(std::span<const HostOutcome> a, std::span<const HostOutcome> b, const OutcomeTest& counts,
@@ -182,7 +174,7 @@ bool HostTruth::in_dont_care(const ObjectBoxes& found) const {
     if (!there) return false;
     seen.picture = *there;
   }
-  return std::any_of(dont_care_.begin(), dont_care_.end(), [&](const ObjectBoxes& region) {
+  return std::ranges::any_of(dont_care_, [&](const ObjectBoxes& region) {
     return kInPicture.intersection(seen, region) >= kInPicture.area(seen) / 2;
   });
 }
@@ -200,9 +192,7 @@ SuccessRates success_rates(std::span<const HostOutcome> hosts, std::optional<dou
   rates.asr = share_of(hosts, counts, [&](const HostOutcome& host) {
                 return hidden(host) || new_box(host);
               }).interval();
-  std::optional<int> mesh;  // as recorded each mesh's vehicles are the same
-  for (const HostOutcome& host : hosts)
-    if (counts(host)) rates.vehicles += host.mesh == mesh.emplace(mesh.value_or(host.mesh));
+  rates.vehicles = vehicles_of(hosts, counts);
   return rates;
 }
 
@@ -238,16 +228,15 @@ nlohmann::json false_positives_json(const std::vector<HostOutcome>& hosts) {
       list.push_back(std::move(entry));
     }
   }
-  const bool any = !list.empty();
   nlohmann::json result = {{"vehicles", vehicles},
                            {"boxes", list.size()},
-                           {"score", to_json(distribution(scores, even_edges(1, 10)), any)},
+                           {"score", fields_json(distribution(scores, even_edges(1, 10)))},
                            {"list", list}};
   if (!hosts.empty() && hosts.front().matching.in_picture()) {
-    result["distance_from_host_px"] = to_json(distribution(from_host, even_edges(1000, 20)), any);
+    result["distance_from_host_px"] = fields_json(distribution(from_host, even_edges(1000, 20)));
   } else {
-    result["distance_from_host"] = to_json(distribution(from_host, even_edges(100, 20)), any);
-    result["distance_from_sensor"] = to_json(distribution(from_sensor, even_edges(100, 20)), any);
+    result["distance_from_host"] = fields_json(distribution(from_host, even_edges(100, 20)));
+    result["distance_from_sensor"] = fields_json(distribution(from_sensor, even_edges(100, 20)));
   }
   return result;
 }
@@ -315,15 +304,14 @@ std::optional<long> sample_size(double vehicles, double detectable, double diffe
 }
 
 HiddenBound hidden_bound(std::span<const HostOutcome> hosts, double nearest, double farthest) {
-  const MissCriterion& vanished = kMissCriteria[0];
   std::map<HostId, std::pair<std::string, bool>> cars;  // cluster, and whether any mesh hides it
   HiddenBound bound;
   bound.nearest = nearest, bound.farthest = farthest;
   for (const HostOutcome& host : hosts) {
-    if (host.range < nearest || host.range >= farthest || !vanished.finds(host, true)) continue;
+    if (host.range < nearest || host.range >= farthest || !kVanished.finds(host, true)) continue;
     auto& car = cars[host.id];
     car.first = host.cluster();
-    car.second = car.second || !vanished.finds(host, false);
+    car.second = car.second || !kVanished.finds(host, false);
     if (host.track >= 0) bound.by = "vehicle";
   }
   std::map<std::string, std::pair<int, int>> clusters;  // cars, hidden ones

@@ -24,9 +24,6 @@ namespace mirage {
 /// none (the generator's hedges and stacks of goods) is background to a detector, under attack too.
 bool is_road_user(const Label& label);
 
-/// BEV boxes of every labelled road user.
-std::vector<BevBox> ground_truth_boxes(const Frame& frame);
-
 // What a detector's boxes are compared with when an adversary stands on a host's roof.
 
 /// The box around the object's pixels (S > 0.5), clipped to the picture; none where it shows no pixel.
@@ -143,8 +140,12 @@ SuccessRates success_rates(
 struct Distribution {
   std::vector<double> edges;  ///< bin k is [edges[k], edges[k + 1]); the last one takes what lies beyond, too
   std::vector<int> counts;
-  double median = 0, p90 = 0;  ///< 0 without values
+  std::optional<double> median, p90;  ///< none without values
 };
+template <class Visitor, FieldsOf<Distribution> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "edges", s.edges, "counts", s.counts, "median", s.median, "p90", s.p90);
+}
 /// Counts finite values into bins; `edges` rise and are at least two.
 Distribution distribution(const std::vector<double>& values, std::vector<double> edges);
 
@@ -182,6 +183,8 @@ struct MissCriterion {
 /// All of them, in the order of MissRates.
 inline constexpr std::array<MissCriterion, 5> kMissCriteria = {
     {{"vanished", 0.1, 0}, {"iou50", 0.5, 0}, {"iou70", 0.7, 0}, {"distance1m", 0, 1}, {"distance2m", 0, 2}}};
+/// The first of them.
+inline constexpr const MissCriterion& kVanished = kMissCriteria.front();
 
 /// Of the hosts that a rule finds clean, those that it does not find attacked.
 struct MissRate {
@@ -258,7 +261,7 @@ struct HiddenBound {
   double nearest = 0, farthest = kBoundRange;  ///< m; the nearer end belongs to it
   int vehicles = 0;
   std::string by = "frame";  ///< ClusterCount::by
-  /// What a smaller bound would take, if the share seen stays.
+  /// The clusters that a smaller bound would need if the observed share stays.
   struct Needed {
     double at_most;
     double clusters;  ///< infinite: the share seen is not below it

@@ -21,8 +21,8 @@ std::vector<std::size_t> top_background(std::span<const Detection> proposals, co
     std::pop_heap(heap.begin(), heap.end(), below);
     const Detection& proposal = proposals[heap.back()];
     if (truth.host_iou(proposal) == 0 && truth.label_iou(proposal) == 0 && !truth.in_dont_care(proposal) &&
-        std::none_of(clean.begin(), clean.end(),
-                     [&](const Detection& seen) { return truth.matching().overlap(proposal, seen) > 0; }))
+        std::ranges::none_of(
+            clean, [&](const Detection& seen) { return truth.matching().overlap(proposal, seen) > 0; }))
       top.push_back(heap.back());
     heap.pop_back();
   }

@@ -2,10 +2,9 @@
 //     L = Σ_relevant IoU(b, b*) softplus(logit(b)) − λ_fp Σ_fp softplus(logit(b))
 // because −log(1 − sigmoid(x)) = softplus(x). relevant: score > 0.1 and overlapping the host's box b* (in the
 // picture: one of its boxes, and that with the larger IoU is b*). fp, one of two rules:
-//     fp_top_k = k > 0   the k proposals of the largest logits, whatever their score, among those that
-//     overlap
-//                        neither ground truth, nor a DontCare region, nor a clean detection of the frame (a
-//                        car that nobody labelled: FP ASR does not count it either). The paper's set has no
+//     fp_top_k = k > 0   the k proposals of the largest logits, whatever their score, that overlap neither
+//                        ground truth, nor a DontCare region, nor a clean detection of the frame (a car that
+//                        nobody labelled: FP ASR does not count it either). The paper's set has no
 //                        threshold; its tail beyond k adds next to nothing to the gradient
 //     fp_top_k = 0       score > 0.1 and no overlap with any ground truth: a background cell below 10 % gets
 //                        no gradient at all
@@ -54,9 +53,9 @@ struct ObjectiveValue {
   std::vector<double> d_logits;         ///< one a proposal
 };
 
-/// The loss over the proposals of one host's frame, and d loss / d logit of each. Written in logits: log(1 −
-/// sigmoid(x)) = −softplus(x). `clean`: what the detector finds in the frame without an object (attack/
-/// evaluation.h, detections); only fp_top_k takes notice. Equal logits: the earlier proposal is the larger.
+/// The loss over the proposals of one host's frame, and d loss / d logit of each. `clean`: what the detector
+/// finds in the frame without an object (attack/evaluation.h, detections); only fp_top_k takes notice. Equal
+/// logits: the earlier proposal is the larger.
 ObjectiveValue objective(std::span<const Detection> proposals, const HostTruth& truth,
                          const ObjectiveSettings& settings, std::span<const Detection> clean = {});
 

@@ -213,22 +213,21 @@ Observation::Observation(const StepHost& host, const TexturedMesh& adversary,
   simulated_ = simulate(world_.prepared(), world_.placement(), world_.object(), world_.simulation());
   seconds_.simulation_forward = clock_.lap();
   changed_ = simulated_.rect;
-  if (host.seen.pictures) {
+  if (host.pictures) {
     const HostInWorld in_world{world_.prepared(), host.id, world_.placement(), world_.simulation(),
-                               world_.number()};
+                               host.draw ? host.draw->number() : 0};
     changed_ =
-        united(changed_, host.seen.pictures->correct(in_world, world_.object(), *host.seen.of, simulated_));
+        united(changed_, host.pictures->correct(in_world, world_.object(), *host.rendered, simulated_));
   }
   seconds_.rendering = clock_.lap();
-  world_.add_noise(simulated_.image);
+  if (host.draw) host.draw->add_noise(simulated_.image);
   seconds_.worlds += clock_.lap();
 }
 
 SensorView Observation::view(const Capabilities& can, bool local) {
   Stopwatch clock;
   SensorView view = view_of(world_.prepared(), simulated_, can);
-  if (host_.seen.pictures || (host_.draw && host_.draw->expectation().any_in_frame()))
-    require_no_others(view);
+  if (host_.pictures || (host_.draw && host_.draw->expectation().any_in_frame())) require_no_others(view);
   if (local) {
     clean_ = unchanged_input(world_.prepared(), changed_);
     view.clean = &clean_;

@@ -1,4 +1,4 @@
-// Where an attack's time goes.
+// What a detector is shown of a host with an object, the way back, and where an attack's time goes.
 #pragma once
 
 #include <chrono>
@@ -8,10 +8,12 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "attack/attack_settings.h"
 #include "attack/eot.h"
+#include "base/schedule.h"
 #include "detection/detector.h"
 #include "frames/host_id.h"
 #include "frames/hosts.h"
@@ -114,14 +116,12 @@ class Stopwatch {
  public:
   /// Since the last lap or the construction.
   double lap() {
-    const auto now = std::chrono::steady_clock::now();
-    const double seconds = std::chrono::duration<double>(now - last_).count();
-    last_ = now;
-    return seconds;
+    const auto now = Clock::now();
+    return std::chrono::duration<double>(now - std::exchange(last_, now)).count();
   }
 
  private:
-  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+  Clock::time_point last_ = Clock::now();
 };
 
 /// Of one host: its thread's seconds by the clock on the wall. `worlds`: what --expect draws;
@@ -152,13 +152,7 @@ nlohmann::json to_json(const StepTimings& stages, double seconds, long iteration
 // What a detector is shown of one host, and the way back through all that made it: the simulation, a renderer
 // in place of its rasteriser, and what --expect draws of the world.
 
-/// What draws the object for the detector where it is not the simulation.
-struct HostPictures {
-  RenderedPictures* pictures = nullptr;  ///< null: the simulation
-  const RenderedMesh* of = nullptr;
-};
-
-/// One host with an object. What it refers to outlives it.
+/// One host with an object. What it refers to must outlive it.
 struct StepHost {
   const PreparedFrame& prepared;
   HostId id;
@@ -167,7 +161,8 @@ struct StepHost {
   /// hidden.
   std::span<const Detection> clean = {};
   const SampledEnvironment* draw = nullptr;  ///< null: the world as recorded
-  HostPictures seen = {};
+  RenderedPictures* pictures = nullptr;      ///< draws the object in place of the simulation; null: that
+  const RenderedMesh* rendered = nullptr;    ///< with `pictures`: what these are of
 };
 
 /// A host with the adversary, as its sensors see it, and the tape of that. `host` and `adversary` outlive it.
@@ -186,7 +181,7 @@ class Observation {
   /// In the drawn world.
   const Placement& placement() const { return world_.placement(); }
   /// Whether pixels differ from the recorded ones away from the object: exposure, noise.
-  bool changes_picture() const { return world_.changes_picture(); }
+  bool changes_picture() const { return host_.draw && host_.draw->expectation().any_in_picture(); }
   /// For a detector that can so much. `local`: with the frame as recorded, so that it computes only what the
   /// object changes.
   SensorView view(const Capabilities& can, bool local);

@@ -62,7 +62,6 @@ class Portfolio {
         folder_(settings_.out / "auto"),
         part_(split_validation(run.train, settings_.seed, kSelectionHosts, "attack")),
         identity_(run.identity),
-        clean_cache_(run.clean_cache),
         timer_(settings_.checkpoint),
         progress_("attack", as_size(settings_.iterations), settings_.quiet) {
     identity_.json["iterations"] = settings_.iterations;
@@ -80,9 +79,8 @@ class Portfolio {
     outcome.first = known_;
     for (const Candidate& candidate : candidates_) outcome.first += candidate.state.iteration;
     halve();
-    const auto best = std::min_element(
-        candidates_.begin(), candidates_.end(),
-        [](const Candidate& a, const Candidate& b) { return a.state.held_out.best < b.state.held_out.best; });
+    const auto best =
+        std::ranges::min_element(candidates_, {}, [](const Candidate& c) { return c.state.held_out.best; });
     outcome.state = best->state;
     outcome.state.adversary = best->state.held_out.mesh;
     outcome.automatic = report(as_size(best - candidates_.begin()));
@@ -97,8 +95,8 @@ class Portfolio {
  private:
   void plan() {
     targets_ = auto_targets(settings_.target, run_.detectors.front()->capabilities());
-    searched_ = search_hosts(part_.learn, settings_.seed);
-    const long looks = kShapesAGeneration * static_cast<long>(searched_.size());
+    search_hosts_ = search_hosts(part_.learn, settings_.seed);
+    const long looks = kShapesAGeneration * static_cast<long>(search_hosts_.size());
     const std::size_t starts = learns_shape(settings_) ? 2 : 1;
     budget_ =
         auto_budget(settings_.iterations, starts * targets_.size() * std::size(kRates),
@@ -156,12 +154,8 @@ class Portfolio {
   /// The objective of a mesh as it is on these vehicles; the same on every rank. Whoever learned it: --expect
   /// draws the worlds by the search's own seed, so that candidates are told apart by their meshes alone.
   double judge(const TexturedMesh& mesh, const std::vector<Host>& hosts) const {
-    return AttackStepper(settings_, run_.detectors, run_.store, part_.learn, mesh.mesh, clean_cache_)
+    return AttackStepper(settings_, run_.detectors, run_.store, part_.learn, mesh.mesh, run_.clean_cache)
         .held_out(mesh, hosts);
-  }
-  double evaluate(const TexturedMesh& mesh, const std::vector<Host>& hosts) const {
-    stop_if_interrupted();
-    return judge(mesh, hosts);
   }
 
   void search() {
@@ -180,7 +174,8 @@ class Portfolio {
     double lowest = std::numeric_limits<double>::infinity();
     for (std::size_t i = 0; i < total; ++i) {
       if (i == shapes_.size()) {
-        shapes_.push_back(evaluate(shape(method.next()), searched_));
+        stop_if_interrupted();
+        shapes_.push_back(judge(shape(method.next()), search_hosts_));
         write_looks();
       }
       lowest = std::min(lowest, shapes_[i]);
@@ -200,7 +195,8 @@ class Portfolio {
     starts_.resize(std::min(starts_.size(), named_.size()));
     for (std::size_t i = 0; i < named_.size(); ++i) {
       if (i == starts_.size()) {
-        starts_.push_back(evaluate(named_[i].mesh, part_.held_out));
+        stop_if_interrupted();
+        starts_.push_back(judge(named_[i].mesh, part_.held_out));
         write_looks();
       }
       named_[i].value = starts_[i];
@@ -210,9 +206,7 @@ class Portfolio {
     // A start that fills the box is good at once and has little room to learn; the paper's is the other way
     // round.
     kept_ = {named_.front()};
-    const auto other =
-        std::min_element(named_.begin() + 1, named_.end(),
-                         [](const NamedStart& a, const NamedStart& b) { return a.value < b.value; });
+    const auto other = std::ranges::min_element(named_.begin() + 1, named_.end(), {}, &NamedStart::value);
     if (other != named_.end()) kept_.push_back(*other);
   }
 
@@ -243,7 +237,7 @@ class Portfolio {
     for (Candidate& c : candidates_) {
       require_one_file(c.file, c.state.iteration, "checkpoints");
       c.stepper = std::make_unique<AttackStepper>(c.settings, run_.detectors, run_.store, part_.learn,
-                                                  c.state.adversary.mesh, clean_cache_);
+                                                  c.state.adversary.mesh, run_.clean_cache);
     }
   }
 
@@ -256,7 +250,7 @@ class Portfolio {
     HeldOutRecord& record = c.state.held_out;
     for (;;) {
       const long at = c.state.iteration;
-      if ((at == 0 || at % settings_.validation_every == 0 || ends_.contains(at)) &&
+      if ((at % settings_.validation_every == 0 || ends_.contains(at)) &&
           (record.iterations.empty() || record.iterations.back() < at))
         record.add(at, judge(c.state.adversary, part_.held_out), c.state.adversary);
       if (at >= until) break;
@@ -291,10 +285,8 @@ class Portfolio {
                      c.start, to_word(c.settings.target), c.settings.vertex_rate, c.settings.texel_rate,
                      best_until(c.state.held_out, until), until);
       }
-      std::stable_sort(alive.begin(), alive.end(), [&](std::size_t a, std::size_t b) {
-        return best_until(candidates_[a].state.held_out, until) <
-               best_until(candidates_[b].state.held_out, until);
-      });
+      std::ranges::stable_sort(
+          alive, {}, [&](std::size_t i) { return best_until(candidates_[i].state.held_out, until); });
       if (&round == &budget_.rounds.front()) best_of_each_start_first(alive);
     }
   }
@@ -305,8 +297,7 @@ class Portfolio {
     std::map<std::string, int> before;
     std::vector<std::pair<int, std::size_t>> placed;
     for (const std::size_t i : alive) placed.emplace_back(before[candidates_[i].start]++, i);
-    std::stable_sort(placed.begin(), placed.end(),
-                     [](const auto& a, const auto& b) { return a.first < b.first; });
+    std::ranges::stable_sort(placed, {}, &std::pair<int, std::size_t>::first);
     for (std::size_t k = 0; k < alive.size(); ++k) alive[k] = placed[k].second;
   }
 
@@ -318,7 +309,7 @@ class Portfolio {
                                    c.state.held_out.best_iteration});
     for (const NamedStart& start : named_) report.starts.push_back({start.name, start.value});
     report.chosen = chosen;
-    report.search = {budget_.generations, searched_.size(), budget_.search, shapes_};
+    report.search = {budget_.generations, search_hosts_.size(), budget_.search, shapes_};
     report.vehicles = part_.held_out.size();
     report.steps = spent();
     return report;
@@ -329,13 +320,12 @@ class Portfolio {
   std::filesystem::path folder_;
   ValidationPart part_;
   RunIdentity identity_;
-  std::shared_ptr<CleanDetectionCache> clean_cache_;
   CheckpointTimer timer_;
   Progress progress_;
   AutoBudget budget_;
   std::set<long> ends_;  // of the rounds, in a candidate's steps
   std::vector<AttackTarget> targets_;
-  std::vector<Host> searched_;
+  std::vector<Host> search_hosts_;
   std::vector<double> shapes_, starts_;  // values looked at so far
   std::optional<TexturedMesh> searched_shape_;
   std::vector<NamedStart> named_, kept_;

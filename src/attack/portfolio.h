@@ -2,10 +2,9 @@
 #pragma once
 
 #include <cstddef>
-#include <nlohmann/json.hpp>
 #include <vector>
 
-#include "attack/attack_result.h"
+#include "attack/attack.h"
 #include "attack/attack_settings.h"
 #include "attack/attack_step.h"
 #include "attack/black_box.h"
@@ -37,14 +36,12 @@ std::vector<AttackTarget> auto_targets(AttackTarget requested, const Capabilitie
 // `mirage attack --attack auto`: what an attack can do at best within a budget, in the spirit of AutoAttack
 // (Croce & Hein, ICML 2020), for one mesh over many vehicles.
 //
-//   1. Search. A cuboid that fills the box is warped without gradients (attack/black_box.h), at most a
-//   quarter
-//      of the budget, by the objective on a fixed sample of the vehicles that are learned on.
+//   1. Search. A cuboid that fills the box is warped without gradients (attack/black_box.h), for at most a
+//      quarter of the budget, by the objective on a fixed sample of the vehicles that are learned on.
 //   2. Starts. The paper's ellipsoid, ellipsoid and cuboid filling the box, and what was found, as they are:
 //      the paper's goes on, and of the others the best by the objective on the held-out vehicles.
-//   3. Successive halving (Jamieson & Talwalkar, AISTATS 2016). Starts × targets × rates, each with an order
-//   of
-//      the hosts of its own (a restart), learn by Adam; each round has an equal share of the steps that are
+//   3. Successive halving (Jamieson & Talwalkar, AISTATS 2016). Starts × targets × rates, each with its own
+//      order of the hosts (a restart), learn by Adam; each round has an equal share of the steps that are
 //      left, and the better half of the candidates comes into the next (of the first round, of each start's).
 //      Rates fall along a half cosine.
 //   4. The mesh of the lowest held-out objective that any candidate had at any look is what was learned; a

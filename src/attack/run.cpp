@@ -4,7 +4,6 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <optional>
 
 #include "base/disk_cache.h"
 #include "base/error.h"
@@ -120,10 +119,6 @@ nlohmann::json to_json(const std::vector<HostId>& hosts) {
   for (const HostId& host : hosts)
     list.push_back({{"frame", escape_name(host.frame)}, {"label", host.label}});
   return list;
-}
-
-nlohmann::json to_json(const SimulationSettings& settings) {
-  return fields_json(settings);
 }
 
 RunIdentity identity(const AttackSettings& settings) {

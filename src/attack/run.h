@@ -36,7 +36,7 @@ struct Run {
   std::string train_frames, test_frames;  ///< frames_hash() of those that these stand in; empty: not said
   TexturedMesh adversary, random;
   TrustRun trust = TrustRun::no;
-  /// What run.json names that is code, unless the run is trusted; the settings are empty there.
+  /// Code that run.json names. Set only if the run is not trusted; the settings' own fields are then empty.
   struct Refused {
     std::string detector, depth, sensors;
     std::filesystem::path weights;
@@ -90,8 +90,6 @@ Run read_run(const std::filesystem::path& folder, TrustRun trust = TrustRun::no)
 
 /// Frames as escape_name writes them.
 nlohmann::json to_json(const std::vector<HostId>& hosts);
-/// What a run says of how it simulated.
-nlohmann::json to_json(const SimulationSettings& settings);
 /// What a run says of itself, and what a checkpoint must agree with: its settings that decide the result,
 /// and the content of the shape model that finds its roofs, of its placement's file and of the plugins that
 /// the user brought (*.so). Iterations are not in it: a finished run can be prolonged. InputError for a

@@ -8,11 +8,9 @@
 #include <map>
 #include <set>
 
-#include "attack/attack.h"
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/logging.h"
-#include "base/names.h"
 #include "base/sizes.h"
 #include "detection/audit.h"
 #include "generator/dataset.h"
@@ -328,11 +326,6 @@ ScoreResult score(const ScoreRequest& request) {
 nlohmann::json to_json(const ScoreResult& result) {
   const RunEvaluation& evaluation = result.evaluation;
   const Score& score = result.score;
-  nlohmann::json rows = nlohmann::json::array();
-  for (const ScoreRow& row : score.rows) {
-    rows.push_back(fields_json(row));
-    if (row.phantoms) rows.back()["phantoms"] = to_json(*row.phantoms);
-  }
   const nlohmann::json points = to_json(result.points);
   nlohmann::json uses = points.at("uses");
   if (const Reliance& picture = evaluation.reliance; picture.reads_picture)
@@ -348,7 +341,7 @@ nlohmann::json to_json(const ScoreResult& result) {
       {"within_m", kBoundRange},
       {"bands", kScoreBands},
       {"by_band", score.by_band},
-      {"rows", rows},
+      {"rows", list_json(score.rows, fields_json<ScoreRow>)},
       {"frames", host_frames(evaluation.hosts).size()},
       {"frames_needed", score.frames_needed ? nlohmann::json(*score.frames_needed) : nlohmann::json()},
       {"hosts", evaluation.hosts.size()},

@@ -21,7 +21,7 @@
 #include <string>
 #include <vector>
 
-#include "attack/attack_result.h"
+#include "attack/attack.h"
 #include "attack/evaluate_run.h"
 #include "attack/host_outcome.h"
 
@@ -80,6 +80,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "level"}, s.level);
   visit({.name = "name", .plain = true}, s.name);
   visit_named(visit, "objects", s.objects, "cells", s.cells);
+  if (s.phantoms) visit({.name = "phantoms"}, *s.phantoms);
 }
 
 /// The grade, and the cells that it follows from.

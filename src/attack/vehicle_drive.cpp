@@ -15,27 +15,21 @@
 namespace mirage {
 namespace {
 
-double heading_of(const Transform& pose) {
-  return std::atan2(pose(1, 0), pose(0, 0));
-}
-
-Transform upright_pose(const Vec3d& position, double yaw) {
-  Transform pose = Transform::Identity();
-  pose.linear() = Eigen::AngleAxisd(yaw, Vec3d::UnitZ()).toRotationMatrix();
-  pose.translation() = position;
-  return pose;
+/// The roof's x, y, z (m) and heading in the labelled box.
+Eigen::Vector4d place_in_box(const Label& label, const Transform& velo_from_roof) {
+  const Transform roof = velo_from_box(label.box).inverse() * velo_from_roof;
+  return {roof.translation().x(), roof.translation().y(), roof.translation().z(), heading_of(roof)};
 }
 
 /// box_from_roof: the median place and heading.
 Transform usual_roof(const std::vector<RoofTrackFrame>& frames) {
-  const bool none = std::all_of(frames.begin(), frames.end(),
-                                [](const RoofTrackFrame& frame) { return frame.carrier.from_box; });
+  const bool none =
+      std::ranges::all_of(frames, [](const RoofTrackFrame& frame) { return frame.carrier.from_box; });
   std::array<std::vector<double>, 4> values;
   for (const auto& [moment, carrier] : frames) {
     if (carrier.from_box && !none) continue;
-    const Transform roof = velo_from_box(carrier.label.box).inverse() * carrier.velo_from_roof;
-    for (int axis = 0; axis < 3; ++axis) values[as_size(axis)].push_back(roof.translation()[axis]);
-    values[3].push_back(heading_of(roof));
+    const Eigen::Vector4d place = place_in_box(carrier.label, carrier.velo_from_roof);
+    for (int i = 0; i < 4; ++i) values[as_size(i)].push_back(place[i]);
   }
   std::array<double, 4> usual{};
   for (std::size_t i = 0; i < 4; ++i) usual[i] = median_interval(values[i]).value;
@@ -48,9 +42,7 @@ void spread_in_boxes(const std::vector<RoofTrackFrame>& frames, const std::vecto
   std::vector<Eigen::Vector4d> places;
   Eigen::Vector4d mean = Eigen::Vector4d::Zero();
   for (std::size_t i = 0; i < frames.size(); ++i) {
-    const Transform roof = velo_from_box(frames[i].carrier.label.box).inverse() * carriers[i].velo_from_roof;
-    places.emplace_back(roof.translation().x(), roof.translation().y(), roof.translation().z(),
-                        heading_of(roof));
+    places.push_back(place_in_box(frames[i].carrier.label, carriers[i].velo_from_roof));
     mean += places.back() / static_cast<double>(frames.size());
   }
   double squares = 0, turns = 0;
@@ -63,7 +55,7 @@ void spread_in_boxes(const std::vector<RoofTrackFrame>& frames, const std::vecto
   fit.in_box_deg = std::sqrt(turns / count) / kDegree;
 }
 
-constexpr double kAway = 2.5;  // usual steps between frames after which the vehicle was away
+constexpr double kAbsentSteps = 2.5;  // usual steps between frames after which the vehicle was away
 
 /// s that each frame stands for, and whether the vehicle is away after it.
 struct FrameDuration {
@@ -77,7 +69,8 @@ std::vector<FrameDuration> frame_durations(const std::vector<DriveFrame>& frames
   const double usual = steps.empty() ? 0 : median_interval(steps).value;
   std::vector<FrameDuration> stands(frames.size(), {usual, false});
   for (std::size_t i = 0; i < steps.size(); ++i)
-    stands[i] = steps[i] <= kAway * usual ? FrameDuration{steps[i], false} : FrameDuration{usual, true};
+    stands[i] =
+        steps[i] <= kAbsentSteps * usual ? FrameDuration{steps[i], false} : FrameDuration{usual, true};
   return stands;
 }
 
@@ -111,7 +104,7 @@ std::string cluster_name(const VehicleDrive& vehicle) {
 template <class Is>
 Vehicles vehicles_that(const Vehicles& vehicles, const Is& is) {
   Vehicles chosen;
-  std::copy_if(vehicles.begin(), vehicles.end(), std::back_inserter(chosen), is);
+  std::ranges::copy_if(vehicles, std::back_inserter(chosen), is);
   return chosen;
 }
 
@@ -119,8 +112,8 @@ Vehicles vehicles_that(const Vehicles& vehicles, const Is& is) {
 template <class Is>
 nlohmann::json counts_of(const Vehicles& vehicles, const Is& is) {
   return by_version([&](DriveVersion version) {
-    return std::count_if(vehicles.begin(), vehicles.end(),
-                         [&](const VehicleDrive& vehicle) { return is(outcome_of(vehicle, version)); });
+    return std::ranges::count_if(
+        vehicles, [&](const VehicleDrive& vehicle) { return is(outcome_of(vehicle, version)); });
   });
 }
 
@@ -217,6 +210,14 @@ nlohmann::json death_of(const Vehicles& vehicles, std::size_t death) {
 
 }  // namespace
 
+double heading_of(const Transform& pose) {
+  return std::atan2(pose(1, 0), pose(0, 0));
+}
+
+Transform upright_pose(const Vec3d& position, double yaw) {
+  return velo_from_box({{position.x(), position.y(), 0, 0, yaw}, position.z(), 0});
+}
+
 RoofTrack roof_track(const std::vector<RoofTrackFrame>& frames) {
   constexpr double kBoxSigma = 0.15, kBoxHeightSigma = 0.08, kBoxYawSigma = 0.04;  // m, m, rad
   RoofTrack track;
@@ -308,7 +309,7 @@ DriveOutcome outcome_of(const VehicleDrive& vehicle, DriveVersion version) {
     const DriveFrame& frame = frames[i];
     outcome.confirmed = {frame.time - frames.front().time, frame.range, frame.closing, std::nullopt, {}};
     const double speed = std::max(0.0, frame.closing);
-    if (speed > 0) outcome.confirmed->to_collision = frame.nearest / speed;
+    if (speed > 0) outcome.confirmed->time_to_collision = frame.nearest / speed;
     for (std::size_t k = 0; k < kBrakes.size(); ++k)
       outcome.confirmed->reserve[k] = frame.nearest - speed * speed / (2 * kBrakes[k]);
   }
@@ -343,7 +344,7 @@ nlohmann::json to_json(const VehicleDrive& vehicle) {
       json["confirmed_s"][name] = at->seconds;
       json["confirmed_m"][name] = at->metres;
       json["closing_mps"][name] = at->closing;
-      if (at->to_collision) json["to_collision_s"][name] = *at->to_collision;
+      if (at->time_to_collision) json["to_collision_s"][name] = *at->time_to_collision;
       for (std::size_t k = 0; k < kBrakes.size(); ++k)
         json["reserve_m"][name][std::to_string(kBrakes[k])] = at->reserve[k];
     }
@@ -438,8 +439,7 @@ nlohmann::json to_json(const DriveResult& result) {
 std::vector<const VehicleDrive*> by_added_gap(const Vehicles& vehicles) {
   std::vector<const VehicleDrive*> sorted;
   for (const VehicleDrive& vehicle : vehicles) sorted.push_back(&vehicle);
-  std::stable_sort(sorted.begin(), sorted.end(),
-                   [](const auto* a, const auto* b) { return added_gap(*a) > added_gap(*b); });
+  std::ranges::stable_sort(sorted, std::greater(), [](const auto* vehicle) { return added_gap(*vehicle); });
   return sorted;
 }
 

@@ -21,6 +21,11 @@
 
 namespace mirage {
 
+/// The yaw of the pose's x axis, seen from above.
+double heading_of(const Transform& pose);
+/// The pose at `position` (m), turned by `yaw` about z.
+Transform upright_pose(const Vec3d& position, double yaw);
+
 /// A vehicle in one frame of its track, as found there.
 struct RoofTrackFrame {
   Moment moment;
@@ -154,7 +159,7 @@ struct DriveOutcome {
   /// At the first confirmation.
   struct Confirmation {
     double seconds = 0, metres = 0, closing = 0;
-    std::optional<double> to_collision;  ///< s at that speed; none if it does not come nearer
+    std::optional<double> time_to_collision;  ///< s at that speed; none if it does not come nearer
     std::array<double, kBrakes.size()> reserve{};
   };
   std::optional<Confirmation> confirmed;  ///< none: it never was

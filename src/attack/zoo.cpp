@@ -17,15 +17,14 @@ namespace {
 constexpr const char *kFolder = "scenes/objects", *kExtension = ".glb";
 
 /// Adds a part of one colour (linear albedo).
-void add_part(TexturedMesh& load, const Mesh& part, const Vec3d& colour) {
-  append(load.mesh, part, Transform::Identity());
+void add_part(TexturedMesh& load, const Mesh& part, const Vec3d& colour,
+              const Transform& place = Transform::Identity()) {
+  append(load.mesh, part, place);
   load.atlas.texels.resize(load.mesh.faces.size(), colour);
 }
 
 void add_bar(TexturedMesh& load, const Vec3d& low, const Vec3d& high, const Vec3d& colour) {
-  Mesh bar;
-  append(bar, box_mesh(high - low), Transform(Eigen::Translation3d(0.5 * (low + high))));
-  add_part(load, bar, colour);
+  add_part(load, box_mesh(high - low), colour, Transform(Eigen::Translation3d(0.5 * (low + high))));
 }
 
 /// A box with round edges that stands on z = 0: a superellipsoid, the flatter the smaller `power`.
@@ -68,8 +67,7 @@ void add_kayak(TexturedMesh& load) {
     const double thin = 1 - std::pow(std::abs(v.x()), 1.5);  // of the pointed ends
     v = Vec3d(1.45 * v.x(), 0.32 * v.y() * (0.45 + 0.55 * thin), 0.17 * v.z() + 0.12 * v.x() * v.x());
   }
-  double lowest = 0;
-  for (const Vec3d& v : hull.vertices) lowest = std::min(lowest, v.z());
+  const double lowest = bounds(hull).min().z();
   for (Vec3d& v : hull.vertices) v.z() -= lowest;
   add_part(load, hull, Vec3d(0.6, 0.1, 0.02));
 }
@@ -177,11 +175,8 @@ Run run_of_objects(const std::vector<NamedObject>& objects) {
   run.settings.buildable.on = false;  // nor is a random mesh of their size
   if (objects.empty()) return run;
   run.adversary = objects.front().mesh;
-  for (const NamedObject& object : objects) {
-    const Eigen::AlignedBox3d box = bounds(object.mesh.mesh);
-    run.settings.limits.half =
-        run.settings.limits.half.cwiseMax(box.min().cwiseAbs()).cwiseMax(box.max().cwiseAbs());
-  }
+  Vec3d& half = run.settings.limits.half;
+  for (const NamedObject& object : objects) half = half.cwiseMax(half_lengths(object.mesh.mesh));
   return run;
 }
 

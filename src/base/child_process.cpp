@@ -21,6 +21,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/names.h"
 #include "base/schedule.h"
 #include "base/sizes.h"
 
@@ -112,6 +113,14 @@ pid_t start_child(const Start& child) {
   return spawner->start(child);
 }
 
+/// How a child ended, as waitpid says; it is gone then.
+int wait_for(pid_t child) {
+  int status = 0;
+  while (::waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  return status;
+}
+
 /// One line of what a child said, for a message.
 std::string quoted_line(const std::string& line) {
   std::string text = line.substr(0, 60);
@@ -156,13 +165,10 @@ std::string read_last_line(int file) {
 
 std::filesystem::path find_program(const std::string& name) {
   if (name.find('/') != std::string::npos) return ::access(name.c_str(), X_OK) == 0 ? name : "";
-  const char* path = std::getenv("PATH");
-  const std::string folders = path ? path : "";
-  for (std::size_t at = 0; at <= folders.size();) {
-    const std::size_t end = std::min(folders.find(':', at), folders.size());
-    const std::filesystem::path file = std::filesystem::path(folders.substr(at, end - at)) / name;
-    if (end > at && ::access(file.c_str(), X_OK) == 0 && !std::filesystem::is_directory(file)) return file;
-    at = end + 1;
+  const char* folders = std::getenv("PATH");
+  for (const std::string_view folder : split(folders ? folders : "", ":")) {
+    const std::filesystem::path file = std::filesystem::path(folder) / name;
+    if (::access(file.c_str(), X_OK) == 0 && !std::filesystem::is_directory(file)) return file;
   }
   return {};
 }
@@ -256,9 +262,7 @@ std::string ChildProcess::stop(double seconds) {
   const bool killed = !has_ended();
   ::kill(-pid_, SIGKILL);             // with what it has started, before another process can have its number
   if (killed) ::kill(pid_, SIGKILL);  // it may not have come to make its group
-  int status = 0;
-  while (::waitpid(pid_, &status, 0) < 0 && errno == EINTR) {
-  }
+  const int status = wait_for(pid_);
   ::close(socket_);
   pid_ = -1;
   socket_ = -1;
@@ -275,7 +279,7 @@ std::string text_of(const nlohmann::json& answer, const char* key, const std::st
 bool JsonWorker::exchange(nlohmann::json job, double timeout, nlohmann::json& answer, bool starting) {
   job["id"] = ++next_id_;
   end_.reset();
-  misspoke_ = false;
+  broke_protocol_ = false;
   const auto lost_by_its_end = [&] {
     constexpr double kReaped = 1;  // s, for a child that has closed its socket to be gone
     end_ = child_.stop(kReaped);
@@ -304,7 +308,7 @@ bool JsonWorker::exchange(nlohmann::json job, double timeout, nlohmann::json& an
       const std::string problem = answer_problem(answer, next_id_);
       if (problem.empty()) return true;
       lost_ = fmt::format("gave a malformed answer ({}), whose {}", quoted_line(line), problem);
-      misspoke_ = true;
+      broke_protocol_ = true;
       return false;
     }
     if (!starting) {
@@ -328,9 +332,7 @@ int run_program(const std::vector<std::string>& arguments, std::string* last_lin
     throw Failure(arguments[0], std::strerror(reason), "close other programs");
   }
   if (last_line) *last_line = read_last_line(pipe[0]);
-  int status = 0;
-  while (::waitpid(pid, &status, 0) < 0 && errno == EINTR) {
-  }
+  const int status = wait_for(pid);
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 

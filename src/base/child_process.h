@@ -75,7 +75,7 @@ class JsonWorker {
   const std::optional<std::string>& end() const { return end_; }
   /// Whether it was lost by an answer with another "id", or with an "ok" that is no boolean: one that is
   /// started again would give the same.
-  bool misspoke() const { return misspoke_; }
+  bool broke_protocol() const { return broke_protocol_; }
 
   /// ChildProcess::pid.
   pid_t pid() const { return child_.pid(); }
@@ -89,7 +89,7 @@ class JsonWorker {
   long next_id_ = 0;
   std::string lost_;
   std::optional<std::string> end_;
-  bool misspoke_ = false;
+  bool broke_protocol_ = false;
 };
 
 /// The text in that field of an answer; another one where it has none.

@@ -283,9 +283,8 @@ std::string ConfigTable::text(const std::string& key) {
 
 std::vector<double> ConfigTable::numbers(const std::string& key, std::size_t count, double low, double high) {
   const auto& value = get(key);
-  if (!value.is_array() || (count != 0 && value.size() != count))
-    fail(key, fmt::format("not a list of {}numbers", count ? std::to_string(count) + " " : ""),
-         "write it as [a, b, …]");
+  if (!value.is_array() || value.size() != count)
+    fail(key, fmt::format("not a list of {} numbers", count), "write it as [a, b, …]");
   std::vector<double> result;
   for (std::size_t i = 0; i < value.size(); ++i)
     result.push_back(checked(value[i], fmt::format("{}[{}]", key, i), low, high));

@@ -58,7 +58,7 @@ class ConfigTable {
   double number(const std::string& key, double low, double high);
   /// A text, which may be empty.
   std::string text(const std::string& key);
-  /// `count` numbers; any count when 0.
+  /// `count` numbers.
   std::vector<double> numbers(const std::string& key, std::size_t count, double low, double high);
   /// Rows of `width` numbers.
   std::vector<std::vector<double>> rows(const std::string& key, std::size_t width, double low, double high);

@@ -60,8 +60,8 @@ class DiskCache {
 /// How a damaged one is mended.
 inline constexpr const char* kKeptAgain = "delete the file";
 
-/// What read(fields) makes of the file, an std::optional; none where it is missing or has another `key`, and
-/// where it is damaged, which is told.
+/// The result of read(fields) on the file, an std::optional. Empty if the file is missing, has another `key`,
+/// or is damaged, of which a warning is logged.
 template <class Read>
 std::invoke_result_t<Read, const JsonFields&> read_cached(const std::filesystem::path& file,
                                                           const std::string& key, const Read& read) {

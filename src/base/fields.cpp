@@ -72,7 +72,7 @@ std::string comma_separated(const std::vector<std::string>& words) {
 
 }  // namespace
 
-int slips_between(std::string_view first, std::string_view second) {
+int edit_distance(std::string_view first, std::string_view second) {
   const std::string a = plain(first), b = plain(second);
   // Rows of the table of distances between the beginnings of a and b: of two letters less of a, one less,
   // all.
@@ -95,7 +95,7 @@ std::vector<std::string> closest_words(std::string_view word, const std::vector<
   const std::string typed = plain(word);
   std::vector<std::pair<int, std::string>> near;
   for (const std::string& candidate : choices) {
-    const int slips = slips_between(word, candidate);
+    const int slips = edit_distance(word, candidate);
     const std::string its = plain(candidate);
     const auto longer = static_cast<int>(std::max(typed.size(), its.size()));
     const bool begins = begins_with(its, typed) || begins_with(typed, its);

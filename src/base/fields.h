@@ -138,7 +138,7 @@ E parse_word(const std::string& word, const std::string& field) {
   return static_cast<E>(place_of(word, field, words.data(), words.size()));
 }
 
-/// What commas part: none of an empty text.
+/// The comma-separated words; none of an empty text.
 std::vector<std::string> listed_words(const std::string& text);
 
 /// The number that the text is. FieldError if it is none.
@@ -168,10 +168,6 @@ auto numbers_of(S& s) {
   return all.numbers;
 }
 
-/// FieldError for the first field that is out of its range or of no known word.
-template <class S>
-void check_fields(const S& s);
-
 /// Of check_fields.
 class FieldCheck {
  public:
@@ -197,21 +193,36 @@ class FieldCheck {
   }
 };
 
+/// FieldError for the first field that is out of its range or of no known word.
 template <class S>
 void check_fields(const S& s) {
   FieldCheck check;
   visit_fields(check, s);
 }
 
-// The options of a command as a program gives them: by name, in the place of a command line.
-
-/// Texts by name: texel_rate for --texel-rate; a flag's is true or false.
+/// The options of a command as a program gives them: texel_rate for --texel-rate; a flag's is true or false.
 using NamedSettings = std::map<std::string, std::string>;
 
-// Settings set by their names: the texts that options take, put into the fields of a struct.
+/// For visitors, class Own : public FlatFields<Own>, that take a nested struct's fields for the struct's own,
+/// and a list that a text sets for one field.
+template <class Own>
+class FlatFields {
+ public:
+  template <class T>
+  void group(const Field&, T& inner) {
+    visit_fields(static_cast<Own&>(*this), inner);
+  }
+  template <class T>
+  void list(const Field& field, T& inner) {
+    if constexpr (HasText<std::remove_const_t<T>>)
+      static_cast<Own&> (*this)(field, inner);
+    else
+      visit_fields(static_cast<Own&>(*this), inner);
+  }
+};
 
 /// Of set_field.
-class FieldSetter {
+class FieldSetter : public FlatFields<FieldSetter> {
  public:
   /// Sets the field `name` by `text`; both outlive this.
   FieldSetter(const std::string& name, const std::string& text) : name_(name), text_(text) {}
@@ -235,20 +246,6 @@ class FieldSetter {
     }
     FieldCheck()(field, value);
   }
-  template <class T>
-  void group(const Field&, T& inner) {
-    visit_fields(*this, inner);
-  }
-  template <class T>
-  void list(const Field& field, T& inner) {
-    if constexpr (HasText<T>) {
-      if (name_ != field.name) return;
-      found = true;
-      set_from_text(text_, inner);
-    } else {
-      visit_fields(*this, inner);
-    }
-  }
   bool found = false;
 
  private:
@@ -269,7 +266,7 @@ void set_field(S& s, const std::string& name, const std::string& text) {
 /// Fewest letters to insert, delete, replace or swap with a neighbour that make one word the other: the
 /// Damerau–Levenshtein distance (optimal string alignment; Damerau, CACM 1964). Capitals count as small
 /// letters, '_' as '-'.
-int slips_between(std::string_view a, std::string_view b);
+int edit_distance(std::string_view a, std::string_view b);
 
 /// Those of `choices` that `word` may have meant, nearest first: a third of the letters wrong at most, or one
 /// begins with the other.

@@ -1,6 +1,7 @@
 #include "base/files.h"
 
 #include <fcntl.h>
+#include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <sys/file.h>
 #include <sys/stat.h>
@@ -26,6 +27,18 @@
 namespace mirage {
 
 namespace fs = std::filesystem;
+
+namespace {
+
+/// Ends the name of a temporary file, before its process's number and ".tmp".
+constexpr std::string_view kTemporaryMark = ".mirage-";
+
+/// What becomes `path` once it is whole.
+fs::path temporary_sibling(const fs::path& path) {
+  return path.string() + fmt::format("{}{}.tmp", kTemporaryMark, getpid());
+}
+
+}  // namespace
 
 OpenFile::OpenFile(fs::path path) : path_(std::move(path)) {
   std::error_code ignored;  // a path that leads nowhere fails below, with its reason
@@ -142,10 +155,6 @@ void make_output_folder(const fs::path& folder) {
   fs::remove(probe, error);
 }
 
-fs::path temporary_sibling(const fs::path& path) {
-  return path.string() + fmt::format("{}{}.tmp", kTemporaryMark, getpid());
-}
-
 std::string fix_for(int error) {
   switch (error) {
     case ENOSPC:
@@ -197,7 +206,7 @@ void sync(const fs::path& path) {
                   fix_for(reason));
 }
 
-void put_in_place(const fs::path& temporary, const fs::path& path) {
+void rename_into_place(const fs::path& temporary, const fs::path& path) {
   std::error_code error;
   fs::rename(temporary, path, error);
   if (error) {
@@ -217,16 +226,12 @@ std::set<fs::path> locked;  ///< by this process
 std::string own_words() {
   std::array<char, 256> host{};
   gethostname(host.data(), host.size() - 1);
-  const std::time_t now = std::time(nullptr);
-  std::tm utc{};
-  gmtime_r(&now, &utc);
-  std::array<char, 32> text{};
-  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
-  return fmt::format("process {} on {} since {}", getpid(), host.data(), text.data());
+  return fmt::format("process {} on {} since {:%FT%TZ}", getpid(), host.data(),
+                     fmt::gmtime(std::time(nullptr)));
 }
 
 /// What the lock's file says, of which somebody else may have written anything.
-std::string holder(int descriptor) {
+std::string lock_owner(int descriptor) {
   std::array<char, 512> text{};
   const ssize_t size = ::pread(descriptor, text.data(), text.size(), 0);
   std::string words(text.data(), size > 0 ? as_size(size) : 0);
@@ -281,7 +286,7 @@ void for_each_unquoted(std::string_view text, const Visit& visit) {
 
 void replace_file(const fs::path& temporary, const fs::path& path) {
   sync(temporary);  // a plugin has written it
-  put_in_place(temporary, path);
+  rename_into_place(temporary, path);
 }
 
 void write_file(const fs::path& path, std::string_view bytes) {
@@ -307,7 +312,7 @@ void write_file(const fs::path& path, std::string_view bytes) {
   }
   if (::fsync(file) != 0 && errno != EINVAL) fail(file, errno);
   if (::close(file) != 0) fail(-1, errno);
-  put_in_place(temporary, path);
+  rename_into_place(temporary, path);
 }
 
 nlohmann::json read_json(const fs::path& path, std::uintmax_t most, std::size_t most_values) {
@@ -380,7 +385,7 @@ FolderLock::FolderLock(const fs::path& folder, int levels) {
     if (descriptor_ < 0) break;  // what is wrong with the folder shows when the result is written
     if (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0) {
       const int reason = errno;
-      const std::string who = holder(descriptor_);
+      const std::string who = lock_owner(descriptor_);
       ::close(descriptor_);
       descriptor_ = -1;
       if (reason != EWOULDBLOCK) break;  // no locks on this file system

@@ -43,10 +43,6 @@ inline constexpr std::uintmax_t kMaxHashedBytes = std::uintmax_t{1} << 34;
 /// content_hash of a file's bytes, of which few are in memory at a time. InputError as read_file; Interrupted
 /// if a signal comes during a large one.
 std::string file_hash(const std::filesystem::path& path, std::uintmax_t most = kMaxHashedBytes);
-/// Ends the name of a temporary file, before its process's number and ".tmp" (remove_stale_files).
-inline constexpr std::string_view kTemporaryMark = ".mirage-";
-/// NAME.mirage-PID.tmp in the same folder: what becomes `path` once it is whole.
-std::filesystem::path temporary_sibling(const std::filesystem::path& path);
 /// How to mend what a system call failed with (errno): a full disk, permissions, a name too long, …
 std::string fix_for(int error);
 /// Moves a finished temporary file to its place (same folder). Failure if it can't.
@@ -100,9 +96,9 @@ class FolderLock {
   std::filesystem::path file_, key_;
 };
 
-/// Removes the temporary files (temporary_sibling) in `folder` and so many levels below whose processes no
-/// longer live on this machine. `own`: also those with this process's number, which an earlier one had (in a
-/// container it often has); this one must not be writing there.
+/// Removes write_file's temporary files (NAME.mirage-PID.tmp) in `folder` and so many levels below whose
+/// processes no longer live on this machine. `own`: also those with this process's number, which an earlier
+/// one had (in a container it often has); this one must not be writing there.
 void remove_stale_files(const std::filesystem::path& folder, bool own = false, int levels = kFoldersBelow);
 
 // Bounds on a JSON text, looked at before any reader: readers recurse, and a text of 20 000 "[" would
@@ -120,10 +116,8 @@ void check_json_depth(std::string_view text, const std::string& where, const std
 void check_json_values(std::string_view text, const std::string& where, std::size_t most,
                        std::size_t most_lists = std::numeric_limits<std::size_t>::max());
 
-// A regular file that is read in parts (files.cpp).
-
-/// InputError, by the constructor too, for what cannot be read: a folder, a pipe, a device, a disk that
-/// fails.
+/// A regular file that is read in parts. InputError, by the constructor too, for what cannot be read: a
+/// folder, a pipe, a device, a disk that fails.
 class OpenFile {
  public:
   /// Opens the file to be read.
@@ -146,19 +140,12 @@ class OpenFile {
   int file_ = -1;
 };
 
-// A file's first bytes, so that one of another kind is refused before all of it is in memory.
-
-/// The first `most` bytes, or all of a shorter file. InputError as read_file's.
+/// The first `most` bytes, or all of a shorter file: one of another kind is refused before all of it is in
+/// memory. InputError as read_file's.
 std::string read_head(const std::filesystem::path& path, std::size_t most);
 
-/// Whether the file begins with these bytes.
-inline bool begins_with(const std::filesystem::path& path, std::string_view bytes) {
-  return read_head(path, bytes.size()) == bytes;
-}
-
-// A file's characters in order, a part of them in memory at a time: for readers of files that may be large
-// and need not be good.
-
+/// A file's characters in order, a part of them in memory at a time: for readers of files that may be large
+/// and need not be good.
 class FileCharacters {
  public:
   /// At the first character behind a byte order mark. InputError as OpenFile, for UTF-16, and, then or while
@@ -188,12 +175,9 @@ class FileCharacters {
   char part_[1 << 14];
 };
 
-// Where the program's own parts stand: beside it in a build tree, below the same prefix when installed. Both
-// are found from the executable's place alone, so that a prefix can be moved, and no variable need be set.
-
 /// A part of the program that the build makes, e.g. "plugins/fusion.so": in the executable's folder (a build
-/// tree), else in lib/mirage beside the executable's folder (an installed prefix). Where it should be in the
-/// former if it is in neither.
+/// tree), else in lib/mirage beside the executable's folder (an installed prefix, which can so be moved).
+/// Where it should be in the former if it is in neither.
 std::filesystem::path built_file(const std::string& relative);
 
 }  // namespace mirage

@@ -182,9 +182,8 @@ const char* format_of(std::string_view head) {
   return nullptr;
 }
 
-/// What OpenImageIO says, on the same line; it may be several lines or nothing.
-std::string reason(std::string text) {
-  std::replace(text.begin(), text.end(), '\n', ' ');
+/// What OpenImageIO says, if it says anything.
+std::string reason(const std::string& text) {
   return text.empty() ? "" : " (" + text + ")";
 }
 
@@ -369,10 +368,9 @@ std::string encode_srgb_png(const ImageF& linear) {
   return encoded("png", linear, PixelType::kByte, srgb_bytes(linear).data());
 }
 
-void read_image_size(const fs::path& path, int& width, int& height) {
+PictureSize read_image_size(const fs::path& path) {
   const Picture picture(path, {});
-  width = picture.header().width;
-  height = picture.header().height;
+  return {picture.header().width, picture.header().height};
 }
 
 void write_depth_png(const fs::path& path, const ImageF& depth) {

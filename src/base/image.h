@@ -3,7 +3,6 @@
 #pragma once
 
 #include <cmath>
-#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <span>
@@ -120,8 +119,8 @@ std::string encode_srgb_png(const ImageF& linear);
 /// `where` as the file and `field`, as read_srgb.
 ImageF decode_srgb(std::string_view bytes, const std::string& where, const std::string& field,
                    PictureSize expected = {});
-/// Width and height from the file's header only; at most kMaxPixels.
-void read_image_size(const std::filesystem::path& path, int& width, int& height);
+/// From the file's header only; at most kMaxPixels.
+PictureSize read_image_size(const std::filesystem::path& path);
 
 /// Depth (m, one channel) as KITTI's depth benchmark stores it: 16-bit PNG of round(256 · depth), 0 where
 /// there is none. Quantised to 1/256 m; depths beyond 255.99 m are stored as that. Written atomically.

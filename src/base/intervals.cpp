@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <array>
 #include <boost/math/distributions/binomial.hpp>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
@@ -250,20 +249,6 @@ DifferenceVerdict classify(const Interval& difference) {
   if (difference.high < 0) return DifferenceVerdict::less;
   return difference.low >= -kSameWithin && difference.high <= kSameWithin ? DifferenceVerdict::same
                                                                           : DifferenceVerdict::open;
-}
-
-std::string to_string(DifferenceVerdict verdict) {
-  switch (verdict) {
-    case DifferenceVerdict::more:
-      return "more";
-    case DifferenceVerdict::less:
-      return "less";
-    case DifferenceVerdict::same:
-      return "the same within 5 points";
-    case DifferenceVerdict::open:
-      break;
-  }
-  return "cannot be told";
 }
 
 nlohmann::json to_json(const Interval& interval) {

@@ -24,6 +24,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <functional>
 #include <map>
@@ -57,12 +58,14 @@ template <class Visitor, FieldsOf<Interval> S>
 void visit_fields(Visitor& visit, S& s) {
   visit_named(visit, "value", s.value, "low", s.low, "high", s.high);
 }
-/// What a difference of shares tells: all of its interval lies on one side of 0, or within ±kSameWithin.
+/// Verdict on a difference of shares. more, less: its interval excludes 0; same: it lies within ±kSameWithin;
+/// open: neither.
 enum class DifferenceVerdict { more, less, same, open };
+constexpr auto words_of(DifferenceVerdict) {
+  return std::to_array<const char*>({"more", "less", "the same within 5 points", "cannot be told"});
+}
 /// DifferenceVerdict's rule; an interval that ends at 0 is neither more nor less.
 DifferenceVerdict classify(const Interval& difference);
-/// "more", "less", "the same within 5 points", "cannot be told"
-std::string to_string(DifferenceVerdict verdict);
 /// {value, low, high}
 nlohmann::json to_json(const Interval& interval);
 
@@ -137,8 +140,8 @@ Interval share_difference(const ClusteredShare& a, const ClusteredShare& b);
 
 /// The median (of an even number the mean of the two in the middle) of independent values, one a cluster,
 /// with the narrowest pair of them, equally far from both ends, that holds the true median with 95 % or more
-/// (binomial; Conover, Practical Nonparametric Statistics, 1999, section 3.2). Under six values none does,
-/// and it reaches to infinity. InputError without any value.
+/// (binomial; Conover, Practical Nonparametric Statistics, 1999, section 3.2). Of fewer than six values no
+/// pair does, and both ends are infinite. InputError without any value.
 Interval median_interval(std::vector<double> values);
 
 /// The ⌈q·n⌉-th smallest of n > 0 values (q ≤ 0: the smallest; q ≥ 1: the largest).

@@ -76,11 +76,8 @@ class Reader {
 
 }  // namespace
 
-JsonFields::JsonFields(std::filesystem::path file, const nlohmann::json& json, std::string fix)
-    : JsonFields(std::move(file), "", json, std::move(fix)) {}
-
-JsonFields::JsonFields(std::filesystem::path file, std::string prefix, const nlohmann::json& json,
-                       std::string fix)
+JsonFields::JsonFields(std::filesystem::path file, const nlohmann::json& json, std::string fix,
+                       std::string prefix)
     : file_(std::move(file)), prefix_(std::move(prefix)), fix_(std::move(fix)), json_(json) {
   if (json.is_object()) return;
   std::string name = prefix_;
@@ -163,7 +160,7 @@ JsonFields JsonFields::object(const std::string& key) const {
 }
 
 JsonFields JsonFields::inner(const std::string& name, const nlohmann::json& json) const {
-  return {file_, prefix_ + name + ".", json, fix_};
+  return {file_, json, fix_, prefix_ + name + "."};
 }
 
 json read_json_parts(const fs::path& file, const std::string& fix, const json::parser_callback_t& keep,
@@ -191,7 +188,7 @@ void for_each_json_row(const fs::path& file, const std::string& list, const std:
   using Event = json::parse_event_t;
   const auto fail = [&](const char* problem) { throw InputError(file.string(), list, problem, fix); };
   const int row_depth = list.empty() ? 1 : 2;  // lists and objects that a row is within
-  bool within = false, found = false;
+  bool found = list.empty(), within = found;
   std::string key;  // the file's object's, that is being read
   std::size_t count = 0;
   const char* no_list = list.empty() ? "is not a list of rows" : "is not a list";
@@ -206,9 +203,6 @@ void for_each_json_row(const fs::path& file, const std::string& list, const std:
       if (is_list && event == Event::array_start && found) fail("is there twice");
       if (event == Event::array_start && is_list) found = within = true;
       if (event == Event::array_end) within = false;
-    } else if (list.empty() && depth == 0) {
-      if (event == Event::array_start) found = within = true;
-      if (event == Event::array_end) within = false;
     }
     const bool whole = event == Event::value || event == Event::array_end || event == Event::object_end;
     if (!whole || !within || depth != row_depth) return true;
@@ -216,7 +210,7 @@ void for_each_json_row(const fs::path& file, const std::string& list, const std:
     return false;
   };
   [[maybe_unused]] const json beside = read_json_parts(file, fix, see, longest);
-  if (!found) fail(list.empty() ? no_list : "is missing");
+  if (!found) fail("is missing");
 }
 
 std::string written_path(const fs::path& path, const char* word) {

@@ -22,11 +22,12 @@
 namespace mirage {
 
 /// An object of the file. Every getter throws InputError, naming file and field, when the field is missing,
-/// of another type, not finite or out of [low, high]. What it is given outlives it.
+/// of another type, not finite or out of [low, high]. Its arguments must outlive it.
 class JsonFields {
  public:
-  /// InputError if `json` is not an object. `fix` ends each error.
-  JsonFields(std::filesystem::path file, const nlohmann::json& json, std::string fix);
+  /// InputError if `json` is not an object. `fix` ends each error; `prefix` leads the fields' names in it.
+  JsonFields(std::filesystem::path file, const nlohmann::json& json, std::string fix,
+             std::string prefix = "");
 
   /// Whether the field is there.
   bool has(const std::string& key) const { return json_.contains(key); }
@@ -62,7 +63,6 @@ class JsonFields {
   [[noreturn]] void fail(const std::string& key, const std::string& problem) const;
 
  private:
-  JsonFields(std::filesystem::path file, std::string prefix, const nlohmann::json& json, std::string fix);
   const nlohmann::json& get(const std::string& key) const;
 
   std::filesystem::path file_;
@@ -220,7 +220,7 @@ nlohmann::json fields_json(const S& s) {
   return std::move(writer.json);
 }
 
-/// What null in a file stands for: nothing of it, or all of it off.
+/// The value that null in a file stands for: an empty one, or one that is switched off.
 template <class T>
 T off() {
   T value;
@@ -268,7 +268,7 @@ class LackingFields {
   JsonWriter writer;
 };
 
-/// What fields_json() of an earlier program means by the fields that it left out.
+/// The values of the fields that an earlier program's fields_json() left out.
 template <class S>
 nlohmann::json lacking_json() {
   S s;
@@ -315,7 +315,7 @@ class JsonReader {
       value = json.truth(name);
     } else if constexpr (std::same_as<T, std::uint64_t>) {
       value = json.counter(name);
-      named(field, [&] { check_number(field, static_cast<double>(value)); });
+      named(name, [&] { check_number(field, static_cast<double>(value)); });
     } else if constexpr (std::integral<T>) {
       using Limits = std::numeric_limits<T>;
       value = static_cast<T>(json.integer(
@@ -329,7 +329,7 @@ class JsonReader {
     } else if constexpr (kIsList<T>) {
       value.clear();
       for (const nlohmann::json& entry : json.list(name, kMaxListed)) {
-        const JsonFields inner = json.inner(name + "[" + std::to_string(value.size()) + "]", entry);
+        const JsonFields inner = json.inner(entry_of(name, value.size()), entry);
         JsonReader within(inner);
         visit_fields(within, value.emplace_back());
       }
@@ -346,7 +346,7 @@ class JsonReader {
       group(field, value);
     } else {
       const std::string text = field.plain ? json.text(name) : read_text(json, field.name);
-      named(field, [&] {
+      named(name, [&] {
         if constexpr (HasWords<T>)
           value = parse_word<T>(text, field.name);
         else if constexpr (HasText<T>)
@@ -395,27 +395,22 @@ class JsonReader {
     auto read = json.numbers(field.name, most, -Range::kMax, Range::kMax, least);
     if constexpr (kFormer > 0)
       if (read.size() > numbers.size()) {
-        named(field, [&] { inner.read_former(std::span(read).subspan(numbers.size())); });
+        named(field.name, [&] { inner.read_former(std::span(read).subspan(numbers.size())); });
         read.resize(numbers.size());
       }
     for (std::size_t i = read.size(); i < numbers.size(); ++i)
       set_lacking(numbers[i].second, *numbers[i].first);
     for (std::size_t i = 0; i < read.size(); ++i)
-      named(field, i, [&] { check_number(numbers[i].second, *numbers[i].first = read[i]); });
+      named(entry_of(field.name, i), [&] { check_number(numbers[i].second, *numbers[i].first = read[i]); });
     if constexpr (requires { inner.on; }) inner.on = true;
   }
 
  private:
   bool lacks(const Field& field) const { return field.lacking && !json.has(field.name); }
+  static std::string entry_of(const std::string& list, std::size_t place) {
+    return list + "[" + std::to_string(place) + "]";
+  }
   /// Runs `read`, whose complaint is about the field of the file.
-  template <class Read>
-  void named(const Field& field, const Read& read) const {
-    named(field.name, read);
-  }
-  template <class Read>
-  void named(const Field& field, std::size_t place, const Read& read) const {
-    named(std::string(field.name) + "[" + std::to_string(place) + "]", read);
-  }
   template <class Read>
   void named(const std::string& name, const Read& read) const {
     try {

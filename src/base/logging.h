@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstddef>
 #include <functional>
+#include <memory>
 #include <mutex>
 #include <string>
 
@@ -16,9 +17,8 @@ void start_logging(bool quiet);
 /// From now on start_logging is always quiet, or no longer: for a program that shows results itself.
 void keep_logging_quiet(bool quiet);
 
-// A progress line with an estimate of the time left, on standard error, only on a terminal.
-
-/// One piece of work's progress line; it goes with the object.
+/// A progress line with an estimate of the time left, on standard error, only on a terminal; it goes with the
+/// object.
 class Progress {
  public:
   /// `what` names the work ("attack"), `total` its units. `quiet` (or no terminal) prints nothing.
@@ -40,7 +40,14 @@ class Progress {
   std::chrono::steady_clock::time_point start_, last_;
 };
 
-// Progress told to a program that shows it itself.
+/// Shows how far a work has come that says itself how many units are done, and in all; gone with what it is
+/// given to.
+inline std::function<void(std::size_t, std::size_t)> progress_of(const char* what, bool quiet) {
+  return [what, quiet, progress = std::shared_ptr<Progress>()](std::size_t done, std::size_t total) mutable {
+    if (!progress) progress = std::make_shared<Progress>(what, total, quiet);
+    progress->update(done);
+  };
+}
 
 /// Work, units done and in all, the time left ("1:23"), and a note.
 using ProgressListener =

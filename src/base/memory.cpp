@@ -14,6 +14,11 @@
 #include "base/error.h"
 #include "base/sizes.h"
 
+extern "C" {
+/// tcmalloc's (gperftools/malloc_extension_c.h), where it is part of the program; else null.
+void MallocExtension_ReleaseFreeMemory(void) __attribute__((weak));
+}
+
 namespace mirage {
 namespace {
 
@@ -46,15 +51,6 @@ void SharedMemory::reserve(std::size_t bytes) {
 std::string SharedMemory::path() const {
   return "/proc/" + std::to_string(::getpid()) + "/fd/" + std::to_string(file_);
 }
-
-}  // namespace mirage
-
-extern "C" {
-/// tcmalloc's (gperftools/malloc_extension_c.h), where it is part of the program; else null.
-void MallocExtension_ReleaseFreeMemory(void) __attribute__((weak));
-}
-
-namespace mirage {
 
 std::size_t machine_memory() {
   std::size_t bytes = as_size(::sysconf(_SC_PHYS_PAGES)) * as_size(::sysconf(_SC_PAGESIZE));

@@ -27,23 +27,19 @@ Utf8Character first_character(std::string_view bytes) {
 
 namespace {
 
-using Byte = unsigned char;
-
 /// C0, DEL and C1: terminals act on them.
-bool is_control(std::string_view character) {
-  const auto first = static_cast<Byte>(character[0]);
-  if (character.size() == 1) return first < 0x20 || first == 0x7f;
-  return character.size() == 2 && first == 0xc2 && static_cast<Byte>(character[1]) < 0xa0;
+bool is_control(char32_t point) {
+  return point < 0x20 || (point >= 0x7f && point < 0xa0);
 }
 
 std::string escaped(std::string_view bytes, bool backslash) {
   std::string text;
   text.reserve(bytes.size());
   while (!bytes.empty()) {
-    const std::size_t length = first_character(bytes).bytes;
+    const auto [length, point] = first_character(bytes);
     const std::string_view character = bytes.substr(0, length == 0 ? 1 : length);
-    if (length == 0 || is_control(character))
-      for (const char c : character) text += fmt::format("\\x{:02x}", static_cast<Byte>(c));
+    if (length == 0 || is_control(point))
+      for (const char c : character) text += fmt::format("\\x{:02x}", static_cast<unsigned char>(c));
     else if (backslash && character == "\\")
       text += "\\\\";
     else

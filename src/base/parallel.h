@@ -7,6 +7,7 @@
 #include <tbb/task_arena.h>
 #include <tbb/task_group.h>
 
+#include <atomic>
 #include <cstddef>
 #include <functional>
 #include <memory>
@@ -74,6 +75,22 @@ void parallel_for(std::size_t n, const Body& body, std::size_t grain = 1) {
   throw_if_loop_stopped();
 }
 
+/// Calls body(worker, i) for i in [0, n), work of uneven size: each of so many workers, which have something
+/// of their own (a detector, a process), takes the next i on a thread of its own when it is done with its
+/// last. After the first exception of a body nothing more is taken.
+template <class Body>
+void hand_out(std::size_t workers, std::size_t n, const Body& body) {
+  std::atomic<std::size_t> next = 0;
+  parallel_for(workers, [&](std::size_t worker) {
+    try {
+      for (std::size_t i = next++; i < n; i = next++) body(worker, i);
+    } catch (...) {
+      next = n;
+      throw;
+    }
+  });
+}
+
 /// Runs work() so that parallel loops inside it never pick up tasks from outside: needed wherever a lock is
 /// held.
 template <class Work>
@@ -81,10 +98,8 @@ void isolated(const Work& work) {
   tbb::this_task_arena::isolate(work);
 }
 
-// A value that costs something and that nobody may ask for.
-
-/// Made when it is first asked for, once for all copies. Several threads may ask; if making it throws, that
-/// is for who asked, and the next makes it again.
+/// A value that costs something and that nobody may ask for: made when it is first asked for, once for all
+/// copies. Several threads may ask; if making it throws, that is for who asked, and the next makes it again.
 template <class T>
 class Lazy {
  public:

@@ -11,7 +11,6 @@
 #include <filesystem>
 #include <initializer_list>
 #include <string>
-#include <type_traits>
 #include <vector>
 
 #include "base/error.h"

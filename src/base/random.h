@@ -46,10 +46,8 @@ class RandomStream {
   int used_ = 4;
 };
 
-// Putting a list in random order, the same by every machine and library.
-
-/// Fisher and Yates's shuffle (Durstenfeld, CACM 1964) from the last place down. std::shuffle leaves to each
-/// library what it draws.
+/// Fisher and Yates's shuffle (Durstenfeld, CACM 1964) from the last place down: the same by every library;
+/// std::shuffle leaves to each what it draws.
 template <class T>
 void shuffle(std::vector<T>& list, RandomStream& random) {
   for (std::size_t i = list.size(); i > 1; --i)

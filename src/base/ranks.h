@@ -1,6 +1,6 @@
 // The processes of one run under `mpirun -n N mirage …` (MPI). Without a launcher there is one, and MPI is
-// not even started. What ranks exchange is put together in a fixed order, never summed on the way, so that N
-// processes compute what one does, to the bit.
+// not even started. Ranks' data are concatenated in a fixed order, never summed on the way, so N processes
+// compute the same bits as one.
 #pragma once
 
 #include <cstddef>

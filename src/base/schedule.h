@@ -88,7 +88,7 @@ struct TrainingSchedule {
 template <class Visitor, FieldsOf<TrainingSchedule> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "steps", .help = "updates of the model", .range = kFromOne}, s.steps);
-  visit({.name = "batch", .help = "samples an update", .range = kFromOne}, s.batch);
+  visit({.name = "batch", .help = "samples per update", .range = kFromOne}, s.batch);
   visit({.name = "learning_rate", .help = "peak of the one-cycle schedule", .range = kPositive},
         s.learning_rate);
   visit({.name = "minutes",

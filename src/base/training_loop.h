@@ -72,7 +72,7 @@ struct TrainingWork {
   std::function<void()> validate = {};
 };
 
-/// One run of a training, which lives in schedule.out (base/training_loop.h).
+/// One run of a training, which lives in schedule.out.
 class TrainingLoop {
  public:
   /// Reads the state of the run in schedule.out. InputError if that is a run of another identity, or

@@ -90,7 +90,7 @@ void add_options(CLI::App& app, AttackOptions& options) {
       "what draws the object: raster (see --quality, --light), or cycles (Blender Cycles; the gradient still "
       "comes from raster, then by default with --quality exact --light visible)")
       ->check(one_of({kRasterRenderer, "cycles"}));
-  add_defaulted(app, "--cycles-samples", options.cycles.samples, "with --renderer cycles: samples a pixel")
+  add_defaulted(app, "--cycles-samples", options.cycles.samples, "with --renderer cycles: samples per pixel")
       ->check(within({1, 4096}));
   add_defaulted(app, "--cycles-renew", options.settings.renewal.metres,
                 "with --renderer cycles: render again when vertices have moved by this (root mean square, "
@@ -107,9 +107,7 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   options.effects.apply(settings.simulation, lidar_of(settings.data, settings.rig),
                         recorded_lidar_effects(settings.data, settings.rig), common.seed);
   settings.simulation.camera_effects.seed = common.seed;
-  settings.out = common.out;
-  settings.seed = common.seed;
-  settings.quiet = common.quiet;
+  take_common(settings, common);
   settings.detector = with_common(settings.detector, common, settings);
   fit_limits(settings);
   const std::shared_ptr<CyclesRenderer> cycles = make_renderer(options, settings);

@@ -4,7 +4,6 @@
 #include "attack/detector_pool.h"
 #include "base/error.h"
 #include "base/files.h"
-#include "base/logging.h"
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/options.h"
@@ -70,7 +69,6 @@ Interval less(const Interval& lost) {
 }
 
 nlohmann::json run(const AuditOptions& options, const Common& common) {
-  make_output_folder(common.out);
   if (!options.claim.empty()) read_claims(options.claim);  // now, not after the work
   const DetectorOptions detector_options = with_common(options.detector, common, options);
   check_known_options(detector_options, false);
@@ -90,7 +88,7 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
   if (!changes.empty())
     audit = run_audit(
         detectors, recorded_frames(options, detector_identity(detector_options, can.version), "audit"), ids,
-        changes, lidar_of(options.data, options.rig), common.seed, progress_of("audit", common));
+        changes, lidar_of(options.data, options.rig), common.seed, progress_of("audit", common.quiet));
   if (rank() > 0) return nlohmann::json::object();  // the first tells
   add_detector(*common.provenance, detector_options);
   common.provenance->set("classes", options.classes);

@@ -9,6 +9,7 @@
 #include "cli/command.h"
 #include "cli/options.h"
 #include "defense/certificate.h"
+#include "detection/detect.h"
 #include "frames/frame_provenance.h"
 #include "scene/data/read_frames.h"
 
@@ -83,10 +84,7 @@ void add_options(CLI::App& app, CertifyOptions& options) {
   add_trust_option(app, options.trust);
   add_fields(app, options.detector);
   add_defaulted(app, "--frames", options.frames, "only the first N frames; 0: all");
-  add_defaulted(app, "--min-view", options.min_view,
-                "a car is judged if at least this share of a reference object, which fills the volume of the "
-                "placement, is in view")
-      ->check(within(kShare));
+  add_min_view_option(app, options.min_view);
   add_defaulted(app, "--sizes", settings.sizes, "half lengths L of the box, m (height 5/4 L), with commas")
       ->delimiter(',');
   add_fields(app, settings);
@@ -124,8 +122,7 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
   if (detector_options.locality > 0)
     throw InputError("--locality", fmt::format("{}", detector_options.locality),
                      "is an approximation, and proves nothing", "leave it out");
-  std::vector<std::string> frames = list_frames(options.data);
-  if (options.frames > 0 && frames.size() > options.frames) frames.resize(options.frames);
+  const std::vector<std::string> frames = first_frames(options.data, options.frames);
   const LabelCensus census = count_labels(options.data, frames, options.classes, options.cameras);
   require_cars(census, "a certificate");
   if (rank() == 0) warn_of_labels(census);

@@ -23,7 +23,6 @@
 #include "base/names.h"
 #include "base/provenance.h"
 #include "base/ranks.h"
-#include "base/schedule.h"
 #include "base/sizes.h"
 #include "detection/reliance.h"
 
@@ -119,12 +118,13 @@ CLI::Option* add_defaulted(CLI::App& app, const std::string& name, T& value, con
   return app.add_option(name, value, help)->capture_default_str();
 }
 
-/// What these options say of a training.
-inline void take_common(TrainingSchedule& schedule, const Common& common) {
-  schedule.out = common.out;
-  schedule.seed = common.seed;
-  schedule.threads = common.threads;
-  schedule.quiet = common.quiet;
+/// Sets those of a library's settings that are options of every command.
+template <class Settings>
+void take_common(Settings& settings, const Common& common) {
+  if constexpr (requires { settings.out; }) settings.out = common.out;
+  if constexpr (requires { settings.seed; }) settings.seed = common.seed;
+  if constexpr (requires { settings.threads; }) settings.threads = common.threads;
+  if constexpr (requires { settings.quiet; }) settings.quiet = common.quiet;
 }
 
 Command audit_command();
@@ -201,12 +201,8 @@ inline std::string percent(double share) {
 }
 
 /// "20.8 % (8.3–37.5)"
-inline std::string percent(double share, double low, double high) {
-  return fmt::format("{} ({:.1f}–{:.1f})", percent(share), 100 * low, 100 * high);
-}
-
 inline std::string percent(const Interval& share) {
-  return percent(share.value, share.low, share.high);
+  return fmt::format("{} ({:.1f}–{:.1f})", percent(share.value), 100 * share.low, 100 * share.high);
 }
 
 /// Of a difference of shares, in points: "+9.2 (+3.4 to +16.2)"
@@ -215,8 +211,7 @@ inline std::string signed_points(const Interval& difference) {
                      100 * difference.high);
 }
 
-// What the commands print about a detector's use of its picture.
-
+/// Of a detector's use of its picture.
 inline Rows picture_rows(const Reliance& reliance) {
   Rows rows = {{"use of the picture", describe(reliance)}};
   if (const std::string note = picture_note(reliance); !note.empty()) rows.push_back({"images", note});

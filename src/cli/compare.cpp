@@ -13,7 +13,6 @@ namespace {
 
 struct CompareOptions {
   ComparisonRequest request;
-  DetectorOptions both;  ///< what holds for either
   std::vector<std::string> detectors, weights, defenses;
   std::optional<double> fail_above;
   /// Set by run, read afterwards: how much worse the second is at least, points, and why nothing is known of
@@ -34,7 +33,7 @@ void print_comparison(const Comparison& result) {
   const ComparedPart& all = result.parts.front();
   print_table({{"vehicles that both find", fmt::format("{} of {} (first: {}, second: {})", all.vehicles,
                                                        result.hosts, result.found[0], result.found[1])},
-               {"intervals over", to_string(result.clusters)}});
+               {"intervals over", to_string(all.clusters)}});
   Columns parts = {{"vanished (95 %)", "vehicles", "first", "second", "points more in second (95 %)", "p"}};
   const auto show = [&](const ComparedPart& part) {
     parts.push_back({part.name.empty()                ? part.by
@@ -46,7 +45,7 @@ void print_comparison(const Comparison& result) {
   for (const ComparedPart& part : result.parts) show(part);
   if (result.own) show(*result.own);
   print_columns(parts);
-  Rows rows = {{"vehicles vanish under the second", to_string(classify(all.difference))},
+  Rows rows = {{"vehicles vanish under the second", to_word(classify(all.difference))},
                {"smallest detectable difference",
                 result.detectable < 1 ? fmt::format("{:.1f} points (power 80 %)", 100 * result.detectable)
                                       : "none: too few vehicles"}};
@@ -58,7 +57,7 @@ void print_comparison(const Comparison& result) {
   rows.push_back({std::string("first") + any, describe(result.bounds[0])});
   rows.push_back({std::string("second") + any, describe(result.bounds[1])});
   std::set<HostId> worse;
-  for (const WorseVehicle& vehicle : result.worse) worse.insert(vehicle.id);
+  for (const NewlyMissedVehicle& vehicle : result.worse) worse.insert(vehicle.id);
   rows.push_back({"vehicles that got worse", std::to_string(worse.size()) + any});
   std::fputs("\n", stdout);
   print_table(rows);
@@ -81,15 +80,12 @@ void add_options(CLI::App& app, CompareOptions& options) {
                "the first two --runs were learned against the first and the second detector: also compare "
                "each under its own object");
   add_defaulted(app, "--frames", request.frames, "only the first N frames (0: all)");
-  add_defaulted(app, "--min-view", request.min_view,
-                "a car is judged if at least this share of a reference object, which fills the volume of the "
-                "placement, is in view")
-      ->check(within(kShare));
+  add_min_view_option(app, request.min_view);
   add_score_option(app, request.settings.score_threshold);
   app.add_option(
          "--fail-above", options.fail_above,
-         "exit code 1 if the second detector is worse by more than this many points beyond the interval, or "
-         "if both find fewer than a tenth of the vehicles")
+         "exit code 1 if the interval's lower end has the second detector worse by more than this many "
+         "points. Also if both find fewer than a tenth of the vehicles")
       ->check(within({0, 100}));
   add_trust_option(app, request.trust);
   add_cache_note(app);
@@ -99,7 +95,7 @@ nlohmann::json run(CompareOptions& options, const Common& common) {
   ComparisonRequest request = options.request;
   request.settings.quiet = common.quiet;
   for (const std::size_t which : {0u, 1u}) {
-    DetectorOptions detector = with_common(options.both, common, request);
+    DetectorOptions detector = with_common({}, common, request);
     detector.detector = of_two(options.detectors, which, "detectors", "");
     detector.weights = of_two(options.weights, which, "weights", "");
     detector.defense = of_two(options.defenses, which, "defense", "none");

@@ -108,13 +108,13 @@ nlohmann::json run(const DepthOptions& options, const Common& common) {
       std::filesystem::exists(true_depth_file(score.data, list_frames(score.data).front()));
   score.hidden = options.hide >= 0 ? options.hide : has_truth ? 0 : 0.2;
   std::vector<std::unique_ptr<DepthCompletion>> backends;
-  for (const std::string& name : listed_words(options.backends))
-    backends.push_back(load_depth_completion({name, options.weights, false, common.seed, common.threads}));
-  for (const std::string& name : listed_words(options.backends))
-    common.provenance->input("backend_" + escape_name(name),
-                             depth_identity({name, options.weights, false, common.seed, common.threads}));
+  for (const std::string& name : listed_words(options.backends)) {
+    const mirage::DepthOptions one{name, options.weights, false, common.seed, common.threads};
+    backends.push_back(load_depth_completion(one));
+    common.provenance->input("backend_" + escape_name(name), depth_identity(one));
+  }
   if (backends.empty()) throw InputError("--backends", "", "names none", "try ip-basic,guided");
-  const auto scores = score_depth(score, backends, initial_adversary(), progress_of("depth", common));
+  const auto scores = score_depth(score, backends, initial_adversary(), progress_of("depth", common.quiet));
   if (!common.quiet) print_scores(scores, score.hidden > 0);
   nlohmann::json list = nlohmann::json::array();
   for (const DepthScore& s : scores) {

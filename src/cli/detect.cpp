@@ -140,9 +140,10 @@ void add_options(CLI::App& app, DetectOptions& options) {
   add_fields(app, static_cast<FrameSource&>(options), {"depth", "rooftop", "placement", "sun"});
   add_fields(app, options.detector);
   add_defaulted(app, "--frames", options.frames, "only the first N frames (0: all)");
-  app.add_option("--check", options.check,
-                 "also check how the detector is connected: its boxes against the labels, and its gradient "
-                 "against finite differences at the first N vehicles that it finds")
+  app.add_option(
+         "--check", options.check,
+         "also check how the detector is connected: boxes against labels, and gradients against finite "
+         "differences at the first N vehicles found")
       ->check(within({1, 1000}));
   app.add_option("--kitti", options.kitti,
                  "also write KITTI result files ID.txt into this folder (heights come from the sweep)");
@@ -150,7 +151,6 @@ void add_options(CLI::App& app, DetectOptions& options) {
 }
 
 nlohmann::json run(const DetectOptions& options, const Common& common) {
-  make_output_folder(common.out);
   const DetectorOptions detector_options = with_common(options.detector, common, options);
   check_known_options(detector_options, options.check > 0);
   check_data(options.data, options.rig, UnitUse::reads_sweeps);
@@ -175,8 +175,8 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
                          can.matching());
     here.proposals = proposals;
     here.width = frame.image.width, here.height = frame.image.height;
-    for (const std::size_t label : here.scored.truth.labels)
-      here.hosts.emplace_back(frame, frame.labels[label], can.matching());
+    for (const TruthBox& box : here.scored.truth.boxes)
+      here.hosts.emplace_back(frame, frame.labels[box.label], can.matching());
     kitti[place] = kitti_frame(frame, proposals, can.matching(), can.types);
     cameras[place] = cameras_by_place(frame, can);
     if (!options.kitti.empty())
@@ -184,7 +184,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   };
   const DetectionRun run = detect_data_set(
       detectors, recorded_frames(options, detector_identity(detector_options, can.version), "detect"),
-      options.frames, progress_of("detect", common), seen);
+      options.frames, progress_of("detect", common.quiet), seen);
   if (rank() > 0) return nlohmann::json::object();  // the first tells
   add_detector(*common.provenance, detector_options);
   common.provenance->set("classes", options.classes);
@@ -193,8 +193,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   write_json(common.out / "detections.json", detections_json(run, can, cameras));
   std::vector<ScoredStratum> parts(1);
   parts[0].stratum.name = "all";
-  parts[0].at50 = run.at50;
-  parts[0].at70 = run.at70;
+  parts[0].at50 = run.at50, parts[0].at70 = run.at70;
   parts.insert(parts.end(), run.strata.begin(), run.strata.end());
   const Interval ap50 = average_precision_interval(run.frames, 0.5),
                  ap70 = average_precision_interval(run.frames, 0.7);

@@ -8,9 +8,7 @@
 #include "attack/baseline.h"
 #include "attack/zoo.h"
 #include "base/error.h"
-#include "base/files.h"
 #include "base/logging.h"
-#include "base/names.h"
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/options.h"
@@ -81,18 +79,19 @@ void add_options(CLI::App& app, DriveOptions& options) {
   add_overrides<FrameSource>(app, options.overrides);
   app.get_option("--data")->required();
   add_fields(app, options.part);
-  add_detector_of_run(app, options.detector);
+  add_fields(app, options.detector, {}, "the run's");
   options.quality.add(app, "the run's settings");
   add_overrides<SimulationSettings>(app, options.overrides, {"light", "camera_effects"});
   options.effects.add(app, "the run's");
   add_fields(app, options.settings);
   app.add_option("--tracker", options.tracker,
                  "a tracker of yours in place of ours, a program: \"exec:python3 my_tracker.py\"");
-  add_defaulted(app, "--cycles", options.cycles,
-                "judge the N vehicles that the object hides longest again, with Blender Cycles' pictures and "
-                "returns as recorded. 0: none")
+  add_defaulted(
+      app, "--cycles", options.cycles,
+      "re-judge the N vehicles that are hidden longest, with Blender Cycles' pictures and, by default, "
+      "--lidar-effects as-recorded. 0: none")
       ->check(within({0, 1000}));
-  add_defaulted(app, "--cycles-samples", options.blender.samples, "with --cycles: samples a pixel")
+  add_defaulted(app, "--cycles-samples", options.blender.samples, "with --cycles: samples per pixel")
       ->check(within({1, 4096}));
   add_score_option(app, options.score);
   add_cache_note(app);

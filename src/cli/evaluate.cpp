@@ -49,16 +49,14 @@ void print_arms(const RunEvaluation& evaluation) {
                     percent(picture ? hidden.iou50.share : hidden.distance2m->share),
                     percent(of.rates.fp_asr), percent(of.rates.asr)});
   };
-  if (evaluation.each.empty()) shares("learned mesh", evaluation.learned);
-  for (const ObjectEvaluation& entry : evaluation.each) shares(entry.name, entry.evaluation);
-  for (const BaselineEvaluation& entry : evaluation.baselines) shares(describe(entry.kind), entry.evaluation);
-  const auto by_grown = [&](const std::string& name, const Evaluation& of) {
-    if (!of.against_grown.empty()) shares(name + ", grown box", summarize(of.against_grown, of.meshes));
-  };
-  if (evaluation.each.empty()) by_grown("learned mesh", evaluation.learned);
-  for (const ObjectEvaluation& entry : evaluation.each) by_grown(entry.name, entry.evaluation);
+  std::vector<std::pair<std::string, const Evaluation*>> arms;
+  if (evaluation.each.empty()) arms.emplace_back("learned mesh", &evaluation.learned);
+  for (const ObjectEvaluation& entry : evaluation.each) arms.emplace_back(entry.name, &entry.evaluation);
   for (const BaselineEvaluation& entry : evaluation.baselines)
-    by_grown(describe(entry.kind), entry.evaluation);
+    arms.emplace_back(describe(entry.kind), &entry.evaluation);
+  for (const auto& [name, of] : arms) shares(name, *of);
+  for (const auto& [name, of] : arms)
+    if (!of->against_grown.empty()) shares(name + ", grown box", summarize(of->against_grown, of->meshes));
   if (!evaluation.baselines.empty())
     rows.push_back(
         {evaluation.each.empty() ? "learned mesh minus control, points:" : "object minus control, points:"});
@@ -124,7 +122,7 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
                  "another run folder: judge on its test hosts, data set and detector (black-box "
                  "transfer)");
   add_overrides<FrameSource>(app, request.overrides);
-  add_detector_of_run(app, request.detector, {"precision", "locality"});
+  add_fields(app, request.detector, {"precision", "locality"}, "the run's");
   add_overrides<DetectorOptions>(app, options.computed, {"precision", "locality"});
   options.quality.add(app, "the run's settings");
   add_overrides<SimulationSettings>(app, request.overrides, {"light", "camera_effects"});
@@ -132,8 +130,8 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
   options.effects.add(app, "the run's");
   add_defaulted(
       app, "--expect", options.expect,
-      "what to vary at random for each vehicle, the same for every object on it: the words of mirage "
-      "attack --expect, e.g. shape:0.02,colour for an object as manufactured");
+      "what to vary at random for each vehicle, alike for every object on it. Values as in mirage attack "
+      "--expect, e.g. shape:0.02,colour for manufacturing tolerances");
   add_trust_option(app, request.trust);
   add_cache_note(app);
   app.add_option(
@@ -142,10 +140,11 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
       "frames that it was not trained on)");
   add_defaulted(app, "--random-meshes", request.random_meshes,
                 "random meshes for each baseline, results pooled (seeds count up from the run's). 0: none");
-  app.add_option("--baseline", request.baseline,
-                 "controls: all, none, or some of start (a random mesh of 0.75 of the box), sized "
-                 "(a random mesh with the learned extents), ellipsoid and cuboid (filling the box) (default: "
-                 "start,sized; with --mesh: none)");
+  app.add_option(
+      "--baseline", request.baseline,
+      "controls: all, none, or some of start,sized,ellipsoid,cuboid. start: a random mesh of 0.75 of "
+      "the box; sized: one with the learned extents; ellipsoid, cuboid: filling the box (default: "
+      "start,sized; with --mesh: none)");
   add_defaulted(app, "--pictures", options.pictures,
                 "draw up to N hidden vehicles and N with false positives, with image features, "
                 "into OUT/pictures")
@@ -157,8 +156,7 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
 
 nlohmann::json run(const EvaluateOptions& options, const Common& common) {
   EvaluationRequest request = options.request;
-  request.detector.seed = common.seed;
-  request.detector.threads = common.threads;
+  take_common(request.detector, common);
   for (const auto& [name, text] : options.computed) set_field(request.detector, name, text);
   request.settings.quiet = common.quiet;
   request.settings.expectation = parse_expectation(options.expect);

@@ -45,10 +45,9 @@ nlohmann::json write_kit(const ExportOptions& options, const Run& run, BlenderWo
     throw InputError((options.run / "adversary.glb").string(), "mesh",
                      "is not watertight, so it has no inside", "learn it without --free");
   make_output_folder(out);
-  nlohmann::json vertices = nlohmann::json::array(), faces = vertices, texels = vertices,
-                 triangles = vertices;
+  nlohmann::json vertices = nlohmann::json::array(), texels = vertices, triangles = vertices;
+  const nlohmann::json faces = object.mesh.faces;
   for (const Vec3d& v : object.mesh.vertices) vertices.push_back({v.x(), v.y(), v.z()});
-  for (const Face& f : object.mesh.faces) faces.push_back({f[0], f[1], f[2]});
   for (const Vec3d& t : object.atlas.texels) {
     const auto byte = [](double linear) { return srgb_from_linear(static_cast<float>(linear)); };
     texels.push_back({byte(t.x()), byte(t.y()), byte(t.z())});
@@ -154,7 +153,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     files.push_back("adversary.fbx");
   }
   blender.reset();
-  std::size_t scenes = 0, others = 0;
+  std::size_t others = 0;
   for (const HostId& id : hosts) {
     throw_if_interrupted("the files written so far are complete");
     const auto frame_handle = store.get(id.frame);
@@ -167,7 +166,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     others += scene.others.size();
     write_scene(common.out / (name + ".glb"), scene);
     files.push_back(name + ".glb");
-    progress.update(++scenes);
+    progress.add();
   }
   const auto& [mesh, atlas] = run.adversary;
   print_table({{"adversary", fmt::format("{} vertices, {} faces, {}×{} texels a face", mesh.vertices.size(),

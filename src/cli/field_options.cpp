@@ -82,16 +82,12 @@ std::string option_called(std::string name) {
   return "--" + name;
 }
 
-bool is_setting(const std::string& option) {
-  return option != "--help" && !option.empty();
-}
-
 /// The names that a command knows, sorted.
 std::vector<std::string> setting_names(const CLI::App& command) {
   std::vector<std::string> names;
   for (const CLI::Option* option : command.get_options())
     for (std::string name : option->get_lnames())
-      if (is_setting("--" + name)) {
+      if (name != "help") {
         std::replace(name.begin(), name.end(), '-', '_');
         names.push_back(name);
       }
@@ -111,8 +107,7 @@ std::string with_default(const std::string& help, const std::string& otherwise) 
 
 std::string option_of(const CLI::App& app, const std::string& field) {
   const auto other = renamed().find(field);
-  std::string option = "--" + (other == renamed().end() ? field : other->second);
-  std::replace(option.begin(), option.end(), '_', '-');
+  const std::string option = option_called(other == renamed().end() ? field : other->second);
   return app.get_option_no_throw(option) ? option : field;
 }
 
@@ -242,7 +237,7 @@ std::vector<std::string> arguments_of(const NamedSettings& settings, const CLI::
   std::vector<std::string> arguments;
   for (const auto& [name, value] : settings) {
     const std::string option = option_called(name);
-    const CLI::Option* existing = is_setting(option) ? command.get_option_no_throw(option) : nullptr;
+    const CLI::Option* existing = option == "--help" ? nullptr : command.get_option_no_throw(option);
     if (!existing) throw InputError(where, name, "unknown setting", use_one_of(name, setting_names(command)));
     std::string text = value;
     if (existing->get_expected_max() <= 1) std::replace(text.begin(), text.end(), kListSeparator, ',');

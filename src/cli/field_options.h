@@ -38,7 +38,7 @@ struct UsageError {
 UsageError usage_error(const CLI::ParseError& error, const CLI::App& app);
 
 /// Of add_fields.
-class FieldOptions {
+class FieldOptions : public FlatFields<FieldOptions> {
  public:
   FieldOptions(CLI::App& to, std::set<std::string> without, std::string elsewhere = "")
       : app(to), skip(std::move(without)), otherwise(std::move(elsewhere)) {}
@@ -59,7 +59,8 @@ class FieldOptions {
         set = parse_word<T>(text, field.name);
       })->type_name(words + "}");
     } else if constexpr (HasText<T>) {
-      by_text(field, value);
+      by_text(field, value, text_of(value),
+              [](const std::string& text, T& set) { set_from_text(text, set); });
     } else if constexpr (!NumberVector<T>) {
       CLI::Option* option = app.add_option("--" + name, value)->required(field.required);
       if constexpr (Number<T>) option->check(within(field.range));
@@ -67,27 +68,8 @@ class FieldOptions {
       describe(field, option);
     }
   }
-  template <class T>
-  void group(const Field&, T& inner) {
-    visit_fields(*this, inner);
-  }
-  /// A struct that a text sets is one option; else its fields are.
-  template <class T>
-  void list(const Field& field, T& inner) {
-    if constexpr (HasText<T>) {
-      name_option(field);
-      by_text(field, inner);
-    } else {
-      visit_fields(*this, inner);
-    }
-  }
 
  private:
-  template <HasText T>
-  CLI::Option* by_text(const Field& field, T& value) {
-    return by_text(field, value, text_of(value),
-                   [](const std::string& text, T& set) { set_from_text(text, set); });
-  }
   template <class T, class Set>
   CLI::Option* by_text(const Field& field, T& value, const std::string& initial, const Set& set) {
     return describe(field, app.add_option_function<std::string>(
@@ -114,7 +96,7 @@ void add_fields(CLI::App& app, S& s, std::set<std::string> skip = {}, std::strin
 }
 
 /// Of add_overrides.
-class OverrideOptions {
+class OverrideOptions : public FlatFields<OverrideOptions> {
  public:
   template <class T>
   void operator()(const Field& field, const T&) {
@@ -124,17 +106,6 @@ class OverrideOptions {
     app.add_option_function<std::string>(
         "--" + name, [to = &overrides, key = field.name](const std::string& text) { (*to)[key] = text; },
         with_default(field.help, otherwise));
-  }
-  template <class T>
-  void group(const Field&, const T& inner) {
-    visit_fields(*this, inner);
-  }
-  template <class T>
-  void list(const Field& field, const T& inner) {
-    if constexpr (HasText<T>)
-      (*this)(field, inner);
-    else
-      visit_fields(*this, inner);
   }
   CLI::App& app;
   std::map<std::string, std::string>& overrides;  ///< by field (attack/run.h, Overrides)
@@ -147,7 +118,7 @@ class OverrideOptions {
 template <class S>
 void add_overrides(CLI::App& app, std::map<std::string, std::string>& overrides,
                    std::set<std::string> only = {}, std::string otherwise = "the run's") {
-  OverrideOptions options{app, overrides, std::move(only), std::move(otherwise)};
+  OverrideOptions options{{}, app, overrides, std::move(only), std::move(otherwise)};
   const S fields;
   visit_fields(options, fields);
 }

@@ -5,7 +5,6 @@
 
 #include <cmath>
 #include <cstdio>
-#include <mutex>
 
 #include "base/disk_cache.h"
 #include "base/error.h"
@@ -18,6 +17,7 @@
 #include "base/sizes.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
+#include "detection/detect.h"
 #include "exchange/mesh_files.h"
 #include "frames/data_check.h"
 #include "frames/frame_cache.h"
@@ -35,7 +35,7 @@ constexpr double kMaxLabelNoise = 10;          // beyond 13 times a drawn size c
 struct FitOptions {
   std::filesystem::path data, model, build_model, meshes;
   std::string rig, forward, up, format = "ply";
-  int frames = 0, each = 80, dimension = 16, min_points = ShapeFitSettings().min_points;
+  int frames = 0, each = 80, dimension = 16, min_points = kMinFitReturns;
   FitFrameSettings frame;
 };
 
@@ -52,10 +52,8 @@ nlohmann::json build_model(const FitOptions& options, const Common& common) {
   ShapeModelSettings settings;
   settings.dimension = options.dimension;
   Progress progress("shape model", samples.size(), common.quiet);
-  const ShapeModel model =
-      build_shape_model(samples, settings, [&](std::size_t done) { progress.update(done); });
+  const ShapeModel model = build_shape_model(samples, settings, [&] { progress.add(); });
   write_shape_model(options.build_model, model);
-  nlohmann::json sources = model.sources;
   print_table({{"vehicles", fmt::format("{}", model.vehicles)},
                {"dimensions", fmt::format("{}", model.dimension)},
                {"variance explained", percent(model.explained.back())},
@@ -65,7 +63,7 @@ nlohmann::json build_model(const FitOptions& options, const Common& common) {
   return {{"vehicles", model.vehicles},
           {"dimension", model.dimension},
           {"explained", model.explained},
-          {"sources", sources},
+          {"sources", model.sources},
           {"model", options.build_model.string()}};
 }
 
@@ -115,7 +113,7 @@ struct FitWork {
   /// What to_json says of the frame's vehicles.
   nlohmann::json fit(const std::string& id) const {
     Provenance of_frame = provenance;
-    of_frame.input("frame", frame_hash(options.data, id));
+    of_frame.input("frame", open_data_set(options.data)->hash(id));
     of_frame.set("mesh_format", options.format);
     const std::string key = of_frame.identity();
     if (auto stored = stored_fits(id, key)) return std::move(*stored);
@@ -168,11 +166,8 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   const auto model_file = options.model.empty() ? shipped_file("scenes/shapes/cars.shape") : options.model;
   const LidarModel lidar = lidar_of(options.data, options.rig);
   check_data(options.data, options.rig, UnitUse::casts_rays);
-  ShapeFitSettings settings;
-  settings.min_points = options.min_points;
-  const ShapeRoofFinder finder(read_shape_model(model_file), lidar, settings);
-  std::vector<std::string> ids = list_frames(options.data);
-  if (options.frames > 0 && ids.size() > as_size(options.frames)) ids.resize(as_size(options.frames));
+  const ShapeRoofFinder finder(read_shape_model(model_file), lidar, options.min_points);
+  const std::vector<std::string> ids = first_frames(options.data, as_size(options.frames));
   const auto source = generator::source_of(options.data);
   FitFrameSettings frame_settings = options.frame;
   for (std::string& type : frame_settings.types) type = kitti_type(type);
@@ -190,14 +185,11 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
                      made_of_fit(options, model_file, lidar, frame_settings, source)};
   std::vector<nlohmann::json> fits(ids.size());
   Progress progress("fit", ids.size(), common.quiet);
-  std::mutex mutex;
-  std::size_t done = 0;
   const std::vector<std::size_t> order = order_among_ranks(ids.size());
   parallel_for(ids.size(), [&](std::size_t k) {
     if (interrupted()) return;
     fits[order[k]] = work.fit(ids[order[k]]);
-    const std::scoped_lock lock(mutex);
-    progress.update(++done);
+    progress.add();
   });
   throw_if_interrupted("run the same command again to resume");
   if (rank() > 0) return nlohmann::json::object();  // the first tells

@@ -7,6 +7,7 @@
 #include "base/fields.h"
 #include "base/logging.h"
 #include "base/names.h"
+#include "base/schedule.h"
 #include "base/sizes.h"
 #include "cli/command.h"
 #include "cli/field_options.h"

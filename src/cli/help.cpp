@@ -23,6 +23,7 @@ namespace mirage::cli {
 namespace {
 
 constexpr std::size_t kIndent = 30, kWidest = 100, kNarrowest = 60;
+constexpr std::size_t kUngrouped = 15;  // options that need no headings
 
 /// Headings in their order, and the options under them.
 const std::vector<std::pair<std::string, std::vector<std::string>>>& headings() {
@@ -97,6 +98,42 @@ bool names_all(const std::string& description, const std::string& braces) {
   const auto words = words_in(braces);
   return std::all_of(words.begin(), words.end(),
                      [&](const std::string& word) { return description.find(word) != std::string::npos; });
+}
+
+/// The text in lines of `width` columns, all but the first indented by `indent`; a line that starts with a
+/// space stays as it is.
+std::string wrapped(const std::string& text, std::size_t width, std::size_t indent) {
+  std::string result;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    if (!result.empty()) result.append("\n").append(line.empty() ? 0 : indent, ' ');
+    if (line.starts_with(' ')) {
+      result += line;
+      continue;
+    }
+    std::size_t used = 0;
+    std::istringstream words(line);
+    for (std::string word; words >> word;) {
+      while (columns(word) > width && word.find(',') < width) {  // a list without spaces parts at its commas
+        const std::size_t end = word.rfind(',', width - 1) + 1;
+        if (used > 0) result.append("\n").append(indent, ' ');
+        result.append(word, 0, end);
+        word.erase(0, end);
+        used = width;  // the rest stands in a line of its own
+      }
+      const std::size_t length = columns(word);
+      if (used > 0 && used + 1 + length > width) {
+        result.append("\n").append(indent, ' ');
+        used = 0;
+      } else if (used > 0) {
+        result += ' ';
+        ++used;
+      }
+      result += word;
+      used += length;
+    }
+  }
+  return result;
 }
 
 class Formatter : public CLI::Formatter {
@@ -214,9 +251,8 @@ std::vector<std::string> usual_words(const CLI::App& command, const CLI::Option&
 /// The words of a choice, "{both,image}" in the option's type; empty where anything may stand.
 std::vector<std::string> choices(const CLI::App& command, const CLI::Option& option) {
   const std::string type = option.get_type_name();
-  const auto open = type.find('{'), close = type.find('}', open);
-  if (open == std::string::npos || close == std::string::npos) return usual_words(command, option);
-  return CLI::detail::split(type.substr(open + 1, close - open - 1), ',');
+  const auto open = type.find('{');
+  return open == std::string::npos ? usual_words(command, option) : words_in(type.substr(open));
 }
 
 std::string names(const CLI::Option& option, const char* separator) {
@@ -279,40 +315,6 @@ std::string command_list(const CLI::App& app) {
 }
 
 }  // namespace
-
-std::string wrapped(const std::string& text, std::size_t width, std::size_t indent) {
-  std::string result;
-  std::istringstream lines(text);
-  for (std::string line; std::getline(lines, line);) {
-    if (!result.empty()) result.append("\n").append(line.empty() ? 0 : indent, ' ');
-    if (line.starts_with(' ')) {
-      result += line;
-      continue;
-    }
-    std::size_t used = 0;
-    std::istringstream words(line);
-    for (std::string word; words >> word;) {
-      while (columns(word) > width && word.find(',') < width) {  // a list without spaces parts at its commas
-        const std::size_t end = word.rfind(',', width - 1) + 1;
-        if (used > 0) result.append("\n").append(indent, ' ');
-        result.append(word, 0, end);
-        word.erase(0, end);
-        used = width;  // the rest stands in a line of its own
-      }
-      const std::size_t length = columns(word);
-      if (used > 0 && used + 1 + length > width) {
-        result.append("\n").append(indent, ' ');
-        used = 0;
-      } else if (used > 0) {
-        result += ' ';
-        ++used;
-      }
-      result += word;
-      used += length;
-    }
-  }
-  return result;
-}
 
 void format_help(CLI::App& app) {
   const auto formatter = std::make_shared<Formatter>();

@@ -4,13 +4,11 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
-#include <memory>
 #include <set>
 #include <string>
 #include <vector>
 
 #include "attack/run.h"
-#include "base/logging.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "detection/detector.h"
@@ -19,28 +17,20 @@
 
 namespace mirage::cli {
 
-/// `data`: the data set that the detector is to see; its rig (or `rig`, if given) chooses the shipped
-/// weights.
+/// For the data set that the detector is to see, whose rig chooses the shipped weights.
 inline DetectorOptions with_common(const DetectorOptions& from, const Common& common,
                                    const FrameSource& source) {
   DetectorOptions options = for_data(from, source);
-  options.seed = common.seed;
-  options.threads = common.threads;
+  take_common(options, common);
   return options;
 }
 
-// --trust-run of the commands that read a run folder.
-
+/// --trust-run of the commands that read a run folder.
 inline void add_trust_option(CLI::App& app, TrustRun& trust) {
   app.add_flag_callback(
       "--trust-run", [&trust] { trust = TrustRun::yes; },
       "load plugins and TorchScript models that the run names; their code runs with your permissions "
       "(default: refused)");
-}
-
-/// Options of a detector in place of a run's (use_detector_of), but those to skip.
-inline void add_detector_of_run(CLI::App& app, DetectorOptions& detector, std::set<std::string> skip = {}) {
-  add_fields(app, detector, std::move(skip), "the run's");
 }
 
 /// --score of the commands that judge detections.
@@ -49,13 +39,12 @@ inline void add_score_option(CLI::App& app, double& threshold) {
       ->check(within(kShare));
 }
 
-/// Shows how far a work has come that says it itself; gone with what it is given to.
-inline auto progress_of(const char* what, const Common& common) {
-  return [what, quiet = common.quiet, progress = std::shared_ptr<Progress>()](std::size_t done,
-                                                                              std::size_t total) mutable {
-    if (!progress) progress = std::make_shared<Progress>(what, total, quiet);
-    progress->update(done);
-  };
+/// --min-view of the commands that judge an object whose size they do not know.
+inline void add_min_view_option(CLI::App& app, double& share) {
+  add_defaulted(app, "--min-view", share,
+                "a car is judged if at least this share of a reference object, which fills the volume of the "
+                "placement, is in view")
+      ->check(within(kShare));
 }
 
 // Options of the commands that prepare frames, and how their results are told.
@@ -137,8 +126,6 @@ inline void add_cache_note(CLI::App& app) {
 inline std::string roofs(int fitted, int from_box) {
   return fmt::format("{} fitted, {} from the labelled box", fitted, from_box);
 }
-
-// The options of one insertion.
 
 /// What an insertion can be asked for: one table for `mirage simulate` and for mirage.insert in Python.
 struct InsertionOptions : FrameSource {

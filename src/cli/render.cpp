@@ -186,7 +186,8 @@ void add_options(CLI::App& app, RenderOptions& options) {
   add_defaulted(app, "--sigma", options.sigma, kSigmaHelp)->check(within({kHardSigma, kMaxSigma}));
   app.add_option("--gamma", options.gamma, std::string(kGammaHelp) + " (default: 3 cm of it)")
       ->check(within({kMinSigma, kMaxGamma}));
-  add_defaulted(app, "--samples", options.samples, "samples a pixel along each side")->check(within({1, 32}));
+  add_defaulted(app, "--samples", options.samples, "samples per pixel along each side")
+      ->check(within({1, 32}));
   app.add_option(
       "--from", options.camera,
       "draw the camera of that name only (default: the first as image.png, others as image-NAME.png)");

@@ -36,7 +36,7 @@ void add_options(CLI::App& app, ReproduceOptions& options) {
   add_defaulted(app, "--frames", options.frames, "generated frames of a rig")->check(within(kFromOne));
   add_defaulted(
       app, "--judge-frames", options.judge_frames,
-      "judge on all vehicles of N more generated frames a rig. 0: on each attack's held-back vehicles")
+      "judge on all vehicles of N more generated frames per rig. 0: on each attack's held-back vehicles")
       ->check(within(kNotNegative));
   app.add_option("--only", options.only,
                  "some rows of the tables, by the folders of their evaluations: "
@@ -57,10 +57,7 @@ void add_options(CLI::App& app, ReproduceOptions& options) {
 
 nlohmann::json run(const ReproduceOptions& options, const Common& common) {
   paper::ReproduceSettings settings = options;
-  settings.out = common.out;
-  settings.seed = common.seed;
-  settings.threads = common.threads;
-  settings.quiet = common.quiet;
+  take_common(settings, common);
   // A step that fails leaves a hole in the tables and the others go on: what no step can read is said now.
   for (const std::filesystem::path& data : {settings.kitti64, settings.xenith, settings.real})
     if (!data.empty()) list_frames(data);

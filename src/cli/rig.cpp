@@ -24,9 +24,12 @@ struct RigOptions {
   int sweeps = 6;
 };
 
+double degrees(double angle) {
+  return angle / kDegree;
+}
+
 /// A rig file (scenes/rigs/kitti64.toml says what each key means).
-std::string rig_text(const Calibration& calibration, const FoundUnit& found, const std::string& data) {
-  const auto degrees = [](double angle) { return angle / kDegree; };
+std::string rig_text(const Calibration& calibration, const LidarFit& found, const std::string& data) {
   const PinholeCamera& camera = calibration.camera;
   const LidarModel& lidar = found.lidar;
   std::string text = fmt::format(
@@ -65,18 +68,18 @@ std::string rig_text(const Calibration& calibration, const FoundUnit& found, con
 
 /// The unit of so many sweeps: of up to four choices, the first that 99 % of the returns agree with, else the
 /// best.
-FoundUnit find_in(const DataSet& set, const std::vector<std::string>& ids, std::size_t count,
-                  const std::filesystem::path& data) {
+LidarFit fit_lidar(const DataSet& set, const std::vector<std::string>& ids, std::size_t count,
+                   const std::filesystem::path& data) {
   const std::size_t choices = count < ids.size() ? 4 : 1;
   constexpr double kAgreed = 0.99;
   const Transform start = lidar_of(data).velo_from_lidar;
-  std::optional<FoundUnit> best;
+  std::optional<LidarFit> best;
   for (std::size_t choice = 0; choice < choices && !(best && best->on_rays >= kAgreed); ++choice) {
     std::vector<Sweep> sweeps;
     for (std::size_t i = 0; i < count; ++i)
       sweeps.push_back(set.sweep(ids[(choices * i + choice) * ids.size() / (choices * count)]));
     try {
-      FoundUnit found = find_unit(sweeps, data.string(), start);
+      LidarFit found = find_unit(sweeps, data.string(), start);
       if (!best || found.on_rays > best->on_rays) best = std::move(found);
     } catch (const InputError&) {
       if (choice + 1 == choices && !best) throw;
@@ -91,10 +94,9 @@ nlohmann::json run(const RigOptions& options, const Common& common) {
   const std::size_t count = std::min(ids.size(), as_size(options.sweeps));
   const auto [width, height] = set->picture_size(ids.front());
   const Calibration calibration = set->annotations(ids.front(), width, height).calibration;
-  const FoundUnit found = find_in(*set, ids, count, options.data);
+  const LidarFit found = fit_lidar(*set, ids, count, options.data);
   write_file(common.out, rig_text(calibration, found, options.data.string()));
   const LidarModel lidar = read_lidar_model(common.out);  // what other commands will read of it
-  const auto degrees = [](double angle) { return angle / kDegree; };
   print_table(
       {{"sweeps", fmt::format("{} of {}", count, ids.size())},
        {"beams", fmt::format("{}, from {:+.2f} to {:+.2f} degrees", lidar.beams.size(),

@@ -2,7 +2,6 @@
 #include "attack/score.h"
 
 #include "base/error.h"
-#include "base/files.h"
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
@@ -118,11 +117,9 @@ nlohmann::json make_board(const ScoreOptions& options, const Common& common) {
 nlohmann::json run(const ScoreOptions& options, const Common& common) {
   if (!options.board.empty()) return make_board(options, common);
   ScoreRequest request = options.request;
-  request.out = common.out;
   request.adaptive = !options.no_adaptive;
-  request.detector.seed = request.seed = common.seed;
-  request.detector.threads = common.threads;
-  request.quiet = common.quiet;
+  take_common(request, common);
+  take_common(request.detector, common);
   if (options.certify && request.detector.locality > 0)
     throw InputError("--locality", fmt::format("{}", request.detector.locality),
                      "is an approximation, and proves nothing", "leave it or --certify out");
@@ -135,7 +132,7 @@ nlohmann::json run(const ScoreOptions& options, const Common& common) {
   add_frames(provenance, judged, result.evaluation.hosts);
   add_objects(provenance, result.evaluation.objects);
   add_detector(provenance, result.evaluation.detector);
-  provenance.set("simulation", to_json(judged.simulation));
+  provenance.set("simulation", fields_json(judged.simulation));
   nlohmann::json json = to_json(result);
   if (options.certify) json["certified"] = certificates;
   print_score(result);

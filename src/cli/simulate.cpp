@@ -6,6 +6,7 @@
 #include "base/files.h"
 #include "base/image.h"
 #include "base/names.h"
+#include "base/schedule.h"
 #include "cli/command.h"
 #include "cli/options.h"
 #include "exchange/mesh_files.h"
@@ -38,8 +39,7 @@ ImageF mask_picture(const CameraSight& simulated) {
   ImageF mask(simulated.image.width, simulated.image.height, 1);
   for (int v = simulated.rect.v0; v < simulated.rect.v1; ++v)
     for (int u = simulated.rect.u0; u < simulated.rect.u1; ++u)
-      mask.at(u, v) = linear_from_srgb(
-          static_cast<float>(simulated.rgba.at(u - simulated.rect.u0, v - simulated.rect.v0, 3)));
+      mask.at(u, v) = linear_from_srgb(static_cast<float>(rgba_at(simulated, u, v, 3)));
   return mask;
 }
 
@@ -67,18 +67,11 @@ ImageF depth_picture(const PreparedFrame& prepared, const Simulated& simulated, 
 /// sensors by their names in its result.
 void remove_earlier_pictures(const std::filesystem::path& folder) {
   const nlohmann::json before = earlier_result(folder);
-  const auto names = [&](const char* key) {
-    std::vector<std::string> list;
-    if (before.is_object() && before.contains(key) && before.at(key).is_object())
-      for (const auto& [name, of] : before.at(key).items())
-        if (name.find('/') == std::string::npos) list.push_back(name);
-    return list;
-  };
-  for (const std::string& name : names("cameras"))
+  for (const std::string& name : listed_names(before, "cameras"))
     for (const std::string& picture :
          {"image-" + name + ".png", "mask-" + name + ".png", "depth-" + name + ".exr"})
       std::filesystem::remove(folder / picture);
-  for (const std::string& name : names("sensors"))
+  for (const std::string& name : listed_names(before, "sensors"))
     std::filesystem::remove(folder / (escape_name(name) + ".f32"));
 }
 
@@ -131,7 +124,7 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   const auto finder = make_roof_finder(settings.rooftop, lidar);
   Frame frame = read_frame(settings.data, options.frame, settings.cameras);
   frame.lighting = with_sun(frame, sun);
-  seek(classes_of(settings.classes), frame.labels);
+  mark_sought(classes_of(settings.classes), frame.labels);
   auto measured_by = record(load_sensors(settings.sensors), settings.data, frame);
   PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
   prepared.measured_by = std::move(measured_by);
@@ -194,7 +187,7 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
       {"sweep_rays_assigned", prepared.index.assigned_share()},
       {"sweep_firings", prepared.index.firing_count()},
       {"sun", {{"choice", sun.word}, {"to_sun_velo", {to_sun.x(), to_sun.y(), to_sun.z()}}}},
-      {"simulation", to_json(settings.simulation)},
+      {"simulation", fields_json(settings.simulation)},
       {"seconds", seconds}};
   for (std::size_t k = 0; k < simulated.measurements.size(); ++k) {
     const Measurement &recorded = prepared.frame.measurements[k], &with = simulated.measurements[k];

@@ -51,11 +51,8 @@ void add_options(CLI::App& app, TradeoffOptions& options) {
 
 nlohmann::json run(const TradeoffOptions& options, const Common& common) {
   TradeoffSettings settings = options;
-  settings.out = common.out;
-  settings.seed = common.seed;
-  settings.quiet = common.quiet;
-  settings.detector.seed = common.seed;
-  settings.detector.threads = common.threads;
+  take_common(settings, common);
+  take_common(settings.detector, common);
   if (settings.cycles) require_text_path(common.out);
   const TradeoffResult result = tradeoff(settings, [](const auto& out) { return start_blender(out); });
   common.provenance->add(settings);

@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 
-#include "base/files.h"
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
@@ -67,7 +66,7 @@ std::string against_first(const Compared<VerdictCondition>& condition) {
     return fmt::format("; no flips among {} vehicles (at most {:.1f} points)", condition.vehicles,
                        100 * gap.high);
   return fmt::format("; {:+.1f} points ({:.1f} to {:.1f}): {}", 100 * gap.value, 100 * gap.low,
-                     100 * gap.high, to_string(classify(gap)));
+                     100 * gap.high, to_word(classify(gap)));
 }
 
 /// `sees`: else who drew the object says nothing about the attack.
@@ -132,7 +131,7 @@ void add_options(CLI::App& app, ValidateOptions& options) {
   ValidationSettings& settings = options.settings;
   app.add_option("--run", settings.run, "folder of a finished mirage attack")->required();
   add_overrides<FrameSource>(app, settings.overrides);
-  add_detector_of_run(app, settings.detector, {"precision", "locality", "matching", "clean_memory"});
+  add_fields(app, settings.detector, {"precision", "locality", "matching", "clean_memory"}, "the run's");
   add_trust_option(app, settings.trust);
   add_defaulted(
       app, "--expect", settings.expect,
@@ -142,7 +141,7 @@ void add_options(CLI::App& app, ValidateOptions& options) {
                  fmt::format("frames to validate, test frames first. 0: as many as hold {} vehicles",
                              kVerdictVehicles))
       ->check(within(kNotNegative));
-  add_defaulted(app, "--samples", settings.samples, "Cycles samples a pixel")->check(within({1, 65536}));
+  add_defaulted(app, "--samples", settings.samples, "Cycles samples per pixel")->check(within({1, 65536}));
   app.add_option("--ladder", settings.ladder,
                  "vehicles on which each effect is rendered alone, spread over the frames (default: 4, or "
                  "all with --budget)")
@@ -175,9 +174,7 @@ void add_options(CLI::App& app, ValidateOptions& options) {
 nlohmann::json run(ValidateOptions& options, const Common& common) {
   ValidationSettings& settings = options.settings;
   options.quality.add_to(settings.overrides);
-  settings.out = common.out;
-  settings.seed = common.seed;
-  settings.quiet = common.quiet;
+  take_common(settings, common);
   settings.detector.seed = common.seed;
   settings.provenance = common.provenance;
   const Validation result = validate(settings, [](const auto& out) {

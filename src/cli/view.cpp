@@ -59,8 +59,7 @@ nlohmann::json run(const ViewOptions& options, const Common& common) {
   settings.detect = !options.no_detector;
   settings.page = common.out;
   settings.quiet = common.quiet;
-  settings.detector.seed = common.seed;
-  settings.detector.threads = common.threads;
+  take_common(settings.detector, common);
   nlohmann::json result = make_view(settings);
   const auto number = [&](const char* key) { return result.at(key).get<double>(); };
   const auto megabytes = [&](const std::string& file, const char* key) {

@@ -15,7 +15,6 @@
 #include "base/files.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
-#include "cli/options.h"
 #include "exchange/gltf.h"
 
 namespace mirage::cli {
@@ -62,9 +61,9 @@ constexpr int kTexels = 3;  ///< C of what ships: a file stays under 300 kB
 
 void add_options(CLI::App& app, ZooOptions& options) {
   add_defaulted(app, "--learn", options.learned,
-                "objects to learn: detectors by their words, each with \":free\" for a mesh that need not be "
-                "buildable, \":image\" or \":lidar\" for one sensor's gradient, \":RIG\" for frames of "
-                "another rig; none: shapes and loads alone");
+                "objects to learn, by the names of detectors. Append \":free\" for a mesh that need not be "
+                "buildable, \":image\" or \":lidar\" for one sensor's gradient, \":RIG\" for another rig. "
+                "none: only shapes and loads");
   add_defaulted(app, "--judges", options.judges,
                 "detectors that judge every object; own: each object's own alone");
   add_defaulted(app, "--frames", options.frames, "generated frames to learn on");
@@ -160,8 +159,7 @@ std::map<std::string, nlohmann::json> judge(const std::vector<std::filesystem::p
   request.meshes = files;
   request.overrides["data"] = data.string();
   request.detector.detector = detector;
-  request.detector.seed = common.seed;
-  request.detector.threads = common.threads;
+  take_common(request.detector, common);
   request.settings.quiet = common.quiet;
   const RunEvaluation evaluation = evaluate_run(request);
   std::map<std::string, nlohmann::json> shares;
@@ -210,7 +208,7 @@ nlohmann::json run(const ZooOptions& options, const Common& common) {
     if (object.mesh.atlas.resolution > kTexels) object.mesh = resampled(object.mesh, kTexels);
     const std::filesystem::path file = folder / (object.name + ".glb");
     list.push_back(about(object, common));
-    write_object(file, object.mesh, list.back());
+    write_adversary(file, object.mesh, list.back());
     files[{object.rig, object.detector}].push_back(file);
     for (const std::string& word : judges)
       if (Judge(kFirstRig, word) != Judge(object.rig, object.detector))
@@ -231,7 +229,7 @@ nlohmann::json run(const ZooOptions& options, const Common& common) {
     const nlohmann::json& share = object.at("vanished");
     rows.push_back({object.at("name"),
                     fmt::format("{}: {} of {} cars vanish by {}", object.at("what").get<std::string>(),
-                                percent(share.at("value"), share.at("low"), share.at("high")),
+                                percent(Interval{share.at("value"), share.at("low"), share.at("high")}),
                                 share.at("vehicles").get<int>(), share.at("detector").get<std::string>())});
   }
   write_json(folder / "zoo.json",

@@ -114,8 +114,7 @@ class DefenseTraining {
  public:
   DefenseTraining(const DefenseSettings& settings, const std::array<double, 4>& region)
       : settings_(settings), attack_(attack_settings(settings)), region_(region), store_(attack_) {
-    std::vector<std::string> frames = list_frames(settings.data);
-    if (settings.frames > 0 && frames.size() > settings.frames) frames.resize(settings.frames);
+    const std::vector<std::string> frames = first_frames(settings.data, settings.frames);
     const LabelCensus census = count_labels(settings.data, frames);
     require_cars(census, "adversarial training");
     warn_of_labels(census);
@@ -129,10 +128,9 @@ class DefenseTraining {
     spdlog::info("{} host vehicles for training", hosts_.size());
   }
 
-  std::size_t hosts() const { return hosts_.size(); }
+  const std::vector<Host>& hosts() const { return hosts_; }
   const AttackSettings& attack() const { return attack_; }
   FrameStore& store() { return store_; }
-  const std::vector<Host>& host_list() const { return hosts_; }
 
   /// The samples of a step: those that carry the adversary first. They depend on (seed, step) and the mesh.
   std::vector<PreparedSample> samples(std::int64_t step, const TexturedMesh& adversary) {
@@ -207,8 +205,7 @@ const std::vector<std::string>& defense_methods() {
 }
 
 void set_method(const std::string& word, DefenseSettings& settings) {
-  const auto match = std::find_if(methods().begin(), methods().end(),
-                                  [&](const Method& method) { return word == method.word; });
+  const auto match = std::ranges::find(methods(), word, &Method::word);
   if (match == methods().end())
     throw FieldError(
         "method", word, "unknown",
@@ -254,7 +251,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
   check_parts(settings, *pool.front());
   make_output_folder(settings.out);
   DefenseTraining training(settings, pool.front()->region());
-  const RunIdentity run_identity = identity(settings, training.attack(), training.hosts());
+  const RunIdentity run_identity = identity(settings, training.attack(), training.hosts().size());
   TrainingLoop loop(settings, run_identity);
   AttackState adversary = fresh_state(training.attack());
   DefenseResult result;
@@ -279,7 +276,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
         read_checkpoint(adversary_file(settings.out, loop.state().step), run_identity, training.attack());
   }
 
-  const AttackStepper stepper(training.attack(), pool, training.store(), training.host_list(),
+  const AttackStepper stepper(training.attack(), pool, training.store(), training.hosts(),
                               adversary.adversary.mesh);
   const auto& losses = loop.state().losses;  // total, score, box
   LossRow row;
@@ -317,7 +314,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
 
   result.seconds_per_step = loop.run(work);
   result.steps = loop.state().step;
-  result.hosts = static_cast<int>(training.hosts());
+  result.hosts = static_cast<int>(training.hosts().size());
   result.loss = {losses[0], losses[1], losses[2]};
   if (!adversary.losses.empty()) result.adversary_loss = adversary.losses.back().loss();
   result.weights = settings.out / (settings.detector.detector + ".weights");

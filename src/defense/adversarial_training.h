@@ -93,16 +93,11 @@ void visit_fields(Visitor& visit, S& s) {
         s.validation_frames);
 }
 
-/// What adversarial training ends with, beside the weights in DefenseSettings::out.
-struct DefenseResult {
-  std::int64_t steps = 0;
+/// What adversarial training ends with; at50 and at70 are clean.
+struct DefenseResult : TrainingResult {
   int hosts = 0;
-  double seconds_per_step = 0;
-  TrainingLoss loss;              ///< running mean at the end
-  double adversary_loss = 0;      ///< of its last step (objective.h; negative: false positives prevail)
-  std::filesystem::path weights;  ///< out/DETECTOR.weights
-  bool validated = false;
-  PrecisionRecall at50_before, at70_before, at50, at70;  ///< clean, on `validation`
+  double adversary_loss = 0;  ///< of its last step (objective.h; negative: false positives prevail)
+  PrecisionRecall at50_before, at70_before;
 };
 
 /// The words of `mirage defend --method` and of the weights that come of it.

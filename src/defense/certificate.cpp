@@ -60,7 +60,7 @@ double best_iou(const std::vector<Detection>& proposals, const HostTruth& truth,
 }
 
 /// Random objects within the limits: dented balls, and every second one fills the box.
-TexturedMesh some_object(std::uint64_t seed, int i, const AdversaryLimits& limits) {
+TexturedMesh random_object(std::uint64_t seed, int i, const AdversaryLimits& limits) {
   const std::uint64_t own = RandomStream(seed, "certified against", static_cast<std::uint64_t>(i)).next_u32();
   TexturedMesh object = random_adversary(own, limits, 0.2 * limits.half.maxCoeff());
   if (i % 2 == 0) return object;
@@ -163,7 +163,7 @@ class Certifier {
     provenance.set("seed", settings_.seed);
     provenance.set("roof_low", settings_.lattice.roof_low);
     provenance.set("roof_high", settings_.lattice.roof_high);
-    provenance.set("simulation", to_json(settings_.simulation));
+    provenance.set("simulation", fields_json(settings_.simulation));
     provenance.set("adversaries", adversaries_);
     provenance.set("score_threshold", settings_.evaluation.score_threshold);
     provenance.input("detector", settings_.evaluation.detector_identity);
@@ -232,7 +232,8 @@ class Certifier {
     };
     std::size_t count = 0;
     if (settings_.objects == 0) return count;
-    for (int i = 0; i < settings_.objects; ++i) count += reaches_past(some_object(settings_.seed, i, limits));
+    for (int i = 0; i < settings_.objects; ++i)
+      count += reaches_past(random_object(settings_.seed, i, limits));
     for (const TexturedMesh& adversary : settings_.adversaries)
       count += fits(adversary, limits) && reaches_past(adversary);
     return count;
@@ -338,8 +339,6 @@ CertifiedShares shares_of(const std::vector<CertifiedHost>& hosts, std::size_t s
   shares.clean70 = above(clean, kStrictest), shares.clean50 = above(clean, 0.5);
   shares.control70 = above(control, kStrictest), shares.control50 = above(control, 0.5);
   shares.attacked70 = above(attacked, kStrictest), shares.attacked50 = above(attacked, 0.5);
-  shares.known70 = above(with_roof, kStrictest), shares.known50 = above(with_roof, 0.5);
-  shares.lattice70 = above(by_lattice, kStrictest), shares.lattice50 = above(by_lattice, 0.5);
   for (const CertifiedHost& host : hosts) shares.covered += host.sizes[s].covered;
   for (std::size_t b = 0; b < shares.bands.size(); ++b) {
     if (b > 0) nearest = kScoreBands[b - 1], farthest = kScoreBands[b];
@@ -503,13 +502,14 @@ nlohmann::json to_json(const CertificateResult& result, const CertificateSetting
   auto sizes = nlohmann::json::array(), outcomes = nlohmann::json::array();
   for (std::size_t s = 0; s < result.shares.size(); ++s) {
     const CertifiedShares& of = result.shares[s];
+    const CertifiedBand& any = of.bands.front();
     nlohmann::json size = {{"size", of.size},
                            {"clean_iou70", to_json(of.clean70)},
                            {"clean_iou50", to_json(of.clean50)},
                            {"control_iou70", to_json(of.control70)},
                            {"control_iou50", to_json(of.control50)},
-                           {"known_roof_iou70", to_json(of.known70)},
-                           {"known_roof_iou50", to_json(of.known50)},
+                           {"known_roof_iou70", to_json(any.known70.certified)},
+                           {"known_roof_iou50", to_json(any.known50.certified)},
                            {"adversaries", of.adversaries},
                            {"objects", of.objects},
                            {"violations", of.violations},
@@ -519,8 +519,8 @@ nlohmann::json to_json(const CertificateResult& result, const CertificateSetting
       size["attacked_iou50"] = to_json(of.attacked50);
     }
     if (settings.with_lattice) {
-      size["lattice_iou70"] = to_json(of.lattice70);
-      size["lattice_iou50"] = to_json(of.lattice50);
+      size["lattice_iou70"] = to_json(any.lattice70.certified);
+      size["lattice_iou50"] = to_json(any.lattice50.certified);
       size["covered"] = of.covered;
       size["masks"] = result.masks[s];
       if (settings.whole_lattice) size["lattice_ap70"] = result.lattice_ap70[s];

@@ -135,8 +135,6 @@ struct CertifiedShares {
   Interval clean70, clean50;        ///< found as recorded, of all hosts
   Interval control70, control50;    ///< found under a mask over the car itself
   Interval attacked70, attacked50;  ///< found under every adversary that the box holds, without masks
-  Interval known70, known50;        ///< certified with the known roof, of all hosts
-  Interval lattice70, lattice50;    ///< certified by the lattice, of all hosts
   std::array<CertifiedBand, kScoreBands.size()> bands;  ///< all distances, then kScoreBands
   int covered = 0;                                      ///< hosts whose roof a mask of the lattice covers
   int adversaries = 0;                                  ///< that the box holds

@@ -13,7 +13,6 @@
 
 #include "base/error.h"
 #include "base/fields.h"
-#include "base/hand_out.h"
 #include "base/image.h"
 #include "base/parallel.h"
 #include "base/random.h"
@@ -46,7 +45,7 @@ struct FrameAnswers {
   std::vector<std::optional<Answers>> changed;
 };
 
-/// What is kept of them: the detections, and the speakers of the labelled cars.
+/// The detections that are kept, and the proposal that matches each labelled car.
 ViewAnswers answers_to(Detector& detector, const SensorView& view, const GroundTruth& truth) {
   const Matching matching = detector.capabilities().matching();
   const std::vector<Detection> proposals = detector.forward(view, kFaintScore, false);
@@ -113,13 +112,10 @@ std::vector<LidarPoint> sweep_in_view(const Scene& scene, const std::string& id)
   return points_in_view(scene.data.sweep(id), scene.data.annotations(id, width, height).calibration);
 }
 
-ImageF picture_of(const DataSet& data, const std::string& id) {
-  return read_srgb(data.source_files(id).at(1).file);
-}
-
-/// What the camera of that number beside the scene's first saw in another frame.
-ImageF picture_beside(const Scene& scene, const std::string& id, std::size_t k) {
-  const std::string& name = scene.frame.others[k].name;
+/// What the scene's camera of that number saw in another frame.
+ImageF picture_in(const std::string& id, const Scene& scene, std::size_t of) {
+  if (of == 0) return read_srgb(scene.data.source_files(id).at(1).file);
+  const std::string& name = scene.frame.name_of(of);
   for (const SideCamera& camera : scene.data.others(id))
     if (camera.name == name) return camera.image.get();
   throw InputError("frame " + id, name, "has no such camera", "leave the frame out, or give --cameras first");
@@ -127,8 +123,7 @@ ImageF picture_beside(const Scene& scene, const std::string& id, std::size_t k) 
 
 /// A view with what it shows in place of the frame's own.
 struct ChangedView {
-  ImageF picture;
-  std::deque<ImageF> beside;  ///< of other cameras
+  std::deque<ImageF> pictures;
   std::vector<LidarPoint> points;
   Calibration calibration;
   SensorView view;
@@ -136,19 +131,15 @@ struct ChangedView {
   ChangedView(const Scene& scene)
       : calibration(scene.frame.calibration), view(view_of(scene.frame, scene.frame.image, scene.points)) {}
   ChangedView(const ChangedView&) = delete;
-  void show(ImageF shown) {
-    picture = std::move(shown);
-    view.image = &picture;
-  }
-  /// Of each camera beside the first that the detector reads: picture(the frame's number of it).
+  /// picture(camera) of the first camera and of each other that the detector reads, by their numbers in the
+  /// frame; an empty one is none.
   template <class Picture>
-  void show_beside(const Scene& scene, const Picture& of) {
-    for (std::size_t k = 0; k < scene.frame.others.size(); ++k) {
-      const std::string& name = scene.frame.others[k].name;
-      if (!scene.can.names(name)) continue;
-      beside.push_back(of(k));
-      view.others.push_back(sensor_beside(scene.frame, k, &beside.back()));
-      if (beside.back().empty()) view.others.back().image = nullptr;
+  void show_pictures(const Scene& scene, const Picture& picture) {
+    for (std::size_t camera = 0; camera < scene.frame.cameras(); ++camera) {
+      if (camera > 0 && !scene.can.names(scene.frame.name_of(camera))) continue;
+      const ImageF& shown = pictures.emplace_back(picture(camera));
+      if (camera > 0) view.others.push_back(sensor_beside(scene.frame, camera - 1, &shown));
+      (camera > 0 ? view.others.back().image : view.image) = shown.empty() ? nullptr : &shown;
     }
   }
   void show(std::vector<LidarPoint> shown) {
@@ -167,30 +158,25 @@ std::unique_ptr<ChangedView> changed_view(const AuditChange& change, const Scene
   const Transform& camera_from_velo = scene.frame.calibration.camera_from_velo;
   switch (change.kind) {
     case Kind::other_picture:
-      changed->show(picture_of(scene.data, scene.pair.other));
-      changed->show_beside(scene, [&](std::size_t k) { return picture_beside(scene, scene.pair.other, k); });
+      changed->show_pictures(scene, [&](std::size_t of) { return picture_in(scene.pair.other, scene, of); });
       break;
     case Kind::black_picture:
-      changed->show(ImageF(scene.frame.image.width, scene.frame.image.height, 3));
-      changed->show_beside(scene, [&](std::size_t k) {
-        const PinholeCamera& camera = scene.frame.others[k].calibration.camera;
+      changed->show_pictures(scene, [&](std::size_t of) {
+        const PinholeCamera& camera = scene.frame.calibration_of(of).camera;
         return ImageF(camera.width, camera.height, 3);
       });
       break;
     case Kind::no_picture:
-      changed->view.image = nullptr;
-      changed->show_beside(scene, [](std::size_t) { return ImageF(); });
+      changed->show_pictures(scene, [](std::size_t) { return ImageF(); });
       break;
     case Kind::blurred_picture:
-      changed->show(blurred(scene.frame.image, change.amount));
-      changed->show_beside(
-          scene, [&](std::size_t k) { return blurred(scene.frame.others[k].image.get(), change.amount); });
+      changed->show_pictures(
+          scene, [&](std::size_t of) { return blurred(scene.frame.image_of(of), change.amount); });
       break;
     case Kind::late_picture: {
       const auto earlier = scene.data.beside(scene.pair.frame, -static_cast<int>(change.amount));
       if (!earlier) return nullptr;
-      changed->show(picture_of(scene.data, *earlier));
-      changed->show_beside(scene, [&](std::size_t k) { return picture_beside(scene, *earlier, k); });
+      changed->show_pictures(scene, [&](std::size_t of) { return picture_in(*earlier, scene, of); });
       break;
     }
     case Kind::other_sweep:
@@ -235,23 +221,10 @@ struct Shown {
   GroundTruth truth;
 };
 
-Shown read_shown(const RecordedFrames& source, const std::string& id, const std::array<double, 4>& region,
-                 const Capabilities& can) {
-  Shown shown;
-  shown.frame = source.read(id);
-  shown.points = RecordedFrames::points(shown.frame);
-  shown.truth = ground_truth(shown.frame, region, can);
-  return shown;
-}
-
-/// The frames that have one change, with the right inputs and with it.
-struct Paired {
-  std::vector<ScoredFrame> right, changed;
-  std::map<std::string, ClusteredShare> found_right, found_changed;  ///< by stratum
-  std::map<std::string, int> vehicles;
-  ClusteredShare delta_logit;
-  double delta_score = 0;
-  int count = 0;
+/// The cars of a stratum, with the right inputs and with a change.
+struct FoundCars {
+  int vehicles = 0;
+  ClusteredShare right, changed;
 };
 
 std::vector<Stratum> distances() {
@@ -259,54 +232,48 @@ std::vector<Stratum> distances() {
   return {{"all"}, strata[0], strata[1], strata[2]};
 }
 
-void add_cars(Paired& paired, const std::string& frame, const Answers& right, const Answers& changed) {
-  const TruthBoxes& truth = right.scored.truth;
-  for (std::size_t i = 0; i < truth.boxes.size(); ++i) {
-    const std::string cluster = cluster_of(frame, truth.tracks.empty() ? -1 : truth.tracks[i]);
-    paired.delta_logit.add(cluster, std::abs(right.cars[i].logit - changed.cars[i].logit));
-    paired.delta_score += std::abs(right.cars[i].score() - changed.cars[i].score());
-    ++paired.count;
-    for (const Stratum& stratum : distances()) {
-      if (truth.distance[i] < stratum.nearest || truth.distance[i] >= stratum.farthest) continue;
-      ++paired.vehicles[stratum.name];
-      paired.found_right[stratum.name].add(cluster, right.found[i]);
-      paired.found_changed[stratum.name].add(cluster, changed.found[i]);
-    }
-  }
-}
-
 double ap70_of(const std::vector<ScoredFrame>& frames) {
   return average_precision(frames, kIou).average_precision;
 }
 
 AuditRow row_of(const AuditChange& change, const std::vector<FrameAnswers>& frames, std::size_t place) {
-  Paired paired;
-  for (std::size_t f = 0; f < frames.size(); ++f) {
-    const std::optional<Answers>& changed = frames[f].changed[place];
-    if (!changed) continue;
-    paired.right.push_back(frames[f].right.scored);
-    paired.changed.push_back(changed->scored);
-    add_cars(paired, std::to_string(f + 1), frames[f].right, *changed);
-  }
   AuditRow row;
   row.change = change;
-  row.frames = static_cast<int>(paired.right.size());
-  row.vehicles = paired.count;
-  row.right70 = ap70_of(paired.right);
-  row.ap70 = ap70_of(paired.changed);
-  row.drop = average_precision_difference(paired.right, paired.changed, kIou);
-  row.delta_logit = paired.delta_logit.mean_interval();
-  row.delta_score = paired.delta_score / std::max(1, paired.count);
-  for (const Stratum& stratum : distances())
-    if (const int vehicles = paired.vehicles[stratum.name]; vehicles > 0)
+  std::vector<ScoredFrame> right, changed;
+  ClusteredShare delta_logit;
+  const std::vector<Stratum> strata = distances();
+  std::vector<FoundCars> found(strata.size());
+  for (std::size_t f = 0; f < frames.size(); ++f) {
+    const Answers& before = frames[f].right;
+    const std::optional<Answers>& after = frames[f].changed[place];
+    if (!after) continue;
+    right.push_back(before.scored);
+    changed.push_back(after->scored);
+    for (std::size_t i = 0; i < before.cars.size(); ++i) {
+      const TruthBox& car = before.scored.truth.boxes[i];
+      const std::string cluster = cluster_of(std::to_string(f + 1), car.track);
+      delta_logit.add(cluster, std::abs(before.cars[i].logit - after->cars[i].logit));
+      row.delta_score += std::abs(before.cars[i].score() - after->cars[i].score());
+      ++row.vehicles;
+      for (std::size_t s = 0; s < strata.size(); ++s) {
+        if (car.distance < strata[s].nearest || car.distance >= strata[s].farthest) continue;
+        ++found[s].vehicles;
+        found[s].right.add(cluster, before.found[i]);
+        found[s].changed.add(cluster, after->found[i]);
+      }
+    }
+  }
+  row.frames = static_cast<int>(right.size());
+  row.right70 = ap70_of(right);
+  row.ap70 = ap70_of(changed);
+  row.drop = average_precision_difference(right, changed, kIou);
+  row.delta_logit = delta_logit.mean_interval();
+  row.delta_score /= std::max(1, row.vehicles);
+  for (std::size_t s = 0; s < strata.size(); ++s)
+    if (found[s].vehicles > 0)
       row.lost.push_back(
-          {stratum.name, vehicles,
-           share_difference(paired.found_right[stratum.name], paired.found_changed[stratum.name])});
+          {strata[s].name, found[s].vehicles, share_difference(found[s].right, found[s].changed)});
   return row;
-}
-
-const char* noun(AuditInput input) {
-  return input == AuditInput::picture ? "picture" : "sweep";
 }
 
 std::string points_of(const Interval& drop) {
@@ -315,7 +282,7 @@ std::string points_of(const Interval& drop) {
 }
 
 std::string use_in_words(const AuditRow& row) {
-  const char* input = noun(row.change.input());
+  const char* input = row.change.input() == AuditInput::picture ? "picture" : "sweep";
   const char* verdict[] = {"it uses its {}", "it does not use its {}",
                            "whether it uses its {} cannot be told"};
   return fmt::format("Another frame's {} costs {}: {}.", input, points_of(row.drop),
@@ -323,7 +290,7 @@ std::string use_in_words(const AuditRow& row) {
 }
 
 /// The weakest of these changes that costs AP beyond its interval, and whether a weaker one is harmless.
-std::string notices(const Audit& audit, Kind kind, const char* what) {
+std::string sensitivity_text(const Audit& audit, Kind kind, const char* what) {
   const AuditRow* weakest = nullptr;
   const AuditRow* harmless = nullptr;
   for (const AuditRow& row : audit.rows) {
@@ -346,7 +313,7 @@ AuditInput AuditChange::input() const {
   return kind <= Kind::no_points ? AuditInput::points : AuditInput::calibration;
 }
 
-bool AuditChange::takes_away() const {
+bool AuditChange::removes_input() const {
   return kind == Kind::no_picture || kind == Kind::no_points;
 }
 
@@ -457,7 +424,13 @@ Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& sour
     Detector& detector = *detectors[worker];
     const std::size_t f = order[k];
     const Capabilities can = detector.capabilities();
-    const Lazy<Shown> shown([&] { return read_shown(source, pairs[f].frame, detector.region(), can); });
+    const Lazy<Shown> shown([&] {
+      Shown made;
+      made.frame = source.read(pairs[f].frame);
+      made.points = RecordedFrames::points(made.frame);
+      made.truth = ground_truth(made.frame, detector.region(), can);
+      return made;
+    });
     const auto with_cars = [&](ViewAnswers found) {
       return answers(std::move(found), shown.get().truth, shown.get().frame.calibration.camera.fy,
                      can.matching());
@@ -482,7 +455,7 @@ Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& sour
         return answers_to(detector, changed->view, shown.get().truth);
       };
       const auto refuse = [&](const std::exception& error) {
-        if (!changes[c].takes_away()) throw;
+        if (!changes[c].removes_input()) throw;
         const std::lock_guard lock(mutex);
         refused[c] = error.what();
       };
@@ -532,7 +505,7 @@ std::vector<std::string> describe(const Audit& audit) {
   const std::pair<Kind, const char*> errors[] = {
       {Kind::late_picture, "A picture"}, {Kind::turned_camera, "A camera"}, {Kind::moved_camera, "A camera"}};
   for (const auto& [kind, what] : errors)
-    if (audit.row(kind)) lines.push_back(notices(audit, kind, what));
+    if (audit.row(kind)) lines.push_back(sensitivity_text(audit, kind, what));
   return lines;
 }
 
@@ -546,7 +519,7 @@ nlohmann::json to_json(const Audit& audit) {
       continue;
     }
     nlohmann::json lost = nlohmann::json::array();
-    for (const AuditRow::Lost& part : row.lost) {
+    for (const AuditRow::RecallLoss& part : row.lost) {
       lost.push_back(to_json(part.share));
       lost.back().update({{"stratum", part.stratum}, {"vehicles", part.vehicles}});
     }

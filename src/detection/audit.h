@@ -59,7 +59,7 @@ struct AuditChange {
   /// The input that the change is of.
   AuditInput input() const;
   /// no_picture, no_points: a detector may refuse to go without.
-  bool takes_away() const;
+  bool removes_input() const;
   /// "another frame's", "blurred, 4 px", "turned 2°"
   std::string text() const;
 };
@@ -113,12 +113,12 @@ struct AuditRow {
   double delta_score = 0;        ///< the same of the scores
   /// Share of a stratum's cars that are found with the right input less that found with this one. Found: a
   /// detection at IoU 0.7 with a score over kScoreThreshold.
-  struct Lost {
+  struct RecallLoss {
     std::string stratum;
     int vehicles = 0;
     Interval share;
   };
-  std::vector<Lost> lost;  ///< "all", "0-20 m", "20-40 m", "40-70 m"
+  std::vector<RecallLoss> lost;  ///< "all", "0-20 m", "20-40 m", "40-70 m"
 
   /// input_use of this change.
   InputUse use() const { return input_use(drop, delta_logit, vehicles); }

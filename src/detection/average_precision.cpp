@@ -9,12 +9,11 @@
 #include <utility>
 
 #include "base/sizes.h"
+#include "detection/car_in_picture.h"
 #include "scene/data/data_set.h"
 
 namespace mirage {
 namespace {
-
-constexpr double kCarHeight = 1.53;  // m, KITTI's mean
 
 constexpr DifficultyLimits kLevels[] = {{40, 0, 0.15}, {25, 1, 0.3}, {25, 2, 0.5}};
 /// Of a label that says nothing of it: beyond each range of standard_strata(), and within "any".
@@ -92,7 +91,7 @@ struct ApparentSize {
 };
 ApparentSize apparent_size(const Detection& proposal, const ScoredFrame& frame) {
   const auto by_car = [&](double other) {  // of distance and height each gives the other
-    return frame.focal_length > 0 ? frame.focal_length * kCarHeight / std::max(other, 1.0)
+    return frame.focal_length > 0 ? frame.focal_length * kNominalHeight / std::max(other, 1.0)
                                   : std::numeric_limits<double>::infinity();
   };
   if (frame.matching.in_picture()) return {by_car(height_of(proposal.picture)), height_of(proposal.picture)};
@@ -131,19 +130,16 @@ class FramesAndVehicles {
   explicit FramesAndVehicles(std::span<const ScoredFrame> frames) : boxes_(frames.size(), 0) {
     for (std::size_t f = 0; f < frames.size(); ++f) {
       of_box_.emplace_back();
-      for (std::size_t i = 0; i < frames[f].truth.boxes.size(); ++i) {
+      for (const TruthBox& box : frames[f].truth.boxes) {
         std::size_t cluster = f;
-        if (const int track = track_of(frames[f], i); track >= 0) {
-          cluster = vehicles_.try_emplace(track, boxes_.size()).first->second;
+        if (box.track >= 0) {
+          cluster = vehicles_.try_emplace(box.track, boxes_.size()).first->second;
           if (cluster == boxes_.size()) boxes_.push_back(0);
         }
         ++boxes_[cluster];
         of_box_[f].push_back(cluster);
       }
     }
-  }
-  static int track_of(const ScoredFrame& frame, std::size_t box) {
-    return frame.truth.tracks.empty() ? -1 : frame.truth.tracks[box];
   }
   std::size_t size() const { return boxes_.size(); }
   std::size_t of(const Judged& detection) const {
@@ -200,13 +196,14 @@ Estimate jackknifed(double value, const FramesAndVehicles& clusters, const Witho
   return estimate;
 }
 
-/// The i-th label, which has these boxes, must be found.
-void must_find(TruthBoxes& truth, const Label& label, const ObjectBoxes& boxes, std::size_t i) {
-  truth.boxes.push_back(boxes);
-  truth.labels.push_back(i);
-  truth.difficulty.push_back(easiest_level(label));
-  truth.distance.push_back(has_box(label) ? horizontal_distance(label.box.bev) : kUnknownDistance);
-  truth.tracks.push_back(label.track);
+/// The i-th label, which has these boxes.
+TruthBox truth_box(const Label& label, const ObjectBoxes& boxes, std::size_t i) {
+  TruthBox truth = boxes;
+  truth.label = i;
+  truth.difficulty = easiest_level(label);
+  truth.distance = has_box(label) ? horizontal_distance(label.box.bev) : kUnknownDistance;
+  truth.track = label.track;
+  return truth;
 }
 
 bool has_boxes(std::span<const ScoredFrame> frames) {
@@ -257,17 +254,12 @@ GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region
     if (!has_box(label)) continue;
     if (label.type == "Misc") truth.look_alikes.push_back(boxes_of(label));
     if (label.type != "Car" && label.type != "Van" && !is_sought(label)) continue;
-    if (counts_by_label(label, region)) {
-      must_find(truth, label, boxes_of(label), i);
-    } else {
+    if (counts_by_label(label, region))
+      truth.boxes.push_back(truth_box(label, boxes_of(label), i));
+    else
       truth.ignore.push_back(boxes_of(label));
-    }
   }
   return all;
-}
-
-bool is_vehicle(const Label& label) {
-  return is_vehicle_type(label.type);
 }
 
 PictureBox picture_box(const Label& label) {
@@ -288,11 +280,10 @@ TruthBoxes picture_truth(std::span<const Label> labels, std::span<const int> pla
     ObjectBoxes boxes(has_box(label) ? label.box : Box3{}, picture_box(label));
     boxes.camera = place;
     if (label.type == "Misc") truth.look_alikes.push_back(boxes);
-    if (is_sought(label) && meets(label, limits_of(Difficulty::hard))) {
-      must_find(truth, label, boxes, i);
-    } else if (is_vehicle(label) || label.type == "DontCare") {
+    if (is_sought(label) && meets(label, limits_of(Difficulty::hard)))
+      truth.boxes.push_back(truth_box(label, boxes, i));
+    else if (is_vehicle_type(label.type) || label.type == "DontCare")
       truth.ignore.push_back(boxes);
-    }
   }
   return truth;
 }
@@ -350,8 +341,7 @@ Interval average_precision_difference(std::span<const ScoredFrame> a, std::span<
 ClusterCount clusters_of(std::span<const ScoredFrame> frames) {
   Clusters clusters;
   for (std::size_t f = 0; f < frames.size(); ++f)
-    for (std::size_t i = 0; i < frames[f].truth.boxes.size(); ++i)
-      clusters.add(std::to_string(f), FramesAndVehicles::track_of(frames[f], i));
+    for (const TruthBox& box : frames[f].truth.boxes) clusters.add(std::to_string(f), box.track);
   return clusters.count();
 }
 
@@ -375,12 +365,12 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
     const auto in_range = [&](double distance) {
       return distance >= stratum.nearest && distance < stratum.farthest;
     };
-    for (std::size_t i = 0; i < frame.truth.boxes.size(); ++i) {
-      const ObjectBoxes& box = frame.truth.boxes[i];
-      const double distance =
-          frame.matching.in_picture() ? frame.truth.distance[i] : horizontal_distance(box.box.bev);
-      const bool inside = in_range(distance) && frame.truth.difficulty[i] <= stratum.hardest;
-      (inside ? part.truth.boxes : part.truth.ignore).push_back(box);
+    for (const TruthBox& box : frame.truth.boxes) {
+      const double distance = frame.matching.in_picture() ? box.distance : horizontal_distance(box.box.bev);
+      if (in_range(distance) && box.difficulty <= stratum.hardest)
+        part.truth.boxes.push_back(box);
+      else
+        part.truth.ignore.push_back(box);
     }
     for (const Detection& proposal : frame.detections) {
       const ApparentSize seen = apparent_size(proposal, frame);

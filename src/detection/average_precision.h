@@ -25,24 +25,29 @@ const DifficultyLimits& limits_of(Difficulty difficulty);
 /// The easiest level whose limits the label meets; hard if it meets none.
 Difficulty easiest_level(const Label& label);
 
-/// A car, van, truck, tram or bus.
-bool is_vehicle(const Label& label);
 /// The label's box in the picture.
 PictureBox picture_box(const Label& label);
 /// The label's boxes; none in space unless has_box().
 ObjectBoxes boxes_of(const Label& label);
 
+/// A label that must be found.
+struct TruthBox : ObjectBoxes {
+  using ObjectBoxes::ObjectBoxes;
+  /// These boxes, of which nothing else is known.
+  TruthBox(const ObjectBoxes& boxes = {}) : ObjectBoxes(boxes) {}
+  std::size_t label = 0;                     ///< index into frame.labels
+  Difficulty difficulty = Difficulty::easy;  ///< its easiest_level
+  double distance = 0;                       ///< m from the `velo` origin
+  int track = -1;                            ///< Label::track
+  /// In `label`: a vehicle that ground-truth sampling pasted.
+  static constexpr std::size_t kPasted = std::numeric_limits<std::size_t>::max();
+};
+
 /// The labels of one frame as detection sees them.
 struct TruthBoxes {
-  std::vector<ObjectBoxes> boxes;             ///< must be found
+  std::vector<TruthBox> boxes;                ///< must be found
   std::vector<ObjectBoxes> ignore;            ///< may be found: neither right nor wrong
-  std::vector<std::size_t> labels;            ///< index into frame.labels of each of `boxes`
-  std::vector<Difficulty> difficulty = {};    ///< the easiest level of each of `boxes`
   std::vector<ObjectBoxes> look_alikes = {};  ///< of type "Misc": background that a LiDAR takes for cars
-  std::vector<double> distance = {};          ///< m from the `velo` origin to each of `boxes`
-  std::vector<int> tracks = {};               ///< identity of each of `boxes` (Label::track); empty: unknown
-  /// In `labels`: a vehicle that ground-truth sampling pasted.
-  static constexpr std::size_t kPasted = std::numeric_limits<std::size_t>::max();
 };
 
 /// What must be found in space, and what in the picture.
@@ -50,9 +55,8 @@ struct GroundTruth {
   TruthBoxes space, picture;
 };
 
-/// Whether a label must be found: KITTI's "hard" cars. A Car (or what else is_sought), truncated ≤ 0.5,
-/// occluded ≤ 2, at least 25 pixels high in the image, with its centre inside `region` (x and y from, to;
-/// `velo`, m). However few returns it has, none included: who sees its pixels can find it.
+/// Whether a label must be found: a Car (or what else is_sought) of a level, with its centre inside `region`
+/// (x and y from, to; `velo`, m). However few returns it has, none included: who sees its pixels can find it.
 bool counts_by_label(const Label& label, const std::array<double, 4>& region);
 
 /// Sorts the labels by counts_by_label. Other cars and vans are ignored: finding them is neither right
@@ -66,10 +70,9 @@ GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region
 /// detector of these capabilities does not look at.
 std::vector<int> places_of_cameras(const Frame& frame, const Capabilities& can);
 
-/// KITTI's "hard" cars, whatever their distance and their returns: a label must be found if it is a Car,
-/// truncated ≤ 0.5, occluded ≤ 2 and at least 25 pixels high. Other cars, vans, trucks, trams and DontCare
-/// regions are ignored: networks for photographs know vehicles, not cars. `places`: places_of_cameras();
-/// labels in pictures of other cameras are left out. Empty: of the first camera alone.
+/// Cars of a level must be found, whatever their distance and their returns. Other cars, vans, trucks, trams
+/// and DontCare regions are ignored: networks for photographs know vehicles, not cars. `places`:
+/// places_of_cameras(); labels in pictures of other cameras are left out. Empty: of the first camera alone.
 TruthBoxes picture_truth(std::span<const Label> labels, std::span<const int> places = {});
 
 /// One frame's detections after non-maximum suppression, and its labels.

@@ -71,8 +71,7 @@ std::array<double, 12> pixel_from_velo(const Calibration& calibration) {
   intrinsics << camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1;
   const Eigen::Matrix<double, 3, 4> matrix = intrinsics * calibration.camera_from_velo.matrix().topRows<3>();
   std::array<double, 12> values{};
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 4; ++c) values[as_size(4 * r + c)] = matrix(r, c);
+  Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(values.data()) = matrix;
   return values;
 }
 

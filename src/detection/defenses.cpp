@@ -244,10 +244,13 @@ class ShadowDetector : public DetectorWrapper {
   std::vector<Answer> answers_;  ///< of its answers
 };
 
-struct CloseTurboJpeg {
-  void operator()(void* handle) const { tjDestroy(handle); }
-};
-using TurboJpeg = std::unique_ptr<void, CloseTurboJpeg>;
+using TurboJpeg = std::unique_ptr<void, int (*)(tjhandle)>;
+
+/// `handle`: of tjInitCompress or tjInitDecompress.
+TurboJpeg started(tjhandle handle) {
+  if (!handle) throw Failure("libjpeg-turbo", "could not start", "check the free memory");
+  return {handle, tjDestroy};
+}
 
 void check(int status, const TurboJpeg& handle) {
   if (status != 0)
@@ -317,8 +320,7 @@ std::unique_ptr<Detector> with_shadows(std::unique_ptr<Detector> detector) {
 }
 
 std::string encode_jpeg(const ImageF& linear, int quality) {
-  const TurboJpeg compressor(tjInitCompress());
-  if (!compressor) throw Failure("libjpeg-turbo", "could not start", "check the free memory");
+  const TurboJpeg compressor = started(tjInitCompress());
   const std::vector<std::uint8_t> bytes = srgb_bytes(linear);
   unsigned char* encoded = nullptr;
   unsigned long size = 0;
@@ -331,8 +333,7 @@ std::string encode_jpeg(const ImageF& linear, int quality) {
 
 ImageF jpeg_round_trip(const ImageF& linear, int quality) {
   const std::string file = encode_jpeg(linear, quality);
-  const TurboJpeg decompressor(tjInitDecompress());
-  if (!decompressor) throw Failure("libjpeg-turbo", "could not start", "check the free memory");
+  const TurboJpeg decompressor = started(tjInitDecompress());
   std::vector<std::uint8_t> bytes(linear.data.size());
   check(tjDecompress2(decompressor.get(), reinterpret_cast<const unsigned char*>(file.data()), file.size(),
                       bytes.data(), linear.width, 0, linear.height, TJPF_RGB, TJFLAG_ACCURATEDCT),

@@ -115,15 +115,13 @@ ImageF jpeg_round_trip(const ImageF& linear, int quality);
 /// `inner` behind JPEG: its forward, image features and training see every camera's picture compressed.
 std::unique_ptr<Detector> behind_jpeg(std::unique_ptr<Detector> inner, int quality);
 
-// What a sweep says of solid bodies without any network: which car-sized things stop its rays, and which
-// places its rays go through.
+// What a sweep says of solid bodies without any network.
 //
-// An object on a roof changes neither: bodies are told by returns from 0.3 to 1.4 m above the road and by the
-// space behind them that no ray reaches, their shadow. So a car that a detector was made to miss still stands
-// there as a body (Hau et al., "Using 3D Shadows to Detect Object Hiding Attacks on Autonomous Vehicle
-// Perception", 2022), and where rays go through at the height of a car's body there is none, whatever a
-// detector was made to see (as local objectness does: Xiao et al., "Exorcising Wraith", USENIX Security
-// 2023).
+// Bodies are told by returns from 0.3 to 1.4 m above the road and by the space behind them that no ray
+// reaches, their shadow. So a car that a detector was made to miss still stands there as a body (Hau et al.,
+// "Using 3D Shadows to Detect Object Hiding Attacks on Autonomous Vehicle Perception", 2022), and where rays
+// go through at the height of a car's body there is none, whatever a detector was made to see (as local
+// objectness does: Xiao et al., "Exorcising Wraith", USENIX Security 2023).
 
 /// The road as a plane, by the lowest return of each square metre, and heights around it.
 class RoadSurface {

@@ -4,10 +4,8 @@
 
 #include <algorithm>
 #include <atomic>
-#include <chrono>
 #include <cmath>
 #include <future>
-#include <iterator>
 #include <mutex>
 
 #include "base/error.h"
@@ -15,6 +13,7 @@
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/ranks.h"
+#include "base/schedule.h"
 #include "base/sizes.h"
 #include "detection/car_in_picture.h"
 #include "scene/data/layouts.h"
@@ -22,11 +21,9 @@
 
 namespace mirage {
 
-std::vector<Detection> scored_over(std::span<const Detection> proposals, double least) {
-  std::vector<Detection> kept;
-  std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(kept),
-               [&](const Detection& proposal) { return proposal.score() > least; });
-  return kept;
+std::vector<Detection> scored_over(std::vector<Detection> proposals, double least) {
+  std::erase_if(proposals, [&](const Detection& proposal) { return !(proposal.score() > least); });
+  return proposals;
 }
 
 std::vector<Detection> detect_vehicles(Detector& detector, const Frame& frame, double score_threshold) {
@@ -54,21 +51,6 @@ void check_readable(std::span<const Detection> detections, Matching matching, co
                                    box.width, problem),
                        "limit the sizes and places that the network gives");
   }
-}
-
-/// A frame's detections, and what they took, s.
-struct TimedDetections {
-  std::vector<Detection> detections;
-  double seconds = 0;
-};
-
-TimedDetections timed_forward(Detector& detector, const Frame& frame, Matching matching) {
-  using Clock = std::chrono::steady_clock;
-  const std::vector<LidarPoint> points = RecordedFrames::points(frame);
-  const auto start = Clock::now();
-  auto detections =
-      suppress(detector.forward(view_of(frame, frame.image, points), kScoreThresholdForAp, false), matching);
-  return {std::move(detections), std::chrono::duration<double>(Clock::now() - start).count()};
 }
 
 constexpr const char* kFix = "write it again with mirage detect";
@@ -161,10 +143,6 @@ MatchRole role_of(const KittiDetection& detection, Difficulty level) {
   return detection.type == "Car" ? MatchRole::counts : MatchRole::absent;
 }
 
-ObjectBoxes boxes_of(const KittiDetection& detection) {
-  return {detection.box.value_or(Box3{}), detection.picture.value_or(PictureBox{})};
-}
-
 /// A frame at one level: roles, and what overlaps what.
 struct Judgement {
   std::vector<MatchRole> labels, detections;
@@ -179,7 +157,7 @@ Judgement judgement(const KittiFrame& frame, Matching matching, Difficulty level
   for (const KittiDetection& detection : frame.detections) {
     result.detections.push_back(role_of(detection, level));
     result.scores.push_back(detection.score);
-    boxes.push_back(boxes_of(detection));
+    boxes.push_back({detection.box.value_or(Box3{}), detection.picture.value_or(PictureBox{})});
   }
   for (const Label& label : frame.labels) {
     const ObjectBoxes box = boxes_of(label);
@@ -274,7 +252,7 @@ std::vector<double> thresholds(std::vector<double> scores, int cars) {
 
 Frame RecordedFrames::read(const std::string& id) const {
   Frame frame = read_frame(data, id, cameras);
-  seek(classes_of(classes), frame.labels);
+  mark_sought(classes_of(classes), frame.labels);
   if (add_measurements) add_measurements(frame);
   return frame;
 }
@@ -308,11 +286,15 @@ DetectionRun detect_data_set(
   std::mutex mutex;
   std::size_t done = 0, looked = 0;
   const auto detect_frame = [&](Detector& detector, const Frame& frame) {
-    TimedDetections at = timed_forward(detector, frame, run.matching);
+    const std::vector<LidarPoint> points = RecordedFrames::points(frame);
+    const auto start = Clock::now();
+    std::vector<Detection> found = suppress(
+        detector.forward(view_of(frame, frame.image, points), kScoreThresholdForAp, false), run.matching);
+    const double took = seconds_since(start);
     const std::lock_guard lock(mutex);
-    seconds += at.seconds;
+    seconds += took;
     ++looked;
-    return std::move(at.detections);
+    return found;
   };
   parallel_for(detectors.size(), [&](std::size_t worker) {
     Detector& detector = *detectors[worker];
@@ -343,7 +325,8 @@ DetectionRun detect_data_set(
   if (!tells) return run;
   if (looked == 0 && !run.ids.empty()) {  // all was kept; a network's first pass is slower than others
     const Frame frame = frames.read(run.ids.front());
-    timed_forward(*detectors.front(), frame, run.matching);
+    detect_frame(*detectors.front(), frame);
+    seconds = 0, looked = 0;
     detect_frame(*detectors.front(), frame);
   }
   run.at50 = average_precision(run.frames, 0.5);

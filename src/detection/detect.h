@@ -26,7 +26,7 @@ inline constexpr double kScoreThresholdForAp = 0.02;
 inline constexpr double kFaintScore = 1e-4;
 
 /// Those with a score over `least`.
-std::vector<Detection> scored_over(std::span<const Detection> proposals, double least);
+std::vector<Detection> scored_over(std::vector<Detection> proposals, double least);
 
 /// Points in view → proposals → suppression as the detector is judged (Capabilities::matching).
 /// Sorted by falling score.

@@ -129,17 +129,17 @@ struct SensorGradient {
   ImageF image;
   std::vector<std::array<float, 4>> points;
   std::vector<float> presence = {};  ///< d loss / d number of returns at each watched place; empty: not known
-  /// The same of each of SensorView::others, by its name: H×W×3, 4 a point, or as Measurement::shape has it.
-  /// One that is not there is zero.
+  /// d loss / d each of SensorView::others, by name: H×W×3, 4 per point, or of Measurement::shape. A missing
+  /// one is zero.
   std::map<std::string, std::vector<float>> others = {};
 };
 
 /// Ground truth for one training sample.
 struct TrainingSample {
   SensorView input;
-  /// The calibration's pixel_from_velo is applied to data_from_sample · p: augmentation moves points and
-  /// boxes by sample_from_data and leaves the image alone.
-  Eigen::Affine3d data_from_sample = Eigen::Affine3d::Identity();
+  /// The calibration's pixel_from_velo is applied to recorded_from_augmented · p: augmentation moves points
+  /// and boxes by augmented_from_recorded and leaves the image alone.
+  Eigen::Affine3d recorded_from_augmented = Eigen::Affine3d::Identity();
   std::vector<BevBox> boxes, ignore;
   /// In the picture, which augmentation leaves alone: vehicles that must be found there, and regions that
   /// give no loss.
@@ -289,7 +289,7 @@ void visit_fields(Visitor& visit, S& s) {
                  "shadows (cross-check with solid bodies in the sweep), or shipped weights of mirage defend "
                  "(adversarial, denoising, depth-gate, ceiling, roof-objects, picture-dropout). Combine with "
                  "+, e.g. adversarial+shadows",
-         .check = check_defense},
+         .check = [](const std::string& text) { read_defense(text); }},
         s.defense);
   visit({.name = "clean_memory",
          .help = "memory for cached feature maps of frames without the object, MB; makes a step 2 to 4 times "

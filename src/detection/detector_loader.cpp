@@ -159,7 +159,8 @@ std::optional<DetectorOptions> picture_of(const DetectorOptions& options) {
 }
 
 /// The detector within what its options name to stand around it.
-std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const DetectorOptions& options) {
+std::unique_ptr<Detector> wrap_in_defenses(std::unique_ptr<Detector> detector,
+                                           const DetectorOptions& options) {
   for (const std::string& word : read_defense(options.defense).around) {
     if (word == kShadows) {
       detector = with_shadows(std::move(detector));
@@ -324,10 +325,7 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {
   DetectorOptions options = given_options;
   if (options.clean_memory_mb < 0) options.clean_memory_mb = default_clean_memory();
   options.clean_memory_mb /= 1 + static_cast<int>(auxiliary_detectors(options).size());
-  if (is_outside(options)) {
-    auto detector = load_outside_detector(options);
-    return defended(std::move(detector), options);
-  }
+  if (is_outside(options)) return wrap_in_defenses(load_outside_detector(options), options);
   const fs::path plugin = plugin_file(options);
   const bool by_path = is_plugin_path(options.detector);
   nlohmann::json settings = {{"seed", options.seed},
@@ -354,7 +352,7 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {
                      "let it tell MIRAGE_FINDS_BEV or MIRAGE_FINDS_PICTURE");
   if (const auto picture = picture_of(options))
     detector = with_picture(std::move(detector), load_detector(*picture));
-  return defended(std::move(detector), options);
+  return wrap_in_defenses(std::move(detector), options);
 }
 
 fs::path weights_file(const DetectorOptions& options) {

@@ -5,6 +5,7 @@
 #include <charconv>
 #include <mutex>
 #include <optional>
+#include <ranges>
 #include <string_view>
 
 #include "base/fields.h"
@@ -40,16 +41,6 @@ bool stands_around(const std::string& word) {
   return word == kConsistency || word == kShadows || jpeg_quality(word) > 0 || ceiling_height(word) > 0;
 }
 
-std::vector<std::string> split_words(const std::string& text) {
-  std::vector<std::string> words(1);
-  for (const char letter : text)
-    if (letter == '+')
-      words.emplace_back();
-    else
-      words.back() += letter;
-  return words;
-}
-
 /// The number that a word gives after its name and a colon; none for another word, −1 for one that gives
 /// none.
 template <class Number>
@@ -82,13 +73,14 @@ double ceiling_height(const std::string& text) {
 }
 
 bool Defense::has(const std::string& word) const {
-  return std::find(around.begin(), around.end(), word) != around.end();
+  return std::ranges::find(around, word) != around.end();
 }
 
 Defense read_defense(const std::string& text) {
   Defense defense;
   if (text.empty() || text == "none") return defense;
-  for (const std::string& word : split_words(text)) {
+  for (const auto letters : std::views::split(text, '+')) {
+    const std::string word(letters.begin(), letters.end());
     if (word.empty() || word == "none" ||
         (!stands_around(word) && word.find_first_not_of("abcdefghijklmnopqrstuvwxyz-") != std::string::npos))
       throw FieldError("defense", text, "is not a defence",
@@ -107,10 +99,6 @@ Defense read_defense(const std::string& text) {
     }
   }
   return defense;
-}
-
-void check_defense(const std::string& text) {
-  read_defense(text);
 }
 
 }  // namespace mirage

@@ -58,17 +58,15 @@ double ceiling_height(const std::string& word);
 /// A defence taken apart.
 struct Defense {
   std::string weights;              ///< the word of shipped weights; empty: the plain ones
-  std::vector<std::string> around;  ///< what stands around the detector, the inner first
+  std::vector<std::string> around;  ///< the detector's wrappers, innermost first
 
-  /// Whether what the word names stands around the detector.
+  /// Whether the named wrapper is around the detector.
   bool has(const std::string& word) const;
 };
 
 /// Of DetectorOptions::defense (empty is none). FieldError for an empty word, two that are weights, one given
 /// twice, "none" beside others, or letters that no word has.
 Defense read_defense(const std::string& text);
-/// The same, for its errors alone.
-void check_defense(const std::string& text);
 
 // Detectors by their words, and which of what a detector is made of is code.
 

@@ -30,12 +30,12 @@ void cut_pixels(CutOut& car, const ImageF& image, const Image<std::uint16_t>& in
                 std::max(rect.v1, v + 1)};
   if (rect.empty()) return;
   car.rect = rect;
-  for (int v = rect.v0; v < rect.v1; ++v)
-    for (int u = rect.u0; u < rect.u1; ++u) {
-      car.mask.push_back(is_car(u, v));
-      for (int c = 0; c < 3; ++c)
-        car.srgb.push_back(static_cast<std::uint8_t>(std::lround(255 * srgb_from_linear(image.at(u, v, c)))));
-    }
+  car.mask = Image<std::uint8_t>(rect.width(), rect.height(), 1);
+  car.srgb = Image<std::uint8_t>(rect.width(), rect.height(), 3);
+  for (int y = 0; y < rect.height(); ++y) {
+    for (int x = 0; x < rect.width(); ++x) car.mask.at(x, y) = is_car(rect.u0 + x, rect.v0 + y);
+    write_srgb_bytes({image.pixel(rect.u0, rect.v0 + y), 3 * as_size(rect.width())}, car.srgb.pixel(0, y));
+  }
 }
 
 constexpr std::size_t kCutOutMemory = std::size_t{256} << 20;  // bytes of cut-outs kept
@@ -157,9 +157,9 @@ bool others_stay(const CompactFrame& frame, const std::vector<char>& removed, do
 
 /// 1 where a nearer return, spread over the gaps between firings and beams, hides the pixel of the car's
 /// rect.
-std::vector<char> hidden_pixels(const CompactFrame& frame, const PixelRect& rect,
-                                const std::vector<char>& nearer, const SamplingUnit& unit) {
-  std::vector<char> hidden(as_size(rect.width()) * as_size(rect.height()), 0);
+Image<std::uint8_t> hidden_pixels(const CompactFrame& frame, const PixelRect& rect,
+                                  const std::vector<char>& nearer, const SamplingUnit& unit) {
+  Image<std::uint8_t> hidden(rect.width(), rect.height(), 1);
   const PinholeCamera& camera = frame.calibration.camera;
   const int across = static_cast<int>(std::ceil(camera.fx * unit.azimuth_step / 2)) + 1;
   const int down = static_cast<int>(std::ceil(camera.fy * unit.beam_gap / 2)) + 1;
@@ -171,19 +171,27 @@ std::vector<char> hidden_pixels(const CompactFrame& frame, const PixelRect& rect
     const int v = static_cast<int>(std::lround(pixel.y())) - rect.v0;
     for (int y = std::max(0, v - down); y <= std::min(rect.height() - 1, v + down); ++y)
       for (int x = std::max(0, u - across); x <= std::min(rect.width() - 1, u + across); ++x)
-        hidden[as_size(y) * as_size(rect.width()) + as_size(x)] = 1;
+        hidden.at(x, y) = 1;
   }
   // Panes give no returns: short gaps in a column are closed.
   for (int x = 0; x < rect.width(); ++x) {
     int last = -1000;
     for (int y = 0; y < rect.height(); ++y) {
-      if (!hidden[as_size(y) * as_size(rect.width()) + as_size(x)]) continue;
+      if (!hidden.at(x, y)) continue;
       if (y - last > 1 && y - last <= 4 * down)
-        for (int k = last + 1; k < y; ++k) hidden[as_size(k) * as_size(rect.width()) + as_size(x)] = 1;
+        for (int k = last + 1; k < y; ++k) hidden.at(x, k) = 1;
       last = y;
     }
   }
   return hidden;
+}
+
+TruthBox pasted(const CutOut& car, const PictureBox& picture) {
+  TruthBox truth(car.box, picture);
+  truth.label = TruthBox::kPasted;
+  truth.difficulty = car.difficulty;
+  truth.distance = horizontal_distance(car.box.bev);
+  return truth;
 }
 
 /// The picture's truth with the car's box in it, `rows` lower than it was.
@@ -191,24 +199,13 @@ void paste_picture_box(CompactFrame& frame, const CutOut& car, int rows) {
   PictureBox box = car.picture;
   box.top = std::clamp<double>(box.top + rows, 0, frame.height - 1);
   box.bottom = std::clamp<double>(box.bottom + rows, 0, frame.height - 1);
-  TruthBoxes truth;
-  truth.ignore = frame.truth.picture.ignore;
-  const TruthBoxes& before = frame.truth.picture;
-  for (std::size_t i = 0; i < before.boxes.size(); ++i) {
-    if (intersection_area(before.boxes[i].picture, box) > kMaxCoveredShare * area(before.boxes[i].picture)) {
-      truth.ignore.push_back(before.boxes[i]);
-      continue;
-    }
-    truth.boxes.push_back(before.boxes[i]);
-    truth.labels.push_back(before.labels[i]);
-    truth.difficulty.push_back(before.difficulty[i]);
-    truth.distance.push_back(before.distance[i]);
-  }
-  truth.boxes.push_back({car.box, box});
-  truth.labels.push_back(TruthBoxes::kPasted);
-  truth.difficulty.push_back(car.difficulty);
-  truth.distance.push_back(horizontal_distance(car.box.bev));
-  frame.truth.picture = std::move(truth);
+  TruthBoxes& truth = frame.truth.picture;
+  const auto covered = [&](const TruthBox& other) {
+    return intersection_area(other.picture, box) > kMaxCoveredShare * area(other.picture);
+  };
+  std::ranges::copy_if(truth.boxes, std::back_inserter(truth.ignore), covered);
+  std::erase_if(truth.boxes, covered);
+  truth.boxes.push_back(pasted(car, box));
 }
 
 /// The car's pixels, its part of the mask and its box in the picture.
@@ -222,16 +219,15 @@ void paste_picture(CompactFrame& frame, const CutOut& car, const std::vector<cha
   rect.v1 += rows;
   paste_picture_box(frame, car, rows);
   frame.picture_key = 0;
-  const std::vector<char> hidden = hidden_pixels(frame, rect, nearer, unit);
+  const Image<std::uint8_t> hidden = hidden_pixels(frame, rect, nearer, unit);
   const auto is_car = [&](int x, int y) {
-    return x >= 0 && y >= 0 && x < rect.width() && y < rect.height() &&
-           car.mask[as_size(y) * as_size(rect.width()) + as_size(x)] != 0;
+    return x >= 0 && y >= 0 && x < rect.width() && y < rect.height() && car.mask.at(x, y) != 0;
   };
   for (int y = 0; y < rect.height(); ++y)
     for (int x = 0; x < rect.width(); ++x) {
       const int u = rect.u0 + x, v = rect.v0 + y;
-      const std::size_t from = as_size(y) * as_size(rect.width()) + as_size(x);
-      if (!is_car(x, y) || hidden[from] || u < 0 || v < 0 || u >= frame.width || v >= frame.height) continue;
+      if (!is_car(x, y) || hidden.at(x, y) || u < 0 || v < 0 || u >= frame.width || v >= frame.height)
+        continue;
       // The outline is mixed with the background, as an anti-aliased one is.
       int around = 0;
       for (int dy = -1; dy <= 1; ++dy)
@@ -239,16 +235,17 @@ void paste_picture(CompactFrame& frame, const CutOut& car, const std::vector<cha
       const std::size_t pixel = as_size(v) * as_size(frame.width) + as_size(u);
       if (!frame.vehicle_mask.empty()) frame.vehicle_mask[pixel] = true;
       std::uint8_t* to = &frame.srgb[pixel * 3];
-      for (std::size_t c = 0; c < 3; ++c)
-        to[c] = static_cast<std::uint8_t>((car.srgb[3 * from + c] * around + to[c] * (9 - around)) / 9);
+      for (int c = 0; c < 3; ++c)
+        to[c] = static_cast<std::uint8_t>((car.srgb.at(x, y, c) * around + to[c] * (9 - around)) / 9);
     }
 }
 
-}  // namespace
-
+/// Whether a label may name a car that is cut out.
 bool may_be_cut_out(const Label& label, const std::array<double, 4>& region) {
   return label.occluded == 0 && counts_by_label(label, region);
 }
+
+}  // namespace
 
 std::vector<CutOut> cut_out_cars(const fs::path& data, const std::string& id,
                                  const std::array<double, 4>& region, bool with_picture) {
@@ -368,9 +365,7 @@ bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit) {
   frame.points.resize(kept);
   const std::vector<LidarPoint> in_view = points_in_view(visible, frame.calibration);
   frame.points.insert(frame.points.end(), in_view.begin(), in_view.end());
-  truth.boxes.push_back({car.box, {}});
-  truth.labels.push_back(TruthBoxes::kPasted);
-  truth.difficulty.push_back(car.difficulty);
+  truth.boxes.push_back(pasted(car, {}));
   return true;
 }
 
@@ -400,7 +395,8 @@ const std::vector<CutOut>& GroundTruthSampler::cars_of(std::size_t frame) {
   Donor donor{true, cut_out_cars(data_, ids_[frame], region_, with_picture_)};
   std::size_t bytes = 0;
   for (const CutOut& car : donor.cars)
-    bytes += sizeof car + car.points.size() * sizeof(LidarPoint) + car.srgb.size() + car.mask.size();
+    bytes +=
+        sizeof car + car.points.size() * sizeof(LidarPoint) + car.srgb.data.size() + car.mask.data.size();
   if (bytes_ + bytes > kCutOutMemory) return (passing_ = std::move(donor)).cars;
   bytes_ += bytes;
   return (donors_[frame] = std::move(donor)).cars;

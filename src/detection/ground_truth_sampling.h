@@ -12,8 +12,6 @@
 
 namespace mirage {
 
-// A frame as training keeps it in memory.
-
 /// A frame as training keeps it: 8-bit sRGB picture, points in view, boxes.
 struct CompactFrame {
   int width = 0, height = 0;
@@ -21,7 +19,7 @@ struct CompactFrame {
   std::vector<LidarPoint> points;
   Calibration calibration;
   GroundTruth truth;
-  /// One a pixel, row-major: whether it shows a vehicle (is_vehicle). Empty where the data set does not tell.
+  /// Of each pixel, row-major: whether it shows a vehicle. Empty where the data set does not tell.
   std::vector<bool> vehicle_mask = {};
   std::uint64_t picture_key = 0;  ///< TrainingSample::picture_key
 };
@@ -34,9 +32,9 @@ struct CutOut {
   std::vector<LidarPoint> points;  ///< `velo`
   PinholeCamera camera;
   Transform camera_from_velo = Transform::Identity();
-  PixelRect rect;                  ///< of the picture; empty without pixels
-  std::vector<std::uint8_t> srgb;  ///< rect's pixels × 3
-  std::vector<std::uint8_t> mask;  ///< 1 where the pixel is the car's
+  PixelRect rect;            ///< of the picture; empty without pixels
+  Image<std::uint8_t> srgb;  ///< rect's pixels
+  Image<std::uint8_t> mask;  ///< 1 where the pixel is the car's
 };
 
 /// A car with fewer returns than this is neither cut out nor left behind by what is put before it.
@@ -48,9 +46,6 @@ inline constexpr std::size_t kMinPoints = 5;
 /// training/instance_2/ID.png (16-bit, k + 1) gives to it; none if !with_picture.
 std::vector<CutOut> cut_out_cars(const std::filesystem::path& data, const std::string& id,
                                  const std::array<double, 4>& region, bool with_picture);
-
-/// Whether a label may name such a car: fully visible, and detection counts it.
-bool may_be_cut_out(const Label& label, const std::array<double, 4>& region);
 
 // Ground-truth sampling: vehicles of the training set pasted into other frames of it (Yan et al., SECOND,
 // Sensors 2018), with their pixels where the set says which are theirs (as in Wang et al., PointAugmenting,

@@ -83,7 +83,7 @@ class PluginDetectorBase : public Detector {
   }
   /// One more instance, on the same weights and with their count of training steps; null if it cannot.
   template <class Self>
-  std::unique_ptr<Detector> on_its_weights() {
+  std::unique_ptr<Detector> with_shared_weights() {
     if (!plugin_.api->share) return nullptr;
     PluginInstance<Api> other = plugin_;
     const auto share = [&](char* error) {
@@ -95,18 +95,45 @@ class PluginDetectorBase : public Detector {
     shared->version_ = version_;
     return shared;
   }
+  /// To be called with each input: backward() is to it.
+  void keep(const SensorView& view, bool keep_graph) {
+    kept_width_ = view.image ? view.image->width : 0, kept_height_ = view.image ? view.image->height : 0;
+    kept_points_ = view.points.size();
+    kept_watched_ = capabilities_.knows_presence && keep_graph ? view.watched.size() : 0;
+  }
+  SensorGradient zero_gradient() const {
+    SensorGradient gradient;
+    if (kept_width_ > 0 && kept_height_ > 0) gradient.image = ImageF(kept_width_, kept_height_, 3);
+    gradient.points.resize(kept_points_);
+    gradient.presence.resize(kept_watched_);
+    return gradient;
+  }
   /// What errors name: the weights, or the plugin without any.
   std::string who() const { return (plugin_.weights.empty() ? plugin_.file : plugin_.weights).string(); }
 
   PluginInstance<Api> plugin_;
   Capabilities capabilities_;
-  BoxRows rows_;  ///< of the last forward: a plugin need not keep to the threshold
+  BoxRows rows_;                          ///< of the last forward: a plugin need not keep to the threshold
+  int kept_width_ = 0, kept_height_ = 0;  // of the last input
+  std::size_t kept_points_ = 0, kept_watched_ = 0;
   std::shared_ptr<std::atomic<std::uint64_t>> version_ = std::make_shared<std::atomic<std::uint64_t>>(0);
 };
 
 void copy_matrix(const Eigen::Affine3d& transform, double (&out)[12]) {
   Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(out);
   matrix = transform.matrix().topRows<3>();
+}
+
+/// Where the gradients to the first camera and the first LiDAR go; null for what saw nothing.
+std::array<float*, 2> places_of_first(SensorGradient& gradient) {
+  return {gradient.image.empty() ? nullptr : gradient.image.data.data(),
+          gradient.points.empty() ? nullptr : gradient.points.front().data()};
+}
+
+ImageF feature_map(const float* values, std::int64_t columns, std::int64_t rows) {
+  ImageF image(static_cast<int>(columns), static_cast<int>(rows), 1);
+  std::copy_n(values, image.data.size(), image.data.begin());
+  return image;
 }
 
 /// A view as the plugin gets it: the sensors that it reads. Lives as long as the pass.
@@ -236,9 +263,10 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     const RawFrame raw(view, capabilities_, who());
     if (capabilities_.remembers && !view.continues) call("reset", plugin_.api->reset, raw.sequence().c_str());
     MiragePass pass{&raw.frame(), static_cast<float>(score_threshold), keep_graph, nullptr, nullptr, 0};
-    if (capabilities_.knows_presence && keep_graph) {
+    keep(view, keep_graph);
+    if (kept_watched_ > 0) {
       pass.watched = floats_of(view.watched).data();
-      pass.watched_count = static_cast<std::int64_t>(view.watched.size());
+      pass.watched_count = static_cast<std::int64_t>(kept_watched_);
     }
     std::unique_ptr<RawFrame> clean;
     std::vector<std::int32_t> changed(4 * raw.places().size());
@@ -257,13 +285,10 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     const MirageDetection* found = nullptr;
     std::int64_t count = 0;
     call("forward", plugin_.api->forward, &pass, &found, &count);
-    kept_ = {};
-    kept_.watched = as_size(pass.watched_count);
-    for (const SensorData& other : view.others) kept_.others.push_back(other.name);
-    kept_.points = view.points.size();
-    if (view.image) kept_.width = view.image->width, kept_.height = view.image->height;
+    kept_sensors_.clear(), kept_others_.clear();
+    for (const SensorData& other : view.others) kept_others_.push_back(other.name);
     for (std::size_t i = 0; i < raw.places().size(); ++i)
-      kept_.sensors.push_back({raw.at(i).name, raw.places()[i], raw.values(i)});
+      kept_sensors_.push_back({raw.at(i).name, raw.places()[i], raw.values(i)});
     std::vector<Detection> detections;
     for (std::int64_t i = 0; i < count; ++i) detections.push_back(detection(found[i], raw, i));
     check_proposals(detections, capabilities_.matching(), who());
@@ -281,18 +306,14 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     if (!capabilities_.has_gradients)
       throw Failure(plugin_.file.string(), "has no gradients", "use another detector to attack");
     const std::vector<float> raw = rows_.of_rows(d_logits);
-    SensorGradient gradient;
-    if (kept_.width > 0 && kept_.height > 0) gradient.image = ImageF(kept_.width, kept_.height, 3);
-    gradient.points.resize(kept_.points);
-    gradient.presence.resize(kept_.watched);
+    SensorGradient gradient = zero_gradient();
+    const auto first = places_of_first(gradient);
     std::vector<MirageGradient> named;
-    for (const Kept::Sensor& sensor : kept_.sensors) {
+    for (const KeptSensor& sensor : kept_sensors_) {
       float* data = nullptr;
-      if (sensor.place == 0) {
-        data = gradient.image.empty() ? nullptr : gradient.image.data.data();
-      } else if (sensor.place == 1) {
-        data = gradient.points.empty() ? nullptr : gradient.points.data()->data();
-      } else if (std::find(kept_.others.begin(), kept_.others.end(), sensor.name) != kept_.others.end()) {
+      if (sensor.place < first.size()) {
+        data = first[sensor.place];
+      } else if (std::ranges::find(kept_others_, sensor.name) != kept_others_.end()) {
         auto& other = gradient.others[sensor.name];  // the view's, not its frame's as recorded
         other.resize(sensor.values);
         data = other.empty() ? nullptr : other.data();
@@ -312,7 +333,7 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     std::vector<MirageTrainingFrame> raw;
     for (const TrainingSample& sample : samples) {
       frames.push_back(
-          std::make_unique<RawFrame>(sample.input, capabilities_, who(), sample.data_from_sample));
+          std::make_unique<RawFrame>(sample.input, capabilities_, who(), sample.recorded_from_augmented));
       std::vector<MirageLabel>& of = labels.emplace_back();
       const auto add = [&](const auto& boxes, bool counts) {
         for (const auto& box : boxes) of.push_back(raw_label(box, counts));
@@ -325,20 +346,15 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     return trained(raw, learning_rate);
   }
 
-  std::unique_ptr<Detector> share() override { return on_its_weights<PluginDetector>(); }
+  std::unique_ptr<Detector> share() override { return with_shared_weights<PluginDetector>(); }
 
   ImageFeatures image_features(const SensorView& view) override {
     if (!plugin_.api->image_features || !capabilities_.reads_image) return {};
     const RawFrame frame(view, capabilities_, who());
     MirageFeatureMaps raw{};
     call("image_features", plugin_.api->image_features, &frame.frame(), &raw);
-    const auto map = [](const float* values, std::int64_t columns, std::int64_t rows) {
-      ImageF image(static_cast<int>(columns), static_cast<int>(rows), 1);
-      std::copy_n(values, image.data.size(), image.data.begin());
-      return image;
-    };
-    return {map(raw.map, raw.columns, raw.rows), raw.stride, map(raw.bev, raw.bev_columns, raw.bev_rows),
-            raw.cell};
+    return {feature_map(raw.map, raw.columns, raw.rows), raw.stride,
+            feature_map(raw.bev, raw.bev_columns, raw.bev_rows), raw.cell};
   }
 
  private:
@@ -368,17 +384,12 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     return made;
   }
 
-  /// Of the last input.
-  struct Kept {
-    struct Sensor {
-      std::string name;
-      std::size_t place, values;
-    };
-    std::vector<Sensor> sensors;
-    int width = 0, height = 0;
-    std::size_t points = 0, watched = 0;
-    std::vector<std::string> others;  ///< of the view
-  } kept_;
+  struct KeptSensor {
+    std::string name;
+    std::size_t place, values;
+  };
+  std::vector<KeptSensor> kept_sensors_;  ///< of the last input
+  std::vector<std::string> kept_others_;  ///< of its view
   std::array<double, 4> region_{};
 };
 
@@ -447,8 +458,8 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
                      (flags & MIRAGE_KNOWS_PRESENCE) != 0};
     if (((flags & MIRAGE_KNOWS_CHANGES) && (!api->why_whole || !api->forward_changed)) ||
         ((flags & MIRAGE_KNOWS_PRESENCE) && (!api->watch || !api->presence)))
-      throw InputError(plugin_.file.string(), "mirage_detector_api",
-                       "a function that its flags promise is missing", "rebuild the plugin");
+      throw InputError(plugin_.file.string(), kEntry, "a function that its flags promise is missing",
+                       kRebuild);
     if (flags & MIRAGE_KNOWS_CHANGES)
       call_plugin(plugin_.file, "why_whole",
                   [&] { capabilities_.why_whole = api->why_whole(plugin_.instance); });
@@ -464,9 +475,8 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
     const MirageSensorInput input = raw_input(view);
     const MirageProposal* raw_proposals = nullptr;
     std::int64_t count = 0;
-    const bool watches = capabilities_.knows_presence && keep_graph;
-    kept_watched_ = watches ? view.watched.size() : 0;
-    if (watches)
+    keep(view, keep_graph);
+    if (capabilities_.knows_presence && keep_graph)
       call("watch", plugin_.api->watch, floats_of(view.watched).data(),
            static_cast<std::int64_t>(kept_watched_));
     const auto least = static_cast<float>(score_threshold);
@@ -479,9 +489,6 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
     } else {
       call("forward", plugin_.api->forward, &input, least, keep_graph, &raw_proposals, &count);
     }
-    kept_width_ = view.image ? view.image->width : 0;
-    kept_height_ = view.image ? view.image->height : 0;
-    kept_points_ = view.points.size();
     std::vector<Detection> proposals;
     for (std::int64_t i = 0; i < count; ++i) {
       const MirageBox& b = raw_proposals[i].box;
@@ -499,14 +506,10 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
 
   SensorGradient backward(std::span<const double> d_logits) override {
     const std::vector<float> raw = rows_.of_rows(d_logits);
-    SensorGradient gradient;
-    if (kept_width_ > 0 && kept_height_ > 0) gradient.image = ImageF(kept_width_, kept_height_, 3);
-    gradient.points.resize(kept_points_);
-    float* d_image = gradient.image.empty() ? nullptr : gradient.image.data.data();
-    float* d_points = gradient.points.empty() ? nullptr : gradient.points.data()->data();
+    SensorGradient gradient = zero_gradient();
+    const auto [d_image, d_points] = places_of_first(gradient);
     call("backward", plugin_.api->backward, raw.data(), static_cast<std::int64_t>(raw.size()), d_image,
          d_points);
-    gradient.presence.resize(kept_watched_);
     if (kept_watched_ > 0)
       call("presence", plugin_.api->presence, gradient.presence.data(),
            static_cast<std::int64_t>(kept_watched_));
@@ -526,7 +529,7 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
       const TrainingSample& sample = samples[i];
       raw[i].input = raw_input(sample.input);
       Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(raw[i].input.pixel_from_velo);
-      matrix = (matrix * sample.data_from_sample.matrix()).eval();
+      matrix = (matrix * sample.recorded_from_augmented.matrix()).eval();
       give(sample.boxes, boxes, raw[i].boxes, raw[i].box_count);
       give(sample.ignore, boxes, raw[i].ignore, raw[i].ignore_count);
       give(sample.picture_boxes, in_pictures, raw[i].picture_boxes, raw[i].picture_box_count);
@@ -537,23 +540,16 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
     return trained(raw, learning_rate);
   }
 
-  std::unique_ptr<Detector> share() override { return on_its_weights<Version3Detector>(); }
+  std::unique_ptr<Detector> share() override { return with_shared_weights<Version3Detector>(); }
 
   ImageFeatures image_features(const SensorView& view) override {
     if (!plugin_.api->image_features || !capabilities_.reads_image) return {};
     const MirageSensorInput input = raw_input(view);
     MirageImageFeatures raw{};
     call("image_features", plugin_.api->image_features, &input, &raw);
-    ImageFeatures features{ImageF(raw.columns, raw.rows, 1), raw.stride,
-                           ImageF(raw.bev_columns, raw.bev_rows, 1), raw.cell};
-    std::copy_n(raw.map, features.map.data.size(), features.map.data.begin());
-    std::copy_n(raw.bev, features.bev.data.size(), features.bev.data.begin());
-    return features;
+    return {feature_map(raw.map, raw.columns, raw.rows), raw.stride,
+            feature_map(raw.bev, raw.bev_columns, raw.bev_rows), raw.cell};
   }
-
- private:
-  int kept_width_ = 0, kept_height_ = 0;  // of the last input
-  std::size_t kept_points_ = 0, kept_watched_ = 0;
 };
 
 }  // namespace

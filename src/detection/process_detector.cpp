@@ -42,6 +42,7 @@ Detection detection_of(const float* row, std::size_t columns, bool in_picture) {
 
 using nlohmann::json;
 
+constexpr std::string_view kProgramPrefix = "exec:";
 constexpr int kProtocol = 1;
 constexpr int kTries = 3;                         // at one frame
 constexpr double kPatience = 10;                  // s after Ctrl-C for the frame at hand
@@ -52,7 +53,7 @@ constexpr const char* kAnswerAsAsked =
 
 /// The words of the command, as a shell parts them; none of its own programs is run.
 std::vector<std::string> command_words(const std::string& detector) {
-  const std::string command = detector.substr(std::strlen(kProgramPrefix));
+  const std::string command = detector.substr(kProgramPrefix.size());
   wordexp_t parts{};
   const int status = ::wordexp(command.c_str(), &parts, WRDE_NOCMD);
   std::vector<std::string> words;
@@ -105,18 +106,20 @@ std::size_t aligned(std::size_t at) {
 
 json rows_json(const Transform& transform) {
   json rows = json::array();
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 4; ++c) rows.push_back(transform.matrix()(r, c));
+  for (const double value : transform.matrix().topRows<3>().reshaped<Eigen::RowMajor>())
+    rows.push_back(value);
   return rows;
 }
 
 class ProcessDetector : public ExternalDetector {
  public:
   ProcessDetector(const DetectorOptions& options, const ProcessLimits& limits)
-      : ExternalDetector(options.detector, options.detector), limits_(limits), words_(command_words(who_)) {
+      : ExternalDetector(options.detector, options.detector),
+        limits_(limits),
+        words_(command_words(error_name_)) {
     const std::filesystem::path program = find_program(words_[0]);
     if (program.empty())
-      throw FieldError("detector", who_, "names a program that is not on PATH: " + words_[0],
+      throw FieldError("detector", error_name_, "names a program that is not on PATH: " + words_[0],
                        "write \"exec:PROGRAM ARGUMENTS\"");
     words_[0] = program;
     // Beside what the user has on it: mirage_serve.py needs no installation.
@@ -140,7 +143,7 @@ class ProcessDetector : public ExternalDetector {
   ProcessDetector& operator=(const ProcessDetector&) = delete;
 
   std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
-    if (keep_graph && !word_.can.has_gradients) no_gradient();
+    if (keep_graph && !description_.can.has_gradients) throw_no_gradient();
     forward_ = place(view, score_threshold, keep_graph);
     json answer;
     try {
@@ -162,18 +165,19 @@ class ProcessDetector : public ExternalDetector {
       return of;
     };
     const Array<std::int32_t> classes = numbers("classes"), identities = numbers("identities");
-    if (!BoxRows::knows(columns, !word_.can.finds_bev) || !whole)
+    if (!BoxRows::knows(columns, !description_.can.finds_bev) || !whole)
       throw Failure(
-          who_, fmt::format("gave boxes of shape {} × {} with {} logits", count, columns, logits.shape[0]),
+          error_name_,
+          fmt::format("gave boxes of shape {} × {} with {} logits", count, columns, logits.shape[0]),
           BoxRows::guide());
     const int width = view.image ? view.image->width : 0, height = view.image ? view.image->height : 0;
     return rows_.proposals(
         {boxes.values.data(), logits.values.data(), count, columns, classes.values, identities.values},
-        word_.can, score_threshold, width, height, who_);
+        description_.can, score_threshold, width, height, error_name_);
   }
 
   SensorGradient backward(std::span<const double> d_logits) override {
-    if (!word_.can.has_gradients) no_gradient();
+    if (!description_.can.has_gradients) throw_no_gradient();
     const std::vector<float> all = rows_.of_rows(d_logits);
     copy_bytes(memory_.data() + d_logits_at_, all.data(), all.size() * sizeof(float));
     const json answer = exchange({{"job", "gradient"},
@@ -184,7 +188,7 @@ class ProcessDetector : public ExternalDetector {
   }
 
   TrainingLoss train_step(std::span<const TrainingSample>, double) override {
-    throw FieldError("detector", who_, "is trained in its own program", "train it there");
+    throw FieldError("detector", error_name_, "is trained in its own program", "train it there");
   }
   void save(const std::filesystem::path& file, bool) override {
     throw InputError(file.string(), "detector", "a program's network has no weights file here",
@@ -199,8 +203,8 @@ class ProcessDetector : public ExternalDetector {
     std::vector<std::size_t> shape;
   };
 
-  [[noreturn]] void no_gradient() const {
-    throw FieldError("detector", who_, "gives no gradient, and an attack follows it",
+  [[noreturn]] void throw_no_gradient() const {
+    throw FieldError("detector", error_name_, "gives no gradient, and an attack follows it",
                      "let the program tell \"gradient\": true and answer the job gradient");
   }
 
@@ -209,29 +213,31 @@ class ProcessDetector : public ExternalDetector {
     worker_.emplace(words_, "", "the detector was at work", kPatience);
     json answer;
     if (worker_->exchange(hello_, limits_.start, answer, true)) return answer;
-    const bool misspoke = worker_->misspoke();
-    const std::string how = misspoke         ? worker_->lost()
+    const bool broke_protocol = worker_->broke_protocol();
+    const std::string how = broke_protocol   ? worker_->lost()
                             : worker_->end() ? fmt::format("ended before it served ({})", *worker_->end())
                                              : "does not serve: it " + worker_->lost();
     worker_.reset();
-    throw FieldError(
-        "detector", who_, how,
-        misspoke ? kAnswerAsAsked : "run the command by itself: it must end with serve(…) (mirage_serve.py)");
+    throw FieldError("detector", error_name_, how,
+                     broke_protocol
+                         ? kAnswerAsAsked
+                         : "run the command by itself: it must end with serve(…) (mirage_serve.py)");
   }
 
   void read_hello(const json& answer) {
     if (!answer["ok"].get<bool>())
-      throw FieldError("detector", who_, "hello " + text_of(answer, "error", "failed"),
+      throw FieldError("detector", error_name_, "hello " + text_of(answer, "error", "failed"),
                        "look at what it printed");
     if (answer.value("protocol", json()) != kProtocol)
-      throw FieldError("detector", who_, "protocol is " + answer.value("protocol", json()).dump() + ", not 1",
+      throw FieldError("detector", error_name_,
+                       "protocol is " + answer.value("protocol", json()).dump() + ", not 1",
                        "use the mirage_serve.py or mirage_process.h of this version");
-    word_ = read_external_description(answer, who_);
+    description_ = read_external_description(answer, error_name_);
   }
 
   /// Writes the sensor's array into the memory from `at` on, which goes behind it; where it lies.
   json write(const SensorData& sensor, ExternalSensor& its, std::size_t& at) {
-    const bool bytes = its.kind == SensorData::Kind::camera && word_.bytes;
+    const bool bytes = its.kind == SensorData::Kind::camera && description_.bytes;
     its.at = at;
     at += aligned(its.values() * (bytes ? 1 : sizeof(float)));
     memory_.reserve(at);
@@ -265,10 +271,10 @@ class ProcessDetector : public ExternalDetector {
   /// given the frame anew. Failure of one that remembers where the frame continues a sequence.
   json exchange(const json& job) {
     const bool again = job["job"] == "gradient",
-               remembered = word_.can.remembers && forward_.value("continues", false);
+               remembered = description_.can.remembers && forward_.value("continues", false);
     const auto throw_if_remembered = [&](const std::string& how) {
       if (remembered)
-        throw Failure(who_, how + " in the middle of a sequence: what it remembered is lost",
+        throw Failure(error_name_, how + " in the middle of a sequence: what it remembered is lost",
                       "look at what the program printed, and run the command again");
     };
     for (int attempt = 1;; ++attempt) {
@@ -278,20 +284,20 @@ class ProcessDetector : public ExternalDetector {
       const bool ready = !(fresh && again) || worker_->exchange(forward_, limits_.answer, answer);
       if (ready && worker_->exchange(job, limits_.answer, answer)) {
         if (answer["ok"].get<bool>()) return answer;
-        throw Failure(who_,
+        throw Failure(error_name_,
                       fmt::format("{} failed ({})", job["job"].get<std::string>(),
                                   printable(text_of(answer, "error", "no reason given"))),
                       "look at what the program printed");
       }
       const std::string lost = worker_->lost();
-      const bool misspoke = worker_->misspoke();
+      const bool broke_protocol = worker_->broke_protocol();
       worker_.reset();
-      if (misspoke) throw Failure(who_, lost, kAnswerAsAsked);
+      if (broke_protocol) throw Failure(error_name_, lost, kAnswerAsAsked);
       throw_if_remembered(lost);
       if (attempt == kTries)
-        throw Failure(who_, fmt::format("{}, {} times at one frame", lost, kTries),
+        throw Failure(error_name_, fmt::format("{}, {} times at one frame", lost, kTries),
                       "look at what the program printed");
-      spdlog::warn("{} {}; starting it again", who_, lost);
+      spdlog::warn("{} {}; starting it again", error_name_, lost);
     }
   }
 
@@ -300,7 +306,7 @@ class ProcessDetector : public ExternalDetector {
   Array<T> array(const json& answer, const char* field, std::size_t dimensions) const {
     constexpr const char* kType = std::is_same_v<T, float> ? "float32" : "int32";
     const auto fail = [&](const std::string& problem) {
-      throw Failure(who_, fmt::format("answered with {} {}", field, problem),
+      throw Failure(error_name_, fmt::format("answered with {} {}", field, problem),
                     fmt::format("give {{\"at\": byte, \"shape\": [{} lengths], \"type\": \"{}\"}} from "
                                 "answer_at on, below size",
                                 dimensions, kType));
@@ -331,7 +337,7 @@ class ProcessDetector : public ExternalDetector {
   }
 
   [[noreturn]] void not_finite(const char* field) const {
-    throw Failure(who_, fmt::format("answered with {} that are not finite", field),
+    throw Failure(error_name_, fmt::format("answered with {} that are not finite", field),
                   "look for logarithms, roots and divisions of 0");
   }
 
@@ -344,7 +350,7 @@ class ProcessDetector : public ExternalDetector {
     const std::string field = fmt::format("d_{}", sensor.array());
     const auto received = array<float>(group->at(sensor.name), field.c_str(), sensor.shape.size());
     if (received.shape != sensor.shape)
-      throw Failure(who_,
+      throw Failure(error_name_,
                     fmt::format("gave a gradient of shape {} to {} of shape {}", json(received.shape).dump(),
                                 sensor.name, json(sensor.shape).dump()),
                     "give one value for each that was sent");
@@ -358,7 +364,7 @@ class ProcessDetector : public ExternalDetector {
       const auto from = received.values.subspan(at, count);
       values.insert(values.end(), from.begin(), from.end());
       const auto here = std::span(values).subspan(at);
-      if (sensor.kind == SensorData::Kind::camera && word_.bytes)
+      if (sensor.kind == SensorData::Kind::camera && description_.bytes)
         through_srgb_slope(levels.subspan(at, count), here);
       if (!all_finite(here)) not_finite(field.c_str());
     }
@@ -460,21 +466,21 @@ const char* BoxRows::guide() {
 std::vector<Detection> BoxRows::proposals(const RawBoxes& raw, const Capabilities& can,
                                           double score_threshold, int width, int height,
                                           const std::string& who) {
-  count_ = raw.count;
-  places_.clear();
-  std::vector<Detection> kept;
-  for (std::size_t i = 0; i < count_; ++i) {
+  std::vector<Detection> answers;
+  answers.reserve(raw.count);
+  for (std::size_t i = 0; i < raw.count; ++i) {
     const int type = raw.classes.empty() ? 0 : raw.classes[i];
     if (type < 0 || as_size(type) >= can.types.size())
-      throw InputError(who, fmt::format("box {} of {}", i, count_),
+      throw InputError(who, fmt::format("box {} of {}", i, raw.count),
                        fmt::format("is of class {}, and {} are named", type, can.types.size()),
                        "name all classes in the order of their numbers");
-    Detection found = detection_of(raw.boxes + i * raw.columns, raw.columns, !can.finds_bev);
+    Detection& found =
+        answers.emplace_back(detection_of(raw.boxes + i * raw.columns, raw.columns, !can.finds_bev));
     found.logit = raw.logits[i];
     found.type = type;
     if (!raw.identities.empty()) found.identity = raw.identities[i];
-    if (takes(i, found, score_threshold)) kept.push_back(std::move(found));
   }
+  std::vector<Detection> kept = proposals(std::move(answers), score_threshold);
   check_proposals(kept, can.matching(), who);
   for (Detection& found : kept) found.picture = within(found.picture, width, height);
   return kept;
@@ -485,15 +491,12 @@ std::vector<Detection> BoxRows::proposals(std::vector<Detection> answers, double
   places_.clear();
   std::vector<Detection> kept;
   kept.reserve(count_);
-  for (std::size_t i = 0; i < count_; ++i)
-    if (takes(i, answers[i], score_threshold)) kept.push_back(std::move(answers[i]));
+  for (std::size_t i = 0; i < count_; ++i) {
+    if (!(answers[i].score() > score_threshold)) continue;
+    places_.push_back(i);
+    kept.push_back(std::move(answers[i]));
+  }
   return kept;
-}
-
-bool BoxRows::takes(std::size_t row, const Detection& found, double score_threshold) {
-  if (!(found.score() > score_threshold)) return false;
-  places_.push_back(row);
-  return true;
 }
 
 std::vector<float> BoxRows::of_rows(std::span<const double> d_logits) const {
@@ -539,7 +542,7 @@ json ExternalDetector::describe_input(const SensorView& view,
     json by_kind = {{"cameras", json::object()}, {"lidars", json::object()}, {"sensors", json::object()}};
     of.clear();
     for (const SensorData& sensor : all) {
-      ExternalSensor& its = of.emplace_back(sensor, word_.can);
+      ExternalSensor& its = of.emplace_back(sensor, description_.can);
       json& description = by_kind[its.group()][its.name] = {{"time", sensor.time}};
       if (its.kind == SensorData::Kind::camera && view.calibration) {
         Calibration calibration;
@@ -553,13 +556,13 @@ json ExternalDetector::describe_input(const SensorView& view,
     }
     return by_kind;
   };
-  json job = groups(sensors(view, word_.can, who_), sensors_);
-  if (view.clean && word_.can.why_whole.empty() &&
+  json job = groups(sensors(view, description_.can, error_name_), sensors_);
+  if (view.clean && description_.can.why_whole.empty() &&
       view.others.empty()) {  // of others nobody says what changed
     SensorView before = view;
     before.image = view.clean->image, before.points = view.clean->points, before.clean = nullptr;
     std::vector<ExternalSensor> without;
-    json& clean = job["clean"] = groups(sensors(before, word_.can, who_), without);
+    json& clean = job["clean"] = groups(sensors(before, description_.can, error_name_), without);
     clean["key"] = fmt::format("{:016x}", view.clean->key);
     for (const ExternalSensor& sensor : without) {
       if (sensor.kind != SensorData::Kind::camera) continue;
@@ -601,7 +604,7 @@ SensorGradient ExternalDetector::gradient(
 }
 
 void ExternalDetector::throw_if_blind(const SensorView& view, const char* why) const {
-  if (word_.can.reads_image && (!view.image || view.image->empty()))
+  if (description_.can.reads_image && (!view.image || view.image->empty()))
     throw InputError("detector", "image", std::string("cannot do without a picture (") + why + ")",
                      "give it one");
 }

@@ -63,9 +63,6 @@ class BoxRows {
   std::size_t count() const { return count_; }
 
  private:
-  /// Whether what stands in that row is a proposal, and remembers it if so.
-  bool takes(std::size_t row, const Detection& found, double score_threshold);
-
   std::size_t count_ = 0;
   std::vector<std::size_t> places_;
 };
@@ -94,10 +91,10 @@ struct ExternalSensor {
 class ExternalDetector : public Detector {
  public:
   /// `who`: what errors name.
-  ExternalDetector(std::string name, std::string who) : name_(std::move(name)), who_(std::move(who)) {}
+  ExternalDetector(std::string name, std::string who) : name_(std::move(name)), error_name_(std::move(who)) {}
   std::string name() const override { return name_; }
-  Capabilities capabilities() const override { return word_.can; }
-  std::array<double, 4> region() const override { return word_.region; }
+  Capabilities capabilities() const override { return description_.can; }
+  std::array<double, 4> region() const override { return description_.region; }
 
  protected:
   /// What it is told of a view, as the job detect has it. give(sensor, what is told of it) hands an array
@@ -109,16 +106,13 @@ class ExternalDetector : public Detector {
   /// InputError for one that failed, `why`, where it was given no picture and reads one.
   void throw_if_blind(const SensorView& view, const char* why) const;
 
-  std::string name_, who_;
-  ExternalDescription word_;
+  std::string name_, error_name_;
+  ExternalDescription description_;
   std::vector<ExternalSensor> sensors_;  ///< of the last view
   BoxRows rows_;
 };
 
-/// What DetectorOptions::detector begins with; the command follows, its words as in a shell.
-inline constexpr const char* kProgramPrefix = "exec:";
-
-/// Whether the word names a program, which is code.
+/// Whether the word names a program, which is code: "exec:" and a command, its words as in a shell.
 bool is_program(const std::string& detector);
 
 /// Hash of the command's words and of the files that they name, alone or behind a "=" (--weights=FILE). What

@@ -9,10 +9,6 @@
 
 namespace mirage {
 
-bool reads_picture(const Detector& detector) {
-  return detector.capabilities().reads_image;
-}
-
 Reliance no_camera() {
   Reliance blind;
   blind.reads_picture = false;
@@ -44,7 +40,7 @@ Reliance measure_reliance(std::span<Detector* const> detectors, const RecordedFr
                           const std::vector<std::string>& ids,
                           const std::function<void(std::size_t, std::size_t)>& progress,
                           std::map<std::string, std::vector<Detection>>* seen) {
-  if (!reads_picture(*detectors.front())) return no_camera();
+  if (!detectors.front()->capabilities().reads_image) return no_camera();
   Audit audit = run_audit(detectors, source, ids, gate_changes(), {}, 0, progress);
   if (seen) *seen = std::move(audit.as_recorded);
   return reliance_of(audit);

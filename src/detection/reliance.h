@@ -42,9 +42,6 @@ struct Reliance {
   bool ignores_picture() const { return reads_picture && use() == InputUse::ignored; }
 };
 
-/// Whether the picture can reach its answers at all.
-bool reads_picture(const Detector& detector);
-
 /// What is to be said of a detector without a camera.
 Reliance no_camera();
 

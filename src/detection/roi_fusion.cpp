@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "detection/defenses.h"
+#include "detection/detect.h"
 #include "scene/data/kitti_rows.h"
 
 namespace mirage {
@@ -31,8 +32,7 @@ class RoiFusion : public DetectorWrapper {
   std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
     std::vector<Detection> things = inner_->forward(view, reporting_threshold(score_threshold), keep_graph);
     if (view.image && !view.image->empty() && view.calibration) fuse(things, view);
-    std::erase_if(things, [&](const Detection& thing) { return !(thing.score() > score_threshold); });
-    return things;
+    return scored_over(std::move(things), score_threshold);
   }
 
   std::unique_ptr<Detector> share() override {

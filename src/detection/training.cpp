@@ -149,9 +149,11 @@ void thin_lidar(CompactFrame& frame, const LidarModel& lidar, double share, std:
     for (std::size_t i = 0; i < beams.size(); ++i) kept[i] = beams[i] >= 0 && beams[i] % step == first;
   } else {
     // What looks like a car loses as much: a gap in the sweep must not mean a car.
-    for (const auto* boxes : {&frame.truth.space.boxes, &frame.truth.space.look_alikes})
-      for (const ObjectBoxes& object : *boxes)
-        if (random.uniform() < kObjects) lose_returns(frame.points, object.box.bev, kept, random);
+    const auto thin = [&](const ObjectBoxes& object) {
+      if (random.uniform() < kObjects) lose_returns(frame.points, object.box.bev, kept, random);
+    };
+    std::ranges::for_each(frame.truth.space.boxes, thin);
+    std::ranges::for_each(frame.truth.space.look_alikes, thin);
   }
   keep(frame.points, kept);
 }
@@ -177,7 +179,8 @@ CompactFrame read_compact(const std::filesystem::path& data, const std::string& 
   const Image<std::uint16_t> instances = read_instances(data, id, small.width, small.height);
   small.vehicle_mask.reserve(instances.data.size());
   for (const std::uint16_t k : instances.data)
-    small.vehicle_mask.push_back(k >= 1 && k <= frame.labels.size() && is_vehicle(frame.labels[k - 1]));
+    small.vehicle_mask.push_back(k >= 1 && k <= frame.labels.size() &&
+                                 is_vehicle_type(frame.labels[k - 1].type));
   return small;
 }
 
@@ -207,34 +210,34 @@ Eigen::Affine3d random_pose(std::uint64_t seed, std::uint64_t index) {
   return pose;
 }
 
-BevBox moved(const BevBox& box, const Eigen::Affine3d& sample_from_data) {
-  const Vec3d centre = sample_from_data * Vec3d(box.x, box.y, 0);
-  const Vec3d heading = sample_from_data.linear() * Vec3d(std::cos(box.yaw), std::sin(box.yaw), 0);
+BevBox moved(const BevBox& box, const Eigen::Affine3d& augmented_from_recorded) {
+  const Vec3d centre = augmented_from_recorded * Vec3d(box.x, box.y, 0);
+  const Vec3d heading = augmented_from_recorded.linear() * Vec3d(std::cos(box.yaw), std::sin(box.yaw), 0);
   const double scale = heading.norm();
   return {centre.x(), centre.y(), box.length * scale, box.width * scale,
           std::atan2(heading.y(), heading.x())};
 }
 
-PreparedSample prepared_sample(const CompactFrame& small, const Eigen::Affine3d& sample_from_data,
+PreparedSample prepared_sample(const CompactFrame& small, const Eigen::Affine3d& augmented_from_recorded,
                                const std::array<double, 4>& region) {
   PreparedSample sample;
   sample.image = linear_image(small.srgb, small.width, small.height);
   sample.calibration = small.calibration;
   TrainingSample& truth = sample.truth;
-  truth.data_from_sample = sample_from_data.inverse();
-  const Eigen::Affine3f move = sample_from_data.cast<float>();
+  truth.recorded_from_augmented = augmented_from_recorded.inverse();
+  const Eigen::Affine3f move = augmented_from_recorded.cast<float>();
   for (const LidarPoint& point : small.points) {
     const Vec3f p = move * point.position();
     sample.points.push_back({p.x(), p.y(), p.z(), point.reflectance});
   }
   for (const ObjectBoxes& object : small.truth.space.boxes) {
-    const BevBox there = moved(object.box.bev, sample_from_data);
+    const BevBox there = moved(object.box.bev, augmented_from_recorded);
     const bool inside =
         there.x >= region[0] && there.x < region[1] && there.y >= region[2] && there.y < region[3];
     (inside ? truth.boxes : truth.ignore).push_back(there);
   }
   for (const ObjectBoxes& object : small.truth.space.ignore)
-    truth.ignore.push_back(moved(object.box.bev, sample_from_data));
+    truth.ignore.push_back(moved(object.box.bev, augmented_from_recorded));
   for (const ObjectBoxes& object : small.truth.picture.boxes) truth.picture_boxes.push_back(object.picture);
   for (const ObjectBoxes& object : small.truth.picture.ignore) truth.picture_ignore.push_back(object.picture);
   sample.vehicle_mask.assign(small.vehicle_mask.begin(), small.vehicle_mask.end());
@@ -245,10 +248,13 @@ PreparedSample prepared_sample(const CompactFrame& small, const Eigen::Affine3d&
 TrainingData::TrainingData(const std::filesystem::path& data, std::size_t limit,
                            const std::array<double, 4>& region, std::uint64_t seed, double pasted,
                            bool with_picture, double thinned, const std::string& rig)
-    : data_(data), ids_(list_frames(data)), region_(region), seed_(seed), thinned_(thinned) {
+    : data_(data),
+      ids_(first_frames(data, limit)),
+      region_(region),
+      seed_(seed),
+      frames_(ids_.size()),
+      thinned_(thinned) {
   if (thinned > 0) lidar_ = lidar_of(data, rig);
-  if (limit > 0 && ids_.size() > limit) ids_.resize(limit);
-  frames_.resize(ids_.size());
   if (pasted > 0)
     sampler_ = std::make_unique<GroundTruthSampler>(data_, ids_, region_, seed_, pasted, with_picture, rig);
 }

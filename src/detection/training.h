@@ -46,15 +46,15 @@ CompactFrame compact(const Frame& frame, const std::array<double, 4>& region);
 CompactFrame read_compact(const std::filesystem::path& data, const std::string& id,
                           const std::array<double, 4>& region);
 
-/// The frame after sample_from_data; boxes that leave the region are ignored.
-PreparedSample prepared_sample(const CompactFrame& frame, const Eigen::Affine3d& sample_from_data,
+/// The frame after augmented_from_recorded; boxes that leave the region are ignored.
+PreparedSample prepared_sample(const CompactFrame& frame, const Eigen::Affine3d& augmented_from_recorded,
                                const std::array<double, 4>& region);
 
 /// Flip of y (half of the samples), a turn of up to ±10° about z, a scale of 0.95–1.05 and a lift of up to
-/// ±0.15 m: sample_from_data. Depends on (seed, index) alone.
+/// ±0.15 m: augmented_from_recorded. Depends on (seed, index) alone.
 Eigen::Affine3d random_pose(std::uint64_t seed, std::uint64_t index);
-/// A box of the data after sample_from_data (a similarity that keeps z upright).
-BevBox moved(const BevBox& box, const Eigen::Affine3d& sample_from_data);
+/// A box of the data after augmented_from_recorded (a similarity that keeps z upright).
+BevBox moved(const BevBox& box, const Eigen::Affine3d& augmented_from_recorded);
 
 /// The training set as a detector sees it: compact, augmented, in an order that depends on the seed alone.
 class TrainingData {

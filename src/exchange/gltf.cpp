@@ -24,6 +24,13 @@ namespace {
 
 using namespace gltf_limits;
 
+/// What Mirage says that the node is; empty: nothing.
+std::string role_of(const tinygltf::Node& node) {
+  const bool told =
+      node.extras.IsObject() && node.extras.Has("mirage_role") && node.extras.Get("mirage_role").IsString();
+  return told ? node.extras.Get("mirage_role").Get<std::string>() : "";
+}
+
 class SceneReader {
  public:
   explicit SceneReader(const std::filesystem::path& file) : gltf_(file), model_(gltf_.model()) {}
@@ -84,21 +91,16 @@ class SceneReader {
   }
 
   void read_photograph(const tinygltf::Value& value, const std::string& field, SceneCamera& scene) const {
-    const int image = value.GetNumberAsInt();
-    if (image < 0 || as_size(image) >= model_.images.size())
-      gltf_.fail(field, fmt::format("image {} of {}", image, model_.images.size()));
-    const auto [data, size] = gltf_.view(model_.images[as_size(image)].bufferView, field);
-    const PictureSize camera{scene.camera.width, scene.camera.height};
-    scene.photograph =
-        decode_srgb({reinterpret_cast<const char*>(data), size}, gltf_.file().string(), field, camera);
+    const int index = value.GetNumberAsInt();
+    const tinygltf::Image* image = entry(model_.images, index);
+    if (!image) gltf_.fail(field, fmt::format("image {} of {}", index, model_.images.size()));
+    scene.photograph = decode_srgb(gltf_.view(image->bufferView, field), gltf_.file().string(), field,
+                                   {scene.camera.width, scene.camera.height});
   }
 
   RenderScene::Thing thing(const tinygltf::Node& node, const std::string& field,
                            const Eigen::Affine3d& gltf_from_node) const {
-    RenderScene::Thing result{node.name, "", {}};
-    if (node.extras.IsObject() && node.extras.Has("mirage_role") && node.extras.Get("mirage_role").IsString())
-      result.role = node.extras.Get("mirage_role").Get<std::string>();
-    if (as_size(node.mesh) >= model_.meshes.size()) gltf_.fail(field + ".mesh", "missing");
+    RenderScene::Thing result{node.name, role_of(node), {}};
     if (auto exact = gltf_.exact(node, field, gltf_from_node)) {
       result.textured = std::move(*exact);
       return result;
@@ -174,9 +176,7 @@ class SceneReader {
     const auto enter = [&](const tinygltf::Node& node, const std::string& field,
                            const Eigen::Affine3d& placed) {
       if (node.camera < 0 || named) return;
-      const bool told = node.extras.IsObject() && node.extras.Has("mirage_role") &&
-                        node.extras.Get("mirage_role").IsString();
-      const std::string role = told ? node.extras.Get("mirage_role").Get<std::string>() : "";
+      const std::string role = role_of(node);
       named = first ? role == "camera" : role == "other camera" && node.name == camera.name;
       // Without a role the first camera is meant, as without extras.
       if (named || (first && !found && role != "other camera"))
@@ -193,9 +193,8 @@ class SceneReader {
             .toRotationMatrix();
     const Eigen::Matrix3d turn = pose_of(node).linear();
     double angle = 0;
-    if (as_size(index) < model_.cameras.size() && model_.cameras[as_size(index)].type == "perspective")
-      angle = model_.cameras[as_size(index)].perspective.yfov -
-              2 * std::atan(camera.camera.height / (2 * camera.camera.fy));
+    if (const tinygltf::Camera* lens = entry(model_.cameras, index); lens && lens->type == "perspective")
+      angle = lens->perspective.yfov - 2 * std::atan(camera.camera.height / (2 * camera.camera.fy));
     if (!((pose.linear() - turn).cwiseAbs().maxCoeff() <= kSameTurn && std::abs(angle) <= kSameTurn &&
           (pose.translation() - velo_from_camera.translation()).norm() <=
               kSamePlace * (1 + velo_from_camera.translation().norm())))
@@ -221,8 +220,9 @@ class SceneReader {
     const auto enter = [&](const tinygltf::Node& node, const std::string& field,
                            const Eigen::Affine3d& placed) {
       if (found || node.camera < 0) return;
-      if (as_size(node.camera) >= model_.cameras.size()) gltf_.fail(field + ".camera", "missing");
-      const tinygltf::Camera& camera = model_.cameras[as_size(node.camera)];
+      const tinygltf::Camera* lens = entry(model_.cameras, node.camera);
+      if (!lens) gltf_.fail(field + ".camera", "missing");
+      const tinygltf::Camera& camera = *lens;
       const std::string name = fmt::format("cameras[{}]", node.camera);
       if (camera.type != "perspective") gltf_.fail(name + ".type", camera.type, "give a perspective camera");
       if (camera.extras.IsObject() && camera.extras.Has("fx")) {
@@ -250,13 +250,10 @@ class SceneReader {
                            const Eigen::Affine3d& placed) {
       const auto extension = node.extensions.find("KHR_lights_punctual");
       if (!found.empty() || extension == node.extensions.end() || !extension->second.Has("light")) return;
-      const int index = extension->second.Get("light").GetNumberAsInt();
-      if (index < 0 || as_size(index) >= model_.lights.size()) return;
-      const tinygltf::Light& light = model_.lights[as_size(index)];
-      if (light.type != "directional") return;
-      const Vec3d color =
-          light.color.size() == 3 ? Vec3d(light.color[0], light.color[1], light.color[2]) : Vec3d::Ones();
-      lighting.sun = color * light.intensity / std::numbers::pi;
+      const tinygltf::Light* light = entry(model_.lights, extension->second.Get("light").GetNumberAsInt());
+      if (!light || light->type != "directional") return;
+      const Vec3d color = light->color.size() == 3 ? Vec3d(light->color.data()) : Vec3d::Ones();
+      lighting.sun = color * light->intensity / std::numbers::pi;
       lighting.to_sun_velo = gltf_from_velo().transpose() * placed.linear() * Vec3d::UnitZ();
       const double length = lighting.to_sun_velo.norm();
       if (!(length > 1e-6 && std::isfinite(length)))
@@ -273,9 +270,6 @@ class SceneReader {
 };
 
 using nlohmann::json;
-
-constexpr int kNearest = 9728, kRepeatless = 33071;        // GL filter and CLAMP_TO_EDGE
-constexpr int kElementArray = 34963, kUnsignedInt = 5125;  // GL buffer target and component type
 
 json vector_json(const Vec3d& v) {
   return {v.x(), v.y(), v.z()};
@@ -302,14 +296,12 @@ int add_picture(GltfBuilder& gltf, const std::string& name, const ImageF& linear
 }
 
 /// The texels as a picture for viewers; its index among the textures.
-int add_texture(GltfBuilder& gltf, const TexelAtlas& atlas, const TextureLayout& layout) {
-  ImageF picture(layout.width, layout.height, 3, 1.0f);
-  for (std::size_t t = 0; t < atlas.texels.size(); ++t)
-    for (int c = 0; c < 3; ++c) picture.data[3 * t + as_size(c)] = static_cast<float>(atlas.texels[t][c]);
-  const int image = add_picture(gltf, "texels", picture);
-  const int sampler = gltf.add(
-      "samplers",
-      {{"magFilter", kNearest}, {"minFilter", kNearest}, {"wrapS", kRepeatless}, {"wrapT", kRepeatless}});
+int add_texture(GltfBuilder& gltf, const TexelAtlas& atlas) {
+  const int image = add_picture(gltf, "texels", texel_picture(atlas));
+  const int sampler = gltf.add("samplers", {{"magFilter", TINYGLTF_TEXTURE_FILTER_NEAREST},
+                                            {"minFilter", TINYGLTF_TEXTURE_FILTER_NEAREST},
+                                            {"wrapS", TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE},
+                                            {"wrapT", TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE}});
   return gltf.add("textures", {{"source", image}, {"sampler", sampler}});
 }
 
@@ -336,48 +328,44 @@ json add_exact(GltfBuilder& gltf, const TexturedMesh& textured) {
   return exact;
 }
 
-/// The adversary as a mesh; its index. Positions are used as they are, so `velo` or the adversary's frame.
-int add_adversary(GltfBuilder& gltf, const TexturedMesh& textured) {
+/// The adversary as a node. Positions are used as they are, so `velo` or the adversary's frame.
+void add_adversary(GltfBuilder& gltf, const TexturedMesh& textured) {
   const auto& [mesh, atlas] = textured;
   const bool colored = !atlas.texels.empty();
   const TextureLayout layout(atlas.texels.size());
   const auto triangles = atlas_triangles(colored ? atlas.resolution : 1);
   std::vector<float> positions, uvs;
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-    const auto [v0, v1, v2] = mesh.corners(mesh.faces[f]);
+    const auto face = mesh.corners(mesh.faces[f]);
     for (const AtlasTriangle& triangle : triangles) {
       const Vec2d uv = layout.centre(f * atlas.per_face() + as_size(triangle.texel));
-      for (const Vec2d& b : triangle.corners) {
-        append_position(positions, b.x() * v0 + b.y() * v1 + (1 - b.x() - b.y()) * v2);
+      for (const Vec3d& corner : triangle.on(face)) {
+        append_position(positions, corner);
         if (colored) uvs.insert(uvs.end(), {static_cast<float>(uv.x()), static_cast<float>(uv.y())});
       }
     }
   }
   const json exact = add_exact(gltf, textured);
   json material = flat_material("adversary", colored ? Vec3d::Ones() : Vec3d::Constant(0.5));
-  json attributes = {{"POSITION", gltf.add_floats(positions, 3, true)}};
+  json attributes = {{"POSITION", gltf.add_floats(positions, 3)}};
   if (colored) {
-    attributes["TEXCOORD_0"] = gltf.add_floats(uvs, 2, false);
-    material["pbrMetallicRoughness"]["baseColorTexture"] = {{"index", add_texture(gltf, atlas, layout)}};
+    attributes["TEXCOORD_0"] = gltf.add_floats(uvs, 2);
+    material["pbrMetallicRoughness"]["baseColorTexture"] = {{"index", add_texture(gltf, atlas)}};
   }
   material["doubleSided"] = true;
   json primitive = {{"attributes", attributes}, {"material", gltf.add("materials", material)}};
-  return gltf.add(
+  const int drawn = gltf.add(
       "meshes",
       {{"name", "adversary"}, {"primitives", json::array({primitive})}, {"extras", {{"mirage", exact}}}});
+  gltf.add_node({{"name", "adversary"}, {"mesh", drawn}, {"extras", {{"mirage_role", "adversary"}}}});
 }
 
 void add_proxy(GltfBuilder& gltf, const ExportScene::Proxy& proxy) {
   std::vector<float> positions;  // no NORMAL: flat shading
   for (const Vec3d& v : proxy.mesh.vertices) append_position(positions, v);
-  std::vector<std::uint32_t> corners;
-  for (const Face& f : proxy.mesh.faces) corners.insert(corners.end(), f.begin(), f.end());
-  const int indices = gltf.add("accessors", {{"bufferView", gltf.add_view(corners, kElementArray)},
-                                             {"componentType", kUnsignedInt},
-                                             {"count", corners.size()},
-                                             {"type", "SCALAR"}});
+  const int indices = gltf.add_corners(proxy.mesh.faces);
   const int material = gltf.add("materials", flat_material(proxy.name, proxy.color));
-  json primitive = {{"attributes", {{"POSITION", gltf.add_floats(positions, 3, true)}}},
+  json primitive = {{"attributes", {{"POSITION", gltf.add_floats(positions, 3)}}},
                     {"indices", indices},
                     {"material", material}};
   const int mesh = gltf.add("meshes", {{"name", proxy.name}, {"primitives", json::array({primitive})}});
@@ -449,11 +437,10 @@ RenderScene read_scene(const std::filesystem::path& file, int width, int height)
   return SceneReader(file).read(width, height);
 }
 
-void write_object(const std::filesystem::path& file, const TexturedMesh& object, const json& about) {
-  check_mesh(object, file.string());
+void write_adversary(const std::filesystem::path& file, const TexturedMesh& adversary, const json& about) {
+  check_mesh(adversary, file.string());
   GltfBuilder gltf;
-  const int mesh = add_adversary(gltf, object);
-  gltf.add_node({{"name", "adversary"}, {"mesh", mesh}, {"extras", {{"mirage_role", "adversary"}}}});
+  add_adversary(gltf, adversary);
   if (!about.is_null()) {
     json& asset = gltf.json()["asset"];
     asset["extras"] = {{"mirage_object", about}};
@@ -462,33 +449,28 @@ void write_object(const std::filesystem::path& file, const TexturedMesh& object,
   write_file(file, gltf.glb());
 }
 
-void write_adversary(const std::filesystem::path& file, const TexturedMesh& adversary) {
-  write_object(file, adversary, nullptr);
-}
-
 void write_scene(const std::filesystem::path& file, const ExportScene& scene) {
   check_mesh(scene.adversary, file.string());
   GltfBuilder gltf;
-  const int mesh = add_adversary(gltf, scene.adversary);
-  gltf.add_node({{"name", "adversary"}, {"mesh", mesh}, {"extras", {{"mirage_role", "adversary"}}}});
+  add_adversary(gltf, scene.adversary);
   for (const ExportScene::Proxy& proxy : scene.proxies) add_proxy(gltf, proxy);
   const json camera = add_camera(gltf, scene.camera, scene.calibration, "camera");
   add_sun(gltf, scene.lighting);
-  gltf.json()["scenes"][0]["name"] = scene.name;
-  gltf.json()["scenes"][0]["extras"]["mirage"] = {{"camera", camera}, {"lighting", to_json(scene.lighting)}};
-  if (scene.learned_on) gltf.json()["scenes"][0]["extras"]["mirage"]["learned_on"] = *scene.learned_on;
-  if (!scene.photograph.empty())
-    gltf.json()["scenes"][0]["extras"]["mirage"]["photograph"] =
-        add_picture(gltf, "photograph", scene.photograph);
+  json extras = {{"camera", camera}, {"lighting", to_json(scene.lighting)}};
+  if (scene.learned_on) extras["learned_on"] = *scene.learned_on;
+  if (!scene.photograph.empty()) extras["photograph"] = add_picture(gltf, "photograph", scene.photograph);
   for (const SideCamera& other : scene.others) {
     json about = add_camera(gltf, other.name, other.calibration, "other camera");
     about["photograph"] = add_picture(gltf, other.name, other.image.get());
-    gltf.json()["scenes"][0]["extras"]["mirage"]["others"].push_back(about);
+    extras["others"].push_back(about);
   }
+  gltf.json()["scenes"][0]["name"] = scene.name;
+  gltf.json()["scenes"][0]["extras"]["mirage"] = extras;
   write_file(file, gltf.glb());
 }
 
-Mesh ground_proxy(const Vec3d& centre, double reach) {
+Mesh ground_proxy(const Vec3d& centre) {
+  constexpr double reach = 40;  // m
   Mesh ground;
   for (const Vec2d& corner :
        {Vec2d(reach, reach), Vec2d(-reach, reach), Vec2d(-reach, -reach), Vec2d(reach, -reach)})

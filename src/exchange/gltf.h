@@ -18,8 +18,10 @@ namespace mirage {
 
 /// Writes the adversary: each face tessellated into its C² congruent triangles with all UVs at one texel's
 /// centre, so that every viewer shows SoftRas's atlas exactly; and the original vertices, faces and texels
-/// (binary, float64) for a lossless way back.
-void write_adversary(const std::filesystem::path& file, const TexturedMesh& adversary);
+/// (binary, float64) for a lossless way back. `about`, if there is any, stands in the asset's extras as
+/// "mirage_object": where the object comes from; its "licence", if it has one, is the asset's copyright.
+void write_adversary(const std::filesystem::path& file, const TexturedMesh& adversary,
+                     const nlohmann::json& about = {});
 /// Reads what write_adversary wrote: the identical mesh and texels. A foreign .glb is read as a plain mesh
 /// with its base colour. InputError naming file and field (gltf_document.h says what is refused).
 TexturedMesh read_adversary(const std::filesystem::path& file);
@@ -56,17 +58,11 @@ void write_scene(const std::filesystem::path& file, const ExportScene& scene);
 /// camera, it or a light is singular or beyond the limits, or the photograph is not of the camera's size.
 RenderScene read_scene(const std::filesystem::path& file, int width = 0, int height = 0);
 
-// An object as a file that says where it comes from.
-
-/// As write_adversary, with `about` in the asset's extras as "mirage_object"; its
-/// "licence", if it has one, is the asset's copyright.
-void write_object(const std::filesystem::path& file, const TexturedMesh& object, const nlohmann::json& about);
-
 // The vehicle under the adversary and the road, for Blender and viewers: they catch its shadow and bounce
 // light.
 
-/// A square of level road around a point of it, `reach` metres to every side, facing up.
-Mesh ground_proxy(const Vec3d& centre, double reach = 40);
+/// A square of level road around a point of it, 40 m to every side, facing up.
+Mesh ground_proxy(const Vec3d& centre);
 
 /// Everything of one frame with the placed adversary. The host is the carrier's fitted shape where it has
 /// one, with the road where its wheels stand, else car_proxy of the labelled box; its paint is taken from the

@@ -12,7 +12,6 @@
 #include <cstdint>
 #include <cstring>
 #include <numbers>
-#include <optional>
 #include <utility>
 
 #include "base/error.h"
@@ -27,7 +26,6 @@ namespace fs = std::filesystem;
 namespace {
 
 const char* kCheckPath = "check the path and its permissions";
-const char* kPutBeside = "put it beside the file that names it";
 
 /// The first `most` bytes of a regular file, opened without following a link at its end and without waiting.
 std::string read_regular_file(const fs::path& file, std::size_t most) {
@@ -52,36 +50,9 @@ std::string read_regular_file(const fs::path& file, std::size_t most) {
   return bytes;
 }
 
-/// "%20" → " " and so on (RFC 3986, section 2.1). None for a broken sequence or a zero byte.
-std::optional<std::string> percent_decoded(const std::string& uri) {
-  const auto digit = [](char c) {
-    if (c >= '0' && c <= '9') return c - '0';
-    const char lower = static_cast<char>(c | 0x20);
-    return lower >= 'a' && lower <= 'f' ? lower - 'a' + 10 : -1;
-  };
-  std::string text;
-  for (std::size_t i = 0; i < uri.size(); ++i) {
-    if (uri[i] != '%') {
-      text.push_back(uri[i]);
-      continue;
-    }
-    if (i + 2 >= uri.size()) return std::nullopt;
-    const int high = digit(uri[i + 1]), low = digit(uri[i + 2]);
-    if (high < 0 || low < 0 || high + low == 0) return std::nullopt;
-    text.push_back(static_cast<char>(16 * high + low));
-    i += 2;
-  }
-  return text;
-}
-
 constexpr std::size_t kHeader = 20, kChunkHeader = 8;  // bytes; the former with the first chunk's
 /// Bytes of the JSON of a .glb, whose data lie behind it.
 constexpr std::size_t kMaxGlbJsonBytes = std::size_t{1} << 24;
-
-void check_magic(std::string_view bytes, const std::string& file) {
-  if (!bytes.starts_with("glTF"))
-    throw InputError(file, "magic", "is not \"glTF\"", "give a binary glTF 2.0 file (.glb)");
-}
 
 /// Bytes of the JSON, a .glb's first chunk, by the file's `head` and size.
 std::size_t json_size(std::string_view head, std::uintmax_t size, const std::string& file) {
@@ -95,7 +66,7 @@ std::size_t json_size(std::string_view head, std::uintmax_t size, const std::str
   };
   if (head.size() < kHeader)
     fail("header", fmt::format("{} bytes are too few for a .glb file", head.size()), "export the file again");
-  check_magic(head, file);
+  if (!head.starts_with("glTF")) fail("magic", "is not \"glTF\"", "give a binary glTF 2.0 file (.glb)");
   if (u32(4) != 2) fail("version", fmt::format("{}", u32(4)), "give a glTF 2.0 file");
   if (u32(8) > size)
     fail("length", fmt::format("truncated: {} of {} bytes", size, u32(8)),
@@ -134,7 +105,7 @@ class Checker {
     check_demands(asset);
     for (const char* name : {"buffers", "bufferViews", "accessors", "images", "materials", "meshes",
                              "cameras", "nodes", "scenes"})
-      list(document_, name, name, [&](const json& entry, const std::string& field) {
+      each(name, [&](const json& entry, const std::string& field) {
         if (!entry.is_object()) fail(field, "is not an object");
       });
     each("buffers", [&](const json& buffer, const std::string& field) {
@@ -431,7 +402,7 @@ class Checker {
 
 }  // namespace
 
-FolderFiles::FolderFiles(const fs::path& file) : given_(file) {
+ConfinedFiles::ConfinedFiles(const fs::path& file) : given_(file) {
   std::error_code error;
   file_ = fs::canonical(file, error);
   if (error) throw InputError(file.string(), "", error.message(), kCheckPath);
@@ -442,9 +413,9 @@ FolderFiles::FolderFiles(const fs::path& file) : given_(file) {
   if (error) throw InputError(file.string(), "", error.message(), kCheckPath);
 }
 
-fs::path FolderFiles::find(const std::string& name, const std::string& field) const {
-  const auto bad = [&](const char* problem) {
-    return InputError(given_.string(), field, problem, kPutBeside);
+std::string ConfinedFiles::read(const std::string& name, const std::string& field, std::size_t most) const {
+  const auto bad = [&](const char* problem, const char* fix = "put it beside the file that names it") {
+    return InputError(given_.string(), field, problem, fix);
   };
   if (name.empty() || name.find('\0') != std::string::npos) throw bad("names no file");
   std::error_code error;
@@ -455,15 +426,10 @@ fs::path FolderFiles::find(const std::string& name, const std::string& field) co
   // One answer for both: whether a file exists elsewhere is no business of the naming file's author.
   if (!inside) throw bad("names a file that is not in its folder");
   if (!fs::is_regular_file(path, error)) throw bad("names something that is not a regular file");
-  return path;
-}
-
-std::string FolderFiles::read(const std::string& name, const std::string& field, std::size_t most) const {
-  const fs::path path = find(name, field);
   try {
     return read_regular_file(path, most);
   } catch (const InputError&) {
-    throw InputError(given_.string(), field, "names a file that cannot be read", "check its permissions");
+    throw bad("names a file that cannot be read", "check its permissions");
   }
 }
 
@@ -474,6 +440,27 @@ std::string lower_extension(const fs::path& file) {
   return extension;
 }
 
+std::optional<std::string> percent_decoded(const std::string& uri) {
+  const auto digit = [](char c) {
+    if (c >= '0' && c <= '9') return c - '0';
+    const char lower = static_cast<char>(c | 0x20);
+    return lower >= 'a' && lower <= 'f' ? lower - 'a' + 10 : -1;
+  };
+  std::string text;
+  for (std::size_t i = 0; i < uri.size(); ++i) {
+    if (uri[i] != '%') {
+      text.push_back(uri[i]);
+      continue;
+    }
+    if (i + 2 >= uri.size()) return std::nullopt;
+    const int high = digit(uri[i + 1]), low = digit(uri[i + 2]);
+    if (high < 0 || low < 0 || high + low == 0) return std::nullopt;
+    text.push_back(static_cast<char>(16 * high + low));
+    i += 2;
+  }
+  return text;
+}
+
 bool looks_like_json(std::string_view head) {
   if (head.starts_with("\xEF\xBB\xBF")) head.remove_prefix(3);  // a byte order mark
   const std::size_t first = head.find_first_not_of(" \t\r\n");
@@ -481,7 +468,7 @@ bool looks_like_json(std::string_view head) {
 }
 
 GltfDocument open_gltf(const fs::path& file) {
-  const FolderFiles folder(file);
+  const ConfinedFiles folder(file);
   GltfDocument document;
   // By content, as whoever named the file need not have known; only what is neither is judged by its name.
   const std::string head = read_head(folder.file(), kHeader);

@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -11,19 +12,18 @@
 namespace mirage {
 
 /// The files that may be read because one file names them.
-class FolderFiles {
+class ConfinedFiles {
  public:
   /// `file`: the one that names others. Its folder (symbolic links resolved) and what is below it can be
   /// read. InputError if it can't be opened or is no regular file (a pipe would be waited for, a device read
   /// for ever).
-  explicit FolderFiles(const std::filesystem::path& file);
+  explicit ConfinedFiles(const std::filesystem::path& file);
 
   /// Where the file that names the others really is.
   const std::filesystem::path& file() const { return file_; }
-  /// What `name` leads to: relative to the folder, never to the working directory. InputError, with `field`
-  /// of the naming file, unless that is a regular file in the folder once all links are resolved.
-  std::filesystem::path find(const std::string& name, const std::string& field) const;
-  /// Its content, at most `most` bytes of it. InputError as find.
+  /// At most `most` bytes of what `name` leads to: relative to the folder, never to the working directory.
+  /// InputError, with `field` of the naming file, unless that is a regular file in the folder once all links
+  /// are resolved.
   std::string read(const std::string& name, const std::string& field, std::size_t most) const;
 
  private:
@@ -55,6 +55,9 @@ inline constexpr int kMaxNodeDepth = 256;  ///< nodes below each other
 inline constexpr double kBrightest = 1e6;  ///< radiance or lux of a light
 }  // namespace gltf_limits
 
+/// "%20" → " " and so on (RFC 3986, section 2.1). None for a broken sequence or a zero byte.
+std::optional<std::string> percent_decoded(const std::string& uri);
+
 /// Whether a file that begins so is a text's glTF, if it is glTF at all.
 bool looks_like_json(std::string_view head);
 
@@ -63,7 +66,7 @@ bool looks_like_json(std::string_view head);
 /// field of view that glTF does not allow or that exceeds the limits; what changes shapes and is not read, by
 /// its name: an extension that the file requires, instancing, skins, morph weights, hidden nodes; a node with
 /// two parents or a circle of nodes; a buffer that is neither inside the file nor a regular file in its
-/// folder (FolderFiles). Pictures in files of their own are not opened: nothing uses them.
+/// folder (ConfinedFiles). Pictures in files of their own are not opened: nothing uses them.
 GltfDocument open_gltf(const std::filesystem::path& file);
 
 }  // namespace mirage

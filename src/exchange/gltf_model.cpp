@@ -7,7 +7,6 @@
 #include <map>
 #include <set>
 
-#include "base/image.h"
 #include "base/logging.h"
 #include "base/memory.h"
 #include "exchange/gltf_document.h"
@@ -25,10 +24,15 @@ Vec2d TextureLayout::centre(std::size_t texel) const {
           (static_cast<double>(texel / as_size(width)) + 0.5) / height};
 }
 
-namespace {
+ImageF texel_picture(const TexelAtlas& atlas) {
+  const TextureLayout layout(atlas.texels.size());
+  ImageF picture(layout.width, layout.height, 3, 1.0f);
+  for (std::size_t t = 0; t < atlas.texels.size(); ++t)
+    for (int c = 0; c < 3; ++c) picture.data[3 * t + as_size(c)] = static_cast<float>(atlas.texels[t][c]);
+  return picture;
+}
 
-constexpr int kFloat = 5126;         // GL component type
-constexpr int kArrayBuffer = 34962;  // GL target of vertex data
+namespace {
 
 void append_u32(std::string& out, std::uint32_t value) {
   for (int byte = 0; byte < 4; ++byte) out.push_back(static_cast<char>(value >> (8 * byte) & 0xff));
@@ -41,16 +45,10 @@ std::string padded(std::string bytes, std::size_t to, char with) {
 
 using Files = std::map<std::string, std::string>;
 
-/// What tinygltf makes of a URI: percent signs decoded, and + as a blank.
-std::string tinygltf_name(const std::string& uri) {
-  std::string name;
-  for (std::size_t i = 0; i < uri.size(); ++i) {
-    if (uri[i] == '%' && i + 2 < uri.size())
-      name.push_back(static_cast<char>(std::stoi(uri.substr(i + 1, 2), nullptr, 16))), i += 2;
-    else
-      name.push_back(uri[i] == '+' ? ' ' : uri[i]);
-  }
-  return name;
+/// What tinygltf makes of a URI that open_gltf has read: percent signs decoded, and + as a blank.
+std::string tinygltf_name(std::string uri) {
+  std::ranges::replace(uri, '+', ' ');
+  return percent_decoded(uri).value();
 }
 
 /// tinygltf opens no file itself: it is given the buffers that open_gltf has read, and nothing else exists.
@@ -81,6 +79,12 @@ Callbacks only(Files& files) {
   return callbacks;
 }
 
+/// White, as glTF has it, where there is no material.
+Vec3d base_color(const tinygltf::Material* material) {
+  if (!material || material->pbrMetallicRoughness.baseColorFactor.size() < 3) return Vec3d::Ones();
+  return Vec3d(material->pbrMetallicRoughness.baseColorFactor.data());
+}
+
 }  // namespace
 
 GltfBuilder::GltfBuilder() {
@@ -109,23 +113,31 @@ int GltfBuilder::add_view(const void* data, std::size_t bytes, int target) {
   return add("bufferViews", std::move(view));
 }
 
-int GltfBuilder::add_floats(const std::vector<float>& values, int components, bool with_bounds) {
-  static const char* const kTypes[] = {"", "SCALAR", "VEC2", "VEC3", "VEC4"};
-  nlohmann::json accessor = {{"bufferView", add_view(values, kArrayBuffer)},
-                             {"componentType", kFloat},
+int GltfBuilder::add_floats(const std::vector<float>& values, int components) {
+  nlohmann::json accessor = {{"bufferView", add_view(values, TINYGLTF_TARGET_ARRAY_BUFFER)},
+                             {"componentType", TINYGLTF_COMPONENT_TYPE_FLOAT},
                              {"count", values.size() / as_size(components)},
-                             {"type", kTypes[components]}};
-  if (with_bounds) {
-    std::vector<float> low(as_size(components), std::numeric_limits<float>::max()), high(as_size(components));
-    for (float& value : high) value = std::numeric_limits<float>::lowest();
+                             {"type", components == 3 ? "VEC3" : "VEC2"}};
+  if (components == 3) {
+    std::vector<float> low(3, std::numeric_limits<float>::max()),
+        high(3, std::numeric_limits<float>::lowest());
     for (std::size_t i = 0; i < values.size(); ++i) {
-      low[i % as_size(components)] = std::min(low[i % as_size(components)], values[i]);
-      high[i % as_size(components)] = std::max(high[i % as_size(components)], values[i]);
+      low[i % 3] = std::min(low[i % 3], values[i]);
+      high[i % 3] = std::max(high[i % 3], values[i]);
     }
     accessor["min"] = low;
     accessor["max"] = high;
   }
   return add("accessors", std::move(accessor));
+}
+
+int GltfBuilder::add_corners(const std::vector<Face>& faces) {
+  std::vector<std::uint32_t> corners;
+  for (const Face& f : faces) corners.insert(corners.end(), f.begin(), f.end());
+  return add("accessors", {{"bufferView", add_view(corners, TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER)},
+                           {"componentType", TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT},
+                           {"count", corners.size()},
+                           {"type", "SCALAR"}});
 }
 
 std::string GltfBuilder::glb() const {
@@ -183,16 +195,15 @@ void GltfModel::fail(const std::string& field, const std::string& problem, const
   throw InputError(file_.string(), field, problem, fix);
 }
 
-std::pair<const unsigned char*, std::size_t> GltfModel::view(int index, const std::string& field) const {
-  if (index < 0 || as_size(index) >= model_.bufferViews.size())
-    fail(field, fmt::format("buffer view {} of {}", index, model_.bufferViews.size()));
-  const tinygltf::BufferView& view = model_.bufferViews[as_size(index)];
-  if (view.buffer < 0 || as_size(view.buffer) >= model_.buffers.size())
-    fail(field, fmt::format("buffer {} is missing", view.buffer));
-  const auto& data = model_.buffers[as_size(view.buffer)].data;
-  if (view.byteOffset > data.size() || view.byteLength > data.size() - view.byteOffset)
+std::string_view GltfModel::view(int index, const std::string& field) const {
+  const tinygltf::BufferView* view = entry(model_.bufferViews, index);
+  if (!view) fail(field, fmt::format("buffer view {} of {}", index, model_.bufferViews.size()));
+  const tinygltf::Buffer* buffer = entry(model_.buffers, view->buffer);
+  if (!buffer) fail(field, fmt::format("buffer {} is missing", view->buffer));
+  const auto& data = buffer->data;
+  if (view->byteOffset > data.size() || view->byteLength > data.size() - view->byteOffset)
     fail(field, fmt::format("buffer view {} runs past its buffer ({} bytes)", index, data.size()));
-  return {data.data() + view.byteOffset, view.byteLength};
+  return {reinterpret_cast<const char*>(data.data()) + view->byteOffset, view->byteLength};
 }
 
 template <class T>
@@ -200,19 +211,20 @@ std::vector<T> GltfModel::values(const tinygltf::Value& parent, const std::strin
                                  const std::string& field) const {
   const std::string name = field + "." + key;
   if (!parent.Has(key) || !parent.Get(key).IsInt()) fail(name, "missing");
-  const auto [data, size] = view(parent.Get(key).GetNumberAsInt(), name);
-  if (size % (3 * sizeof(T)) != 0) fail(name, fmt::format("{} bytes are not whole triples", size));
-  std::vector<T> result(size / sizeof(T));
-  copy_bytes(result.data(), data, size);
+  const std::string_view bytes = view(parent.Get(key).GetNumberAsInt(), name);
+  if (bytes.size() % (3 * sizeof(T)) != 0)
+    fail(name, fmt::format("{} bytes are not whole triples", bytes.size()));
+  std::vector<T> result(bytes.size() / sizeof(T));
+  copy_bytes(result.data(), bytes.data(), bytes.size());
   return result;
 }
 
 std::optional<TexturedMesh> GltfModel::exact(const tinygltf::Node& node, const std::string& field,
                                              const Eigen::Affine3d& gltf_from_node) const {
-  if (node.mesh < 0 || as_size(node.mesh) >= model_.meshes.size()) return std::nullopt;
-  const tinygltf::Value& extras = model_.meshes[as_size(node.mesh)].extras;
-  if (!extras.IsObject() || !extras.Has("mirage")) return std::nullopt;
-  TexturedMesh textured = exact(extras.Get("mirage"), fmt::format("meshes[{}].extras.mirage", node.mesh));
+  const tinygltf::Mesh* mesh = entry(model_.meshes, node.mesh);
+  if (!mesh || !mesh->extras.IsObject() || !mesh->extras.Has("mirage")) return std::nullopt;
+  TexturedMesh textured =
+      exact(mesh->extras.Get("mirage"), fmt::format("meshes[{}].extras.mirage", node.mesh));
   const Eigen::Affine3d turn(gltf_from_velo());
   const Eigen::Affine3d velo_from_mesh = turn.inverse() * gltf_from_node * turn;
   if (!velo_from_mesh.isApprox(Eigen::Affine3d::Identity(), 0)) {
@@ -244,19 +256,13 @@ void GltfModel::check_unchanged(const TexturedMesh& exact, const tinygltf::Node&
   const double tolerance = 1e-5 * reach;  // m; positions are float32, and an editor may have turned them
   const std::vector<AtlasTriangle> parts = atlas_triangles(whole ? 1 : atlas.resolution);
   for (std::size_t i = 0; i < triangles; ++i) {
-    const std::array<Vec3d, 3> v = mesh.corners(mesh.faces[i / parts.size()]);
-    const Face& is = drawn.mesh.faces[i];
-    const auto corner = [&](std::size_t k) -> Vec3d {
-      const Vec2d& b = parts[i % parts.size()].corners[k];
-      return b.x() * v[0] + b.y() * v[1] + (1 - b.x() - b.y()) * v[2];
-    };
+    const auto expected = parts[i % parts.size()].on(mesh.corners(mesh.faces[i / parts.size()]));
+    const auto is = drawn.mesh.corners(drawn.mesh.faces[i]);
     bool same = false;
     for (std::size_t first = 0; first < 3 && !same; ++first) {  // the same triangle may begin elsewhere
       same = true;
       for (std::size_t k = 0; k < 3; ++k)
-        same =
-            same && (drawn.mesh.vertices[as_size(is[k])] - corner((k + first) % 3)).cwiseAbs().maxCoeff() <=
-                        tolerance;
+        same = same && (is[k] - expected[(k + first) % 3]).cwiseAbs().maxCoeff() <= tolerance;
     }
     if (!same) refuse("triangles");
   }
@@ -267,13 +273,9 @@ void GltfModel::check_unchanged(const TexturedMesh& exact, const tinygltf::Node&
 bool GltfModel::draws(const TexelAtlas& atlas, const tinygltf::Primitive& primitive,
                       const std::string& field) const {
   constexpr double kSameFactor = 1e-3;
-  Vec3d factor = Vec3d::Ones(), expected = Vec3d::Constant(0.5);  // grey: without texels
-  int texture = -1;
-  if (primitive.material >= 0 && as_size(primitive.material) < model_.materials.size()) {
-    const auto& painted = model_.materials[as_size(primitive.material)].pbrMetallicRoughness;
-    if (painted.baseColorFactor.size() >= 3) factor = Vec3d(painted.baseColorFactor.data());
-    texture = painted.baseColorTexture.index;
-  }
+  const tinygltf::Material* material = entry(model_.materials, primitive.material);
+  const int texture = material ? material->pbrMetallicRoughness.baseColorTexture.index : -1;
+  Vec3d expected = Vec3d::Constant(0.5);  // grey: without texels
   if (texture >= 0) {
     expected.setOnes();
   } else if (!atlas.texels.empty()) {  // the add-on's: the mean of all
@@ -281,22 +283,21 @@ bool GltfModel::draws(const TexelAtlas& atlas, const tinygltf::Primitive& primit
     for (const Vec3d& texel : atlas.texels) expected += texel / static_cast<double>(atlas.texels.size());
     expected = expected.cwiseMax(0).cwiseMin(1);
   }
-  if (!((factor - expected).cwiseAbs().maxCoeff() <= kSameFactor)) return false;
+  if (!((base_color(material) - expected).cwiseAbs().maxCoeff() <= kSameFactor)) return false;
   if (texture < 0) return true;
   if (atlas.texels.empty()) return false;
-  const int image = as_size(texture) < model_.textures.size() ? model_.textures[as_size(texture)].source : -1;
-  if (image < 0 || as_size(image) >= model_.images.size()) return false;
-  const tinygltf::Image& source = model_.images[as_size(image)];
-  if (source.bufferView < 0) {
+  const tinygltf::Texture* drawn = entry(model_.textures, texture);
+  const tinygltf::Image* source = drawn ? entry(model_.images, drawn->source) : nullptr;
+  if (!source) return false;
+  if (source->bufferView < 0) {
     spdlog::warn("{}: {}: its texture lies outside the file and is not read; extras.mirage has its colours",
                  file_.string(), field);
     return true;
   }
   const TextureLayout layout(atlas.texels.size());
   const std::string name = field + ".extras.mirage.texels, drawn by baseColorTexture";
-  const auto [data, size] = view(source.bufferView, name);
-  const ImageF picture = decode_srgb({reinterpret_cast<const char*>(data), size}, file_.string(), name,
-                                     {layout.width, layout.height});
+  const ImageF picture =
+      decode_srgb(view(source->bufferView, name), file_.string(), name, {layout.width, layout.height});
   const auto level = [](double linear) {
     return std::lround(255 * srgb_from_linear(static_cast<float>(linear)));
   };
@@ -342,11 +343,11 @@ void GltfModel::check_reach(const Mesh& mesh, std::size_t first, const std::stri
 
 /// Reads one element of an accessor as doubles.
 struct GltfModel::Column {
-  const unsigned char* data = nullptr;
+  const char* data = nullptr;
   std::size_t stride = 0, count = 0;
   int type = 0;
   double at(std::size_t row, int column) const {
-    const unsigned char* p = data + row * stride;
+    const char* p = data + row * stride;
     const auto load = [&]<class T>(T value) {
       std::memcpy(&value, p + as_size(column) * sizeof(T), sizeof(T));
       return static_cast<double>(value);
@@ -366,9 +367,9 @@ struct GltfModel::Column {
 
 GltfModel::Column GltfModel::column(int index, int components, bool floating,
                                     const std::string& field) const {
-  if (index < 0 || as_size(index) >= model_.accessors.size())
-    fail(field, fmt::format("accessor {} of {}", index, model_.accessors.size()));
-  const tinygltf::Accessor& accessor = model_.accessors[as_size(index)];
+  const tinygltf::Accessor* found = entry(model_.accessors, index);
+  if (!found) fail(field, fmt::format("accessor {} of {}", index, model_.accessors.size()));
+  const tinygltf::Accessor& accessor = *found;
   if (accessor.sparse.isSparse)
     fail(field, "sparse accessors are not read", "export without sparse accessors");
   const int type = accessor.componentType;
@@ -379,16 +380,16 @@ GltfModel::Column GltfModel::column(int index, int components, bool floating,
   if (tinygltf::GetNumComponentsInType(static_cast<std::uint32_t>(accessor.type)) != components ||
       (floating ? !is_float : !is_index))
     fail(field, "has an unexpected type", "export positions as float32 and indices as unsigned integers");
-  const auto [data, size] = view(accessor.bufferView, field);
+  const std::string_view bytes = view(accessor.bufferView, field);
   const std::size_t element =
       as_size(components * tinygltf::GetComponentSizeInBytes(static_cast<std::uint32_t>(type)));
   const std::size_t step = model_.bufferViews[as_size(accessor.bufferView)].byteStride;
   const std::size_t stride = step != 0 ? step : element;
-  if (accessor.byteOffset > size ||
-      (accessor.count > 0 && (accessor.count - 1 > (size - accessor.byteOffset) / stride ||
-                              (accessor.count - 1) * stride + element > size - accessor.byteOffset)))
+  if (accessor.byteOffset > bytes.size() ||
+      (accessor.count > 0 && (accessor.count - 1 > (bytes.size() - accessor.byteOffset) / stride ||
+                              (accessor.count - 1) * stride + element > bytes.size() - accessor.byteOffset)))
     fail(field, "accessor runs past its buffer view");
-  return {data + accessor.byteOffset, stride, accessor.count, type};
+  return {bytes.data() + accessor.byteOffset, stride, accessor.count, type};
 }
 
 Eigen::Affine3d GltfModel::transform(const tinygltf::Node& node) {
@@ -409,11 +410,11 @@ Eigen::Affine3d GltfModel::transform(const tinygltf::Node& node) {
 void GltfModel::append_mesh(const tinygltf::Node& node, const std::string& field,
                             const Eigen::Affine3d& gltf_from_node, TexturedMesh& out) const {
   if (node.mesh < 0) return;
-  if (as_size(node.mesh) >= model_.meshes.size()) fail(field + ".mesh", "missing");
-  const auto& primitives = model_.meshes[as_size(node.mesh)].primitives;
-  for (std::size_t p = 0; p < primitives.size(); ++p)
-    append_primitive(primitives[p], fmt::format("meshes[{}].primitives[{}]", node.mesh, p), gltf_from_node,
-                     out);
+  const tinygltf::Mesh* mesh = entry(model_.meshes, node.mesh);
+  if (!mesh) fail(field + ".mesh", "missing");
+  for (std::size_t p = 0; p < mesh->primitives.size(); ++p)
+    append_primitive(mesh->primitives[p], fmt::format("meshes[{}].primitives[{}]", node.mesh, p),
+                     gltf_from_node, out);
 }
 
 void GltfModel::append_primitive(const tinygltf::Primitive& primitive, const std::string& field,
@@ -436,11 +437,7 @@ void GltfModel::append_primitive(const tinygltf::Primitive& primitive, const std
       fail(field + ".indices", fmt::format("vertex {} of {}", at, points.count));
     return first + static_cast<int>(at);
   };
-  Vec3d color = Vec3d::Ones();
-  if (primitive.material >= 0 && as_size(primitive.material) < model_.materials.size()) {
-    const auto& factor = model_.materials[as_size(primitive.material)].pbrMetallicRoughness.baseColorFactor;
-    if (factor.size() >= 3) color = Vec3d(factor[0], factor[1], factor[2]);
-  }
+  const Vec3d color = base_color(entry(model_.materials, primitive.material));
   const bool mirrored = gltf_from_node.linear().determinant() < 0;
   const bool strip = primitive.mode == TINYGLTF_MODE_TRIANGLE_STRIP,
              fan = primitive.mode == TINYGLTF_MODE_TRIANGLE_FAN;
@@ -503,8 +500,8 @@ void GltfModel::warn_of_what_is_left_out() const {
         if (name.starts_with("COLOR_")) names.insert("vertex colours (" + name + ")");
       if (primitive.mode >= TINYGLTF_MODE_POINTS && primitive.mode <= TINYGLTF_MODE_LINE_STRIP)
         names.insert("points and lines");
-      if (primitive.material >= 0 && as_size(primitive.material) < model_.materials.size())
-        look_at(model_.materials[as_size(primitive.material)]);
+      if (const tinygltf::Material* material = entry(model_.materials, primitive.material))
+        look_at(*material);
     }
   }
   if (!model_.animations.empty()) names.insert("animations");
@@ -514,11 +511,10 @@ void GltfModel::warn_of_what_is_left_out() const {
 }
 
 const tinygltf::Value* GltfModel::scene_extras() const {
-  const std::size_t scene = scene_index();
-  if (scene >= model_.scenes.size()) return nullptr;
-  const tinygltf::Value& extras = model_.scenes[scene].extras;
-  if (!extras.IsObject() || !extras.Has("mirage") || !extras.Get("mirage").IsObject()) return nullptr;
-  return &extras.Get("mirage");
+  const tinygltf::Scene* scene = default_scene();
+  if (!scene || !scene->extras.IsObject() || !scene->extras.Has("mirage")) return nullptr;
+  const tinygltf::Value& extras = scene->extras.Get("mirage");
+  return extras.IsObject() ? &extras : nullptr;
 }
 
 double GltfModel::number(const tinygltf::Value& parent, const char* key, const std::string& field) const {

@@ -4,15 +4,17 @@
 #include <fmt/format.h>
 #include <tiny_gltf.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
-#include <utility>
+#include <string_view>
 #include <vector>
 
 #include "base/error.h"
+#include "base/image.h"
 #include "base/sizes.h"
 #include "base/types.h"
 #include "geometry/mesh.h"
@@ -30,6 +32,8 @@ struct TextureLayout {
   /// UV (origin top left, as glTF has it) of the texel's centre.
   Vec2d centre(std::size_t texel) const;
 };
+/// The texels as that picture: scene-linear, white behind the last.
+ImageF texel_picture(const TexelAtlas& atlas);
 
 // Assembles a binary glTF 2.0 file (Khronos, glTF 2.0 specification, section 4.4: GLB).
 
@@ -45,8 +49,10 @@ class GltfBuilder {
   int add_view(const std::vector<T>& values, int target = 0) {
     return add_view(values.data(), values.size() * sizeof(T), target);
   }
-  /// float32 vectors of `components` values a vertex; bounds are written for positions.
-  int add_floats(const std::vector<float>& values, int components, bool with_bounds);
+  /// float32 vectors of `components` values a vertex: 2, or 3 of a position, of which bounds are written.
+  int add_floats(const std::vector<float>& values, int components);
+  /// The vertices of the faces' corners, as uint32.
+  int add_corners(const std::vector<Face>& faces);
   /// Appends to json[array] and returns the index.
   int add(const char* array, nlohmann::json value);
   /// Appends a node that stands at the scene's root.
@@ -69,6 +75,12 @@ inline Eigen::Matrix3d gltf_from_velo() {
   return m;
 }
 
+/// The list's entry of that number; null if it has none.
+template <class T>
+const T* entry(const std::vector<T>& list, int index) {
+  return index >= 0 && as_size(index) < list.size() ? &list[as_size(index)] : nullptr;
+}
+
 /// A checked glTF file and what Mirage reads from it.
 class GltfModel {
  public:
@@ -83,7 +95,7 @@ class GltfModel {
                          const std::string& fix = "export the file again") const;
 
   /// Bytes of a buffer view.
-  std::pair<const unsigned char*, std::size_t> view(int index, const std::string& field) const;
+  std::string_view view(int index, const std::string& field) const;
 
   /// Mirage's own mesh where the node's has one in its extras, placed as the node is. InputError if the
   /// triangles or colours beside it, which viewers draw and editors change, are others.
@@ -105,9 +117,8 @@ class GltfModel {
   /// Calls enter(node, field, gltf_from_node) for every node of the default scene. Interrupted after Ctrl-C.
   template <class Enter>
   void walk(const Enter& enter) const {
-    const std::size_t scene = scene_index();
-    if (scene >= model_.scenes.size()) return;
-    for (int root : model_.scenes[scene].nodes) walk(root, Eigen::Affine3d::Identity(), enter);
+    if (const tinygltf::Scene* scene = default_scene())
+      for (int root : scene->nodes) walk(root, Eigen::Affine3d::Identity(), enter);
   }
   /// Mirage's extras of the default scene, or null.
   const tinygltf::Value* scene_extras() const;
@@ -131,7 +142,9 @@ class GltfModel {
   /// Whether the primitive's material draws these texels, to 8 bits. `field`: the mesh's.
   bool draws(const TexelAtlas& atlas, const tinygltf::Primitive& primitive, const std::string& field) const;
 
-  std::size_t scene_index() const { return as_size(std::max(0, model_.defaultScene)); }
+  const tinygltf::Scene* default_scene() const {
+    return entry(model_.scenes, std::max(0, model_.defaultScene));
+  }
   static Eigen::Affine3d transform(const tinygltf::Node& node);
   /// Each node has one parent and the tree's depth is bounded: open_gltf has looked.
   template <class Enter>

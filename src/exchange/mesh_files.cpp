@@ -6,7 +6,6 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <cstdint>
 #include <map>
 #include <set>
 #include <span>
@@ -131,7 +130,7 @@ bool looks_like_obj(std::string_view head) {
 
 MeshFormat format_of(const fs::path& file) {
   constexpr std::size_t kHead = 1 << 16;  // longer than what comments precede the first row
-  const std::string head = read_head(FolderFiles(file).file(), kHead);
+  const std::string head = read_head(ConfinedFiles(file).file(), kHead);
   if (head.starts_with("glTF") || looks_like_json(head)) return MeshFormat::gltf;
   if (head.starts_with("ply")) return MeshFormat::ply;
   if (looks_like_obj(head)) return MeshFormat::obj;
@@ -160,7 +159,7 @@ Eigen::Matrix3d vehicle_from_file(const MeshAxes& axes) {
 
 /// What an OBJ or PLY holds, in its own axes.
 Polygons polygons_of(const fs::path& file, MeshFormat format) {
-  return read_polygons(FolderFiles(file).file(), file.string(),
+  return read_polygons(ConfinedFiles(file).file(), file.string(),
                        format == MeshFormat::ply ? read_ply : read_obj);
 }
 
@@ -207,22 +206,17 @@ void write_obj(const std::filesystem::path& file, const TexturedMesh& textured) 
   }
   const auto triangles = atlas_triangles(colored ? atlas.resolution : 1);
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-    const auto [v0, v1, v2] = mesh.corners(mesh.faces[f]);
+    const auto face = mesh.corners(mesh.faces[f]);
     for (const AtlasTriangle& triangle : triangles) {
       faces += "f";
-      for (const Vec2d& b : triangle.corners) {
-        faces += fmt::format(" {}", vertex(b.x() * v0 + b.y() * v1 + (1 - b.x() - b.y()) * v2));
+      for (const Vec3d& corner : triangle.on(face)) {
+        faces += fmt::format(" {}", vertex(corner));
         if (colored) faces += fmt::format("/{}", f * atlas.per_face() + as_size(triangle.texel) + 1);
       }
       faces += "\n";
     }
   }
-  if (colored) {
-    ImageF picture(layout.width, layout.height, 3, 1.0f);
-    for (std::size_t t = 0; t < atlas.texels.size(); ++t)
-      for (int c = 0; c < 3; ++c) picture.data[3 * t + as_size(c)] = static_cast<float>(atlas.texels[t][c]);
-    write_file(beside(".png"), encode_srgb_png(picture));
-  }
+  if (colored) write_file(beside(".png"), encode_srgb_png(texel_picture(atlas)));
   write_file(beside(".mtl"),
              fmt::format("newmtl {}\nKd {}\nKs 0 0 0\nillum 1\n{}", name, colored ? "1 1 1" : "0.5 0.5 0.5",
                          colored ? fmt::format("map_Kd {}.png\n", name) : ""));
@@ -310,22 +304,15 @@ std::vector<ShapeSample> read_vehicle_meshes(const fs::path& folder, const std::
 void write_mesh(const fs::path& file, const Mesh& mesh) {
   const std::string extension = lower_extension(file);
   std::vector<float> positions;
-  std::vector<std::uint32_t> indices;
   const Eigen::Matrix3d turn =
       extension == ".glb" ? gltf_from_velo() : Eigen::Matrix3d(Eigen::Matrix3d::Identity());
   for (const Vec3d& v : mesh.vertices) {
     const Vec3d p = turn * v;
     for (int k = 0; k < 3; ++k) positions.push_back(static_cast<float>(p[k]));
   }
-  for (const Face& f : mesh.faces) indices.insert(indices.end(), f.begin(), f.end());
   if (extension == ".glb") {
-    constexpr int kUnsigned = 5125, kElements = 34963;  // GL's names for indices
     GltfBuilder gltf;
-    const int position = gltf.add_floats(positions, 3, true);
-    const int index = gltf.add("accessors", {{"bufferView", gltf.add_view(indices, kElements)},
-                                             {"componentType", kUnsigned},
-                                             {"count", indices.size()},
-                                             {"type", "SCALAR"}});
+    const int position = gltf.add_floats(positions, 3), index = gltf.add_corners(mesh.faces);
     const nlohmann::json primitive = {{"attributes", {{"POSITION", position}}}, {"indices", index}};
     const std::string name = file.stem().string();
     const int number =
@@ -338,9 +325,9 @@ void write_mesh(const fs::path& file, const Mesh& mesh) {
         "property float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
         mesh.vertices.size(), mesh.faces.size());
     out.append(reinterpret_cast<const char*>(positions.data()), positions.size() * sizeof(float));
-    for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    for (const Face& f : mesh.faces) {
       out.push_back(3);
-      out.append(reinterpret_cast<const char*>(&indices[3 * f]), 3 * sizeof(std::uint32_t));
+      out.append(reinterpret_cast<const char*>(f.data()), sizeof f);
     }
     write_file(file, out);
   } else {

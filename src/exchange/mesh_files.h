@@ -57,7 +57,7 @@ void write_textured_mesh(const std::filesystem::path& file, const TexturedMesh& 
 /// The shape of a glTF, OBJ or PLY file (by content) in the vehicle's frame (x forward, y left, z up): all of
 /// its nodes placed, polygons cut into triangles, lines and points left out, vertices at one place made one.
 /// Without `axes`, glTF has +z forward and +y up (glTF 2.0, section 3.4); OBJ and PLY, which say nothing, +x
-/// forward and +z up. A glTF's buffers are read from its own folder only (FolderFiles), and an OBJ's
+/// forward and +z up. A glTF's buffers are read from its own folder only (ConfinedFiles), and an OBJ's
 /// materials not at all. InputError naming file and fix if it can't be read, holds no faces or vertices
 /// beyond gltf_limits::kMaxCoordinate, is a glTF that open_gltf refuses, or `axes` are no axes or parallel.
 /// Interrupted after Ctrl-C.

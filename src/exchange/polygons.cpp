@@ -8,6 +8,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <numeric>
 #include <optional>
@@ -20,6 +21,9 @@
 #include "exchange/gltf_document.h"
 
 namespace mirage {
+
+/// The largest sum of the squares of corners of all polygons of more than four: cutting one takes time by it.
+constexpr std::size_t kMaxClipOperations = std::size_t{1} << 27;
 
 void Polygons::fail(const std::string& field, const std::string& problem, const std::string& fix) const {
   throw InputError(where_, field, problem, fix);
@@ -96,7 +100,7 @@ Mesh triangulated(const Polygons& polygons) {
     throw_if_interrupted("nothing was written");
     corners.clear();
     for (const int corner : polygon) corners.push_back(mesh.vertices[as_size(corner)]);
-    for (const auto& [a, b, c] : cut_polygon(corners))
+    for (const auto& [a, b, c] : triangulate_polygon(corners))
       mesh.faces.push_back({polygon[as_size(a)], polygon[as_size(b)], polygon[as_size(c)]});
   }
   return mesh;
@@ -136,53 +140,39 @@ namespace {
 
 constexpr std::size_t kMaxHeaderLength = 1 << 16, kMaxElements = 32, kMaxProperties = 256;
 
-enum class Scalar { i8, u8, i16, u16, i32, u32, f32, f64 };
+/// A number of a binary file.
+struct Scalar {
+  std::string_view name, other_name;
+  std::size_t bytes;
+  double (*value)(const char* raw);  ///< of so many bytes in this machine's order
+};
 
-/// f(value) with a value of that type.
-template <class F>
-auto with_scalar(Scalar type, const F& f) {
-  switch (type) {
-    case Scalar::i8:
-      return f(std::int8_t{});
-    case Scalar::u8:
-      return f(std::uint8_t{});
-    case Scalar::i16:
-      return f(std::int16_t{});
-    case Scalar::u16:
-      return f(std::uint16_t{});
-    case Scalar::i32:
-      return f(std::int32_t{});
-    case Scalar::u32:
-      return f(std::uint32_t{});
-    case Scalar::f32:
-      return f(float{});
-    default:
-      return f(double{});
-  }
+template <class T>
+constexpr Scalar scalar(std::string_view name, std::string_view other_name) {
+  return {name, other_name, sizeof(T), [](const char* raw) {
+            T value;
+            std::memcpy(&value, raw, sizeof value);
+            return static_cast<double>(value);
+          }};
 }
 
-std::size_t bytes_of(Scalar type) {
-  return with_scalar(type, [](auto value) { return sizeof value; });
-}
+constexpr std::array kScalars = {
+    scalar<std::int8_t>("char", "int8"),    scalar<std::uint8_t>("uchar", "uint8"),
+    scalar<std::int16_t>("short", "int16"), scalar<std::uint16_t>("ushort", "uint16"),
+    scalar<std::int32_t>("int", "int32"),   scalar<std::uint32_t>("uint", "uint32"),
+    scalar<float>("float", "float32"),      scalar<double>("double", "float64")};
 
-std::optional<Scalar> scalar_named(std::string_view word) {
-  using Name = std::pair<std::string_view, Scalar>;
-  constexpr std::array<Name, 16> kNames = {
-      Name{"char", Scalar::i8},    Name{"int8", Scalar::i8},     Name{"uchar", Scalar::u8},
-      Name{"uint8", Scalar::u8},   Name{"short", Scalar::i16},   Name{"int16", Scalar::i16},
-      Name{"ushort", Scalar::u16}, Name{"uint16", Scalar::u16},  Name{"int", Scalar::i32},
-      Name{"int32", Scalar::i32},  Name{"uint", Scalar::u32},    Name{"uint32", Scalar::u32},
-      Name{"float", Scalar::f32},  Name{"float32", Scalar::f32}, Name{"double", Scalar::f64},
-      Name{"float64", Scalar::f64}};
-  for (const auto& [name, type] : kNames)
-    if (word == name) return type;
-  return std::nullopt;
+/// Null for a word that names none.
+const Scalar* scalar_named(std::string_view word) {
+  for (const Scalar& one : kScalars)
+    if (word == one.name || word == one.other_name) return &one;
+  return nullptr;
 }
 
 struct Property {
   std::string_view name;
-  Scalar type = Scalar::f32;
-  std::optional<Scalar> length;  ///< of a list: the type of its count
+  const Scalar* type;
+  const Scalar* length;  ///< of a list: the type of its count; else null
 };
 
 struct Element {
@@ -217,7 +207,7 @@ class Cursor {
     return text.substr(0, text.size() - kEnd.size());
   }
   void set_form(Form form) { form_ = form; }
-  double number(Scalar type) { return form_ == Form::text ? text_number() : binary_number(type); }
+  double number(const Scalar& type) { return form_ == Form::text ? text_number() : binary_number(type); }
   /// Before the values of a row, and behind them. A text's row is a line: a value too many or too few would
   /// move all that follow into each other's places.
   void begin_row() {
@@ -260,18 +250,16 @@ class Cursor {
       fail(line(), "holds a word that is not a number");
     return value;
   }
-  double binary_number(Scalar type) {
-    return with_scalar(type, [&]<class T>(T) {
-      std::array<char, sizeof(T)> raw;
-      for (char& c : raw) {
-        if (from_.at_end()) fail("body", "ends too early");
-        c = from_.current();
-        from_.next();
-      }
-      if ((form_ == Form::big) != (std::endian::native == std::endian::big))
-        std::reverse(raw.begin(), raw.end());
-      return static_cast<double>(std::bit_cast<T>(raw));
-    });
+  double binary_number(const Scalar& type) {
+    std::array<char, sizeof(double)> raw;
+    const auto bytes = std::span(raw).first(type.bytes);
+    for (char& c : bytes) {
+      if (from_.at_end()) fail("body", "ends too early");
+      c = from_.current();
+      from_.next();
+    }
+    if ((form_ == Form::big) != (std::endian::native == std::endian::big)) std::ranges::reverse(bytes);
+    return type.value(raw.data());
   }
 
   FileCharacters& from_;
@@ -293,15 +281,13 @@ void take(const std::vector<std::string_view>& words, std::vector<Element>& elem
     elements.push_back({words[1], count, {}});
   } else if (words.front() == "property") {
     const bool list = words.size() == 5 && words[1] == "list";
-    const auto type = words.size() >= 4   ? scalar_named(words[words.size() - 2])
-                      : words.size() == 3 ? scalar_named(words[1])
-                                          : std::nullopt;
-    const auto length = list ? scalar_named(words[2]) : std::nullopt;
+    const Scalar* type = words.size() >= 3 ? scalar_named(words[words.size() - 2]) : nullptr;
+    const Scalar* length = list ? scalar_named(words[2]) : nullptr;
     if (elements.empty() || !type || (list ? !length : words.size() != 3))
       cursor.fail("header", "has a property line that is not one");
     if (elements.back().properties.size() == kMaxProperties)
       cursor.fail("header", fmt::format("has an element of more than {} properties", kMaxProperties));
-    elements.back().properties.push_back({words.back(), *type, length});
+    elements.back().properties.push_back({words.back(), type, length});
   }
 }
 
@@ -327,7 +313,7 @@ std::vector<Element> elements_of(std::string_view header, Cursor& cursor) {
   for (const Element& element : elements) {
     std::uint64_t each = 0;
     for (const Property& property : element.properties)
-      each += *form == Form::text ? 2 : bytes_of(property.length.value_or(property.type));
+      each += *form == Form::text ? 2 : (property.length ? property.length : property.type)->bytes;
     if (element.count > cursor.left() + 1 ||
         (least += element.count * std::max<std::uint64_t>(1, each)) > cursor.left() + 1)
       cursor.fail("header", fmt::format("claims {} of \"{}\", which the {} bytes behind it cannot hold",
@@ -340,7 +326,7 @@ void read_vertex(const Element& element, Cursor& cursor, Polygons& into) {
   Vec3d place = Vec3d::Constant(std::numeric_limits<double>::quiet_NaN());
   for (const Property& property : element.properties) {
     if (property.length) cursor.fail("vertex", "has a list");
-    const double value = cursor.number(property.type);
+    const double value = cursor.number(*property.type);
     if (property.name.size() == 1 && property.name[0] >= 'x' && property.name[0] <= 'z')
       place[property.name[0] - 'x'] = value;
   }
@@ -357,7 +343,7 @@ void read_face(const Element& element, Cursor& cursor, Polygons& into) {
     if (corners || count != 0) into.check_corners(count);
     const auto size = static_cast<std::size_t>(count);
     for (std::size_t k = 0; k < size; ++k) {
-      const double value = cursor.number(property.type);
+      const double value = cursor.number(*property.type);
       if (corners) face[k] = into.corner(value);
     }
     if (corners) into.add_face(std::span(face).first(size));
@@ -384,7 +370,7 @@ void read_ply(FileCharacters& from, Polygons& into) {
           const double count = property.length ? cursor.number(*property.length) : 1;
           if (!(count >= 0 && count <= static_cast<double>(cursor.left())))
             cursor.fail(std::string(element.name.substr(0, 40)), "has a list of an impossible length");
-          for (auto k = static_cast<std::uint64_t>(count); k > 0; --k) cursor.number(property.type);
+          for (auto k = static_cast<std::uint64_t>(count); k > 0; --k) cursor.number(*property.type);
         }
       }
       cursor.end_row();

@@ -15,11 +15,8 @@
 
 namespace mirage {
 
-/// Corners of a polygon at most, and of all polygons of more than four the sum of their squares: cutting one
-/// takes time by their square.
+/// Corners of a polygon at most.
 inline constexpr unsigned kMaxFaceCorners = 1000;
-/// The largest such sum.
-inline constexpr std::size_t kMaxClipOperations = std::size_t{1} << 27;
 /// Bytes of an OBJ or PLY at most.
 inline constexpr std::size_t kMaxMesh = std::size_t{1} << 26;
 
@@ -39,8 +36,8 @@ class Polygons {
   int corner(double number) const;
   /// InputError unless the next face has 1 to kMaxFaceCorners corners.
   void check_corners(double count) const;
-  /// The vertices may follow. InputError as check_corners and corner, and for more work than
-  /// kMaxClipOperations.
+  /// The vertices may follow. InputError as check_corners and corner, and where cutting the polygons into
+  /// triangles would take too long.
   void add_face(std::span<const int> corners);
   /// Notes what the file holds and a mesh does not, by its name: colours, materials.
   void leave_out(std::string what) { left_out_.insert(std::move(what)); }
@@ -82,8 +79,8 @@ class Polygons {
 Polygons read_polygons(const std::filesystem::path& file, const std::string& where,
                        const std::function<void(FileCharacters&, Polygons&)>& read);
 
-/// All polygons cut into triangles (cut_polygon); points and lines (one corner, two) left out. Interrupted
-/// after Ctrl-C.
+/// All polygons cut into triangles (triangulate_polygon); points and lines (one corner, two) left out.
+/// Interrupted after Ctrl-C.
 Mesh triangulated(const Polygons& polygons);
 
 /// The mesh with its vertices at one place made one, and without faces that have no three of them or vertices

@@ -66,10 +66,6 @@ void add_frame(const DataSet& set, const std::string& id, const LidarModel& lida
   ++statistics.frames;
 }
 
-std::string percent_of(double share) {
-  return fmt::format("{:.1f} %", 100 * share);
-}
-
 }  // namespace
 
 DataStatistics data_statistics(const std::filesystem::path& data, const std::string& rig,
@@ -128,8 +124,9 @@ void check_data(const std::filesystem::path& data, const std::string& rig, UnitU
         fmt::format("find the unit (mirage rig --data {} --out rig.toml) and give it (--rig rig.toml)", set);
     if (statistics.on_rays < kEnoughOnRays) {
       const std::string problem = fmt::format(
-          "only {} of the returns lie on a ray of {}: these sweeps are from another unit, or in other axes",
-          percent_of(statistics.on_rays), unit);
+          "only {:.1f} % of the returns lie on a ray of {}: these sweeps are from another unit, or in other "
+          "axes",
+          100 * statistics.on_rays, unit);
       if (assumed && use == UnitUse::casts_rays) throw InputError(set, "sweeps", problem, fix);
       spdlog::warn("{}: {}; {}", set, problem, fix);
     } else if (static_cast<double>(statistics.beams_without) >=
@@ -145,10 +142,10 @@ void check_data(const std::filesystem::path& data, const std::string& rig, UnitU
   if (static_cast<double>(statistics.odd_reflectance) >
       kOddReflectances * static_cast<double>(statistics.returns))
     spdlog::warn(
-        "{}: {} of the returns have a reflectance outside [0, 1] (up to {:g}); divide by the "
+        "{}: {:.1f} % of the returns have a reflectance outside [0, 1] (up to {:g}); divide by the "
         "largest that the unit can report, often 255",
         set,
-        percent_of(static_cast<double>(statistics.odd_reflectance) / static_cast<double>(statistics.returns)),
+        100 * (static_cast<double>(statistics.odd_reflectance) / static_cast<double>(statistics.returns)),
         statistics.highest);
   if (statistics.cars >= kMinCars && static_cast<double>(statistics.cars_with_returns) <
                                          kCarsWithReturns * static_cast<double>(statistics.cars))

@@ -41,8 +41,7 @@ struct FrameAnswers {
   std::vector<double> numbers = {};
 };
 
-/// The entries of one data set's frames. `frame` is frame_hash() of scene/data/kitti.h. Several threads may
-/// ask.
+/// The entries of one data set's frames. `frame` is DataSet::hash(). Several threads may ask.
 class FrameCache {
  public:
   /// Keeps nothing.

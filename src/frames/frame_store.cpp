@@ -102,20 +102,11 @@ FrameStore::FrameStore(const FrameSource& source)
                       rooftop_identity(source.rooftop), lidar_);
 }
 
-FrameStore::~FrameStore() {
-  {
-    const std::lock_guard lock(ahead_mutex_);
-    stop_ = true;
-  }
-  ahead_changed_.notify_one();
-  if (ahead_thread_.joinable()) ahead_thread_.join();
-}
-
 std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id) const {
   Frame frame = read_frame(data_, id, cameras_);
   const std::string hash = cache_.on() ? content(id) : "";
   frame.lighting = with_sun(frame, sun_);
-  if (classes_ != kCars) seek(classes_of(classes_), frame.labels);
+  if (classes_ != kCars) mark_sought(classes_of(classes_), frame.labels);
   auto entry = std::make_shared<Entry>();
   entry->carriers = cache_.carriers(hash, frame.labels, [&] {
     std::vector<Carrier> carriers(frame.labels.size());
@@ -168,9 +159,9 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::at(const std::string& id) {
 }
 
 std::shared_ptr<const FrameStore::Entry> FrameStore::in_memory(const std::string& id, Slot& slot) {
-  if (slot.held) {
-    held_.splice(held_.begin(), held_, slot.place);
-    return slot.place->second;
+  if (slot.place) {
+    recent_.splice(recent_.begin(), recent_, *slot.place);
+    return recent_.front().second;
   }
   auto entry = slot.entry.lock();  // somebody still uses it
   if (entry) hold(id, slot, entry);
@@ -180,18 +171,17 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::in_memory(const std::string
 void FrameStore::hold(const std::string& id, Slot& slot, std::shared_ptr<const Entry> entry) {
   bytes_ += entry->bytes;
   slot.entry = entry;
-  held_.emplace_front(id, std::move(entry));
-  slot.place = held_.begin();
-  slot.held = true;
+  recent_.emplace_front(id, std::move(entry));
+  slot.place = recent_.begin();
   drop_oldest();
 }
 
 void FrameStore::drop_oldest() {
-  while (bytes_ > limit_ && !held_.empty()) {
-    const auto& [id, entry] = held_.back();
+  while (bytes_ > limit_ && !recent_.empty()) {
+    const auto& [id, entry] = recent_.back();
     bytes_ -= entry->bytes;
-    slots_.at(id)->held = false;
-    held_.pop_back();
+    slots_.at(id)->place.reset();
+    recent_.pop_back();
   }
 }
 
@@ -244,21 +234,20 @@ std::vector<HostView> FrameStore::views(const std::string& id, const std::array<
 void FrameStore::prefetch(std::vector<std::string> ids) {
   {
     const std::lock_guard lock(ahead_mutex_);
-    wanted_ = std::move(ids);
-    std::reverse(wanted_.begin(), wanted_.end());  // taken from the back
+    prefetch_ids_ = std::move(ids);
+    std::reverse(prefetch_ids_.begin(), prefetch_ids_.end());  // taken from the back
     ahead_.clear();
-    if (!ahead_thread_.joinable()) ahead_thread_ = std::thread([this] { read_ahead(); });
+    if (!ahead_thread_.joinable())
+      ahead_thread_ = std::jthread([this](const std::stop_token& stop) { read_ahead(stop); });
   }
   ahead_changed_.notify_one();
 }
 
-void FrameStore::read_ahead() {
+void FrameStore::read_ahead(const std::stop_token& stop) {
   std::unique_lock lock(ahead_mutex_);
-  while (true) {
-    ahead_changed_.wait(lock, [&] { return stop_ || !wanted_.empty(); });
-    if (stop_) return;
-    const std::string id = std::move(wanted_.back());
-    wanted_.pop_back();
+  while (ahead_changed_.wait(lock, stop, [&] { return !prefetch_ids_.empty(); }) && !stop.stop_requested()) {
+    const std::string id = std::move(prefetch_ids_.back());
+    prefetch_ids_.pop_back();
     lock.unlock();
     std::shared_ptr<const Entry> entry;
     try {

@@ -10,6 +10,8 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
+#include <stop_token>
 #include <string>
 #include <thread>
 #include <vector>
@@ -40,7 +42,7 @@ class FrameContents {
   /// `sensors`: sensors_identity() of what measures the frames besides.
   FrameContents(std::filesystem::path data, Cameras cameras = Cameras::first, std::string sensors = "")
       : data_(std::move(data)), cameras_(cameras), sensors_(std::move(sensors)) {}
-  /// frame_hash() of the frame, its recorded light, and what measures it besides.
+  /// DataSet::hash() of the frame, its recorded light, and what measures it besides.
   std::string of(const std::string& id) const;
 
  private:
@@ -66,7 +68,6 @@ class FrameStore {
              std::shared_ptr<const RoofFinder> finder = nullptr);
   /// With the LiDAR of the data set and DiskCache::from_environment(). Warns, and InputError, as check_data.
   explicit FrameStore(const FrameSource& source);
-  ~FrameStore();
   FrameStore(const FrameStore&) = delete;
   FrameStore& operator=(const FrameStore&) = delete;
 
@@ -105,12 +106,11 @@ class FrameStore {
     std::vector<Carrier> carriers;  ///< of the labels, in their order
     std::size_t bytes = 0;
   };
-  using Held = std::list<std::pair<std::string, std::shared_ptr<const Entry>>>;
+  using RecentFrames = std::list<std::pair<std::string, std::shared_ptr<const Entry>>>;
   struct Slot {
-    std::mutex reading;                ///< one reads a frame, others wait for it
-    std::weak_ptr<const Entry> entry;  ///< alive while held or in use
-    Held::iterator place;              ///< if `held`
-    bool held = false;
+    std::mutex reading;                           ///< one reads a frame, others wait for it
+    std::weak_ptr<const Entry> entry;             ///< alive while held or in use
+    std::optional<RecentFrames::iterator> place;  ///< while held
   };
 
   std::shared_ptr<const Entry> at(const std::string& id);
@@ -119,7 +119,7 @@ class FrameStore {
   void hold(const std::string& id, Slot& slot, std::shared_ptr<const Entry> entry);
   void drop_oldest();
   std::shared_ptr<const Entry> read(const std::string& id) const;
-  void read_ahead();
+  void read_ahead(const std::stop_token& stop);
 
   std::filesystem::path data_;
   LidarModel lidar_;
@@ -135,16 +135,15 @@ class FrameStore {
 
   mutable std::mutex mutex_;  // of what follows
   std::map<std::string, std::shared_ptr<Slot>> slots_;
-  Held held_;  ///< the one used last is first
+  RecentFrames recent_;  ///< the one used last is first
   std::size_t bytes_ = 0, limit_ = kMemoryLimit;
   mutable std::size_t reads_ = 0;
 
   std::mutex ahead_mutex_;  // of what follows
-  std::condition_variable ahead_changed_;
-  std::vector<std::string> wanted_;
+  std::condition_variable_any ahead_changed_;
+  std::vector<std::string> prefetch_ids_;
   std::vector<std::shared_ptr<const Entry>> ahead_;
-  bool stop_ = false;
-  std::thread ahead_thread_;
+  std::jthread ahead_thread_;  ///< last: its end waits for it, and it knows the rest
 };
 
 /// Those of the source as a detector reads them without an object: its cameras, classes and sensors.

@@ -10,6 +10,13 @@
 #include "scene/data/data_set.h"
 
 namespace mirage {
+namespace {
+
+bool carries(const Label& label) {
+  return (is_vehicle_type(label.type) || is_sought(label)) && has_box(label);
+}
+
+}  // namespace
 
 std::string host_name(const HostId& id) {
   return fmt::format("{}_{}", escape_name(id.frame), id.label);
@@ -26,7 +33,7 @@ const Label& label_of(const Frame& frame, const HostId& id) {
     throw InputError("run.json", "host " + host_name(id), "is not in the data set",
                      "give the --data folder that the run was made with");
   const Label& label = frame.labels[as_size(id.label)];
-  if ((!is_vehicle_type(label.type) && !is_sought(label)) || !has_box(label))
+  if (!carries(label))
     throw InputError(
         "run.json", "host " + host_name(id),
         fmt::format("is a {}{} in the data set", label.type, has_box(label) ? "" : " without a box in space"),
@@ -35,9 +42,6 @@ const Label& label_of(const Frame& frame, const HostId& id) {
 }
 
 const Label& vehicle_of(const Frame& frame, int label, const std::string& option) {
-  const auto carries = [](const Label& of) {
-    return (is_vehicle_type(of.type) || is_sought(of)) && has_box(of);
-  };
   const auto index = as_size(label);
   const bool in_range = label >= 0 && index < frame.labels.size();
   if (in_range && carries(frame.labels[index])) return frame.labels[index];

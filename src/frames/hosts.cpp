@@ -24,7 +24,7 @@ std::vector<HostId> host_ids(std::span<const Host> hosts) {
 }
 
 int track_of(const FrameSource& source, const HostId& host) {
-  const auto tracks = read_tracks(source.data, host.frame, source.cameras);
+  const auto tracks = open_data_set(source.data, source.cameras)->tracks(host.frame);
   const auto label = as_size(host.label);
   return tracks && label < tracks->size() ? (*tracks)[label] : -1;
 }

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 
 #include "base/sizes.h"
 #include "generator/car_body.h"
@@ -28,11 +27,6 @@ constexpr std::array<StyleShare, 7> kEuropeanMix = {{{BodyStyle::hatchback, 0.44
                                                      {BodyStyle::coupe, 0.05},
                                                      {BodyStyle::pickup, 0.02}}};
 
-// What draw_body leaves to the look of a car.
-void set_glass(BodyShape& s) {
-  s.side_glass_end_u = std::min(0.935, std::lerp(s.roof_rear_u, s.window_foot_u, 0.5));
-}
-
 // Cars and light trucks in the United States; "van" stands for minivans.
 constexpr std::array<StyleShare, 7> kAmericanMix = {{{BodyStyle::suv, 0.36},
                                                      {BodyStyle::saloon, 0.27},
@@ -42,23 +36,23 @@ constexpr std::array<StyleShare, 7> kAmericanMix = {{{BodyStyle::suv, 0.36},
                                                      {BodyStyle::coupe, 0.04},
                                                      {BodyStyle::estate, 0.03}}};
 
-BodyStyle draw_style(const std::array<StyleShare, 7>& mix, RandomStream& random) {
-  double pick = random.uniform();
-  BodyStyle style = mix.front().style;
-  for (const StyleShare& s : mix) {
-    style = s.style;
-    if ((pick -= s.share) < 0) break;
-  }
-  return style;
+/// The car of that shape; `shrunk`: its length and width, since boxes are drawn around points.
+Actor finish(BodyStyle style, BodyShape s, CarTrim trim, const Vec2d& shrunk, RandomStream& random) {
+  trim.bed = style == BodyStyle::pickup;
+  s.side_glass_end_u = std::min(0.935, std::lerp(s.roof_rear_u, s.window_foot_u, 0.5));
+  s.length *= shrunk.x(), s.width *= shrunk.y();
+  Actor car = assemble(s, "Car", trim, random);
+  car.kind = name_of(style);
+  add_roof_load(car, s, random);
+  return car;
 }
 
 // An ellipsoid between two points.
 void add_limb(Mesh& mesh, const Vec3d& a, const Vec3d& b, double radius) {
   const Vec3d axis = b - a;
-  Transform t = Transform::Identity();
-  t.linear() = Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), axis.normalized()).toRotationMatrix();
-  t.translation() = 0.5 * (a + b);
-  append(mesh, ellipsoid({radius, radius, 0.55 * axis.norm()}), t);
+  append(mesh, ellipsoid({radius, radius, 0.55 * axis.norm()}),
+         Transform(Eigen::Translation3d(0.5 * (a + b)) *
+                   Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), axis.normalized())));
 }
 
 void add_person(Actor& actor, double h, double lean, double hip, RandomStream& random) {
@@ -77,11 +71,11 @@ void add_person(Actor& actor, double h, double lean, double hip, RandomStream& r
   append(skin, ellipsoid({0.10, 0.085, 0.125}), at(lean * 1.15, 0, hip + 0.41 * h));
   append(hair, ellipsoid({0.105, 0.09, 0.09}), at(lean * 1.15 - 0.02, 0, hip + 0.44 * h));
   const float dark = static_cast<float>(random.uniform(0.2, 1.0));
-  actor.surfaces.push_back(surface(
-      legs, plain(random.uniform() < 0.5 ? Vec3f(0.02f, 0.03f, 0.07f) : random_cloth(random), 0.3f), true));
-  actor.surfaces.push_back(surface(torso, plain(random_cloth(random), 0.35f), true));
-  actor.surfaces.push_back(surface(skin, plain(dark * Vec3f(0.45f, 0.28f, 0.2f), 0.4f), true));
-  actor.surfaces.push_back(surface(hair, plain(Vec3f(0.05f, 0.035f, 0.02f), 0.2f), true));
+  actor.add(legs, plain(random.uniform() < 0.5 ? Vec3f(0.02f, 0.03f, 0.07f) : random_cloth(random), 0.3f),
+            true);
+  actor.add(torso, plain(random_cloth(random), 0.35f), true);
+  actor.add(skin, plain(dark * Vec3f(0.45f, 0.28f, 0.2f), 0.4f), true);
+  actor.add(hair, plain(Vec3f(0.05f, 0.035f, 0.02f), 0.2f), true);
 }
 
 // Things that only a picture tells from cars.
@@ -238,10 +232,7 @@ Actor boat(const Vec3d& size, RandomStream& random) {
     add_quad(hull, a, a.cwiseProduct(m), b.cwiseProduct(m), b);
   }
   add_box(trailer, {-0.45 * l, -0.03, 0.22}, {0.5 * l + 0.4, 0.03, 0.3});
-  for (int side : {-1, 1})
-    append(trailer, cylinder(0.26, 0.15, 14),
-           Transform(Eigen::Translation3d(-0.12 * l, side * 0.8 * w, 0.26) *
-                     Eigen::AngleAxisd(side * 0.5 * std::numbers::pi, Vec3d::UnitX())));
+  for (int side : {-1, 1}) add_wheel(trailer, {-0.12 * l, side * 0.8 * w, 0.26}, 0.26, 0.15, 14, side);
   const Material below = paint_of(random);
   const Vec3f colors[4] = {
       {0.65f, 0.65f, 0.62f}, {0.03f, 0.06f, 0.2f}, {0.3f, 0.05f, 0.03f}, {0.3f, 0.2f, 0.1f}};
@@ -251,7 +242,7 @@ Actor boat(const Vec3d& size, RandomStream& random) {
   return actor;
 }
 
-Actor of_its_size(const Vec3d& size, RandomStream& random) {
+Actor size_matched_distractor(const Vec3d& size, RandomStream& random) {
   const int pick = random.below(3);
   Actor actor = pick == 0 ? bin(size, random) : pick == 1 ? shed(size, random) : boat(size, random);
   fit_label_box(actor);
@@ -261,7 +252,7 @@ Actor of_its_size(const Vec3d& size, RandomStream& random) {
 }  // namespace
 
 Actor make_car(RandomStream& random) {
-  const BodyStyle style = draw_style(kEuropeanMix, random);
+  const BodyStyle style = by_share(kEuropeanMix, random.uniform()).style;
   BodyShape s = draw_body(style, random);
   CarTrim trim;
   trim.split_lamps = random.uniform() < 0.4, trim.bright_rails = random.uniform() < 0.5;
@@ -272,19 +263,13 @@ Actor make_car(RandomStream& random) {
     s.wheel_radius = std::min(s.wheel_radius, 0.33);
   }
   if (style == BodyStyle::estate || style == BodyStyle::suv) trim.rails = rails < 0.6;
-  if (style == BodyStyle::pickup) trim.bed = true;
-  set_glass(s);
   // The family's ranges are makers' figures of the cars on sale today. KITTI's streets are of 2011, and its
   // boxes are drawn around the points: mean 3.88 x 1.63 x 1.53 m.
-  s.length *= 0.925, s.width *= 0.945;
-  Actor car = assemble(s, "Car", {s.length, s.width, s.height}, trim, random);
-  car.kind = name_of(style);
-  add_roof_load(car, s, random);
-  return car;
+  return finish(style, s, trim, {0.925, 0.945}, random);
 }
 
 Actor american::make_car(RandomStream& random) {
-  const BodyStyle style = draw_style(kAmericanMix, random);
+  const BodyStyle style = by_share(kAmericanMix, random.uniform()).style;
   BodyShape s = draw_body(style, random);
   CarTrim trim;
   trim.american = true;
@@ -299,13 +284,7 @@ Actor american::make_car(RandomStream& random) {
   if (style == BodyStyle::saloon)
     s.length = std::lerp(4.5, 5.05, large), s.width = std::lerp(1.76, 1.90, large);
   if (style == BodyStyle::estate || style == BodyStyle::suv) trim.rails = rails < 0.7;
-  if (style == BodyStyle::pickup) trim.bed = true;
-  set_glass(s);
-  s.length *= 0.97, s.width *= 0.97;  // boxes are drawn around the points
-  Actor car = assemble(s, "Car", {s.length, s.width, s.height}, trim, random);
-  car.kind = name_of(style);
-  add_roof_load(car, s, random);
-  return car;
+  return finish(style, s, trim, {0.97, 0.97}, random);
 }
 
 Actor american::make_school_bus(RandomStream& random) {
@@ -325,9 +304,7 @@ Actor american::make_school_bus(RandomStream& random) {
       add_quad(stripes, {-0.5 * l, y, z}, {0.5 * l - hood, y, z}, {0.5 * l - hood, y, z + 0.07},
                {-0.5 * l, y, z + 0.07});
     for (double x : {-0.5 * l + 2.6, 0.5 * l - 0.75})
-      append(wheels, cylinder(0.48, 0.26, 18),
-             Transform(Eigen::Translation3d(x, side * (0.5 * w - 0.24), 0.48) *
-                       Eigen::AngleAxisd(-side * 0.5 * std::numbers::pi, Vec3d::UnitX())));
+      add_wheel(wheels, {x, side * (0.5 * w - 0.24), 0.48}, 0.48, 0.26, 18, -side);
     for (double x : {back, face})  // warning lamps at the upper corners
       add_box(lamps, {x - 0.02, side * 0.36 * w - 0.12, 2.68}, {x + 0.02, side * 0.36 * w + 0.12, 2.86});
     add_box(lamps, {back - 0.02, side * 0.42 * w - 0.1, 1.05}, {back, side * 0.42 * w + 0.1, 1.3});
@@ -345,9 +322,9 @@ Actor american::make_school_bus(RandomStream& random) {
   bus.surfaces = {surface(body, yellow),
                   surface(roof, yellow),
                   surface(glass, plain(Vec3f::Constant(0.02f), 0.1f, 0.08f)),
-                  surface(stripes, dark_plastic()),
-                  surface(dark, dark_plastic()),
-                  surface(wheels, tyre_rubber()),
+                  surface(stripes, kTrim),
+                  surface(dark, kTrim),
+                  surface(wheels, kTyre),
                   surface(lamps, plain(Vec3f(0.45f, 0.02f, 0.015f), 1.f, 0.05f))};
   fit_label_box(bus);
   return bus;
@@ -360,7 +337,7 @@ Actor make_van(RandomStream& random) {
   s.height = large ? random.uniform(2.0, 2.5) : random.uniform(1.8, 2.0);
   s.tail_round = std::min(s.tail_round, 0.06), s.tumblehome = std::min(s.tumblehome, 0.11);
   s.side_glass_end_u = random.uniform() < 0.5 ? 0.42 : 0.92, s.rear_glass = random.uniform() < 0.7;
-  return assemble(s, "Van", {s.length, s.width, s.height}, {}, random);
+  return assemble(s, "Van", {}, random);
 }
 
 Actor make_truck(RandomStream& random) {
@@ -375,15 +352,12 @@ Actor make_truck(RandomStream& random) {
            {0.5 * l + 0.01, 0.42 * w, 0.74 * h}, {0.5 * l + 0.01, -0.42 * w, 0.74 * h});
   add_box(dark, {-0.5 * l, -0.4 * w, 0.6}, {0.5 * l - 0.1, 0.4 * w, 1.0});
   for (double x : {-0.3 * l, -0.3 * l + 1.1, 0.5 * l - 1.2})
-    for (int side : {1, -1})
-      append(wheels, cylinder(0.48, 0.28, 18),
-             Transform(Eigen::Translation3d(x, side * 0.48 * w, 0.48) *
-                       Eigen::AngleAxisd(side * 0.5 * std::numbers::pi, Vec3d::UnitX())));
+    for (int side : {1, -1}) add_wheel(wheels, {x, side * 0.48 * w, 0.48}, 0.48, 0.28, 18, side);
   const Material white = plain(Vec3f::Constant(static_cast<float>(random.uniform(0.3, 0.75))), 0.5f, 0.01f);
   truck.surfaces = {surface(cargo, random.uniform() < 0.6 ? white : paint_of(random)),
                     surface(cabin, paint_of(random)),
-                    surface(glass, plain(Vec3f::Constant(0.02f), 0.1f, 0.08f)), surface(dark, dark_plastic()),
-                    surface(wheels, tyre_rubber())};
+                    surface(glass, plain(Vec3f::Constant(0.02f), 0.1f, 0.08f)), surface(dark, kTrim),
+                    surface(wheels, kTyre)};
   fit_label_box(truck);
   return truck;
 }
@@ -431,7 +405,7 @@ Actor make_cyclist(RandomStream& random) {
   const auto bar = [&](const Vec3d& a, const Vec3d& b, double radius) { add_limb(bicycle, a, b, radius); };
   for (double x : {-0.55, 0.55})
     for (int i = 0; i < 18; ++i) {
-      const double a = 2 * std::numbers::pi * i / 18, b = 2 * std::numbers::pi * (i + 1) / 18;
+      const double a = 2 * kPi * i / 18, b = 2 * kPi * (i + 1) / 18;
       bar({x + r * std::cos(a), 0, r + r * std::sin(a)}, {x + r * std::cos(b), 0, r + r * std::sin(b)},
           0.022);
     }
@@ -439,7 +413,7 @@ Actor make_cyclist(RandomStream& random) {
       bar({-0.15, 0, 0.9}, {0.42, 0, 0.85}, 0.02);
   bar({-0.15, 0, 0.92}, {-0.1, 0, 0.3}, 0.02), bar({0.42, 0, 1.0}, {0.55, 0, r}, 0.02),
       bar({0.4, -0.25, 1.02}, {0.4, 0.25, 1.02}, 0.018);
-  actor.surfaces.push_back(surface(bicycle, plain(Vec3f::Constant(0.05f), 0.2f)));
+  actor.add(bicycle, plain(Vec3f::Constant(0.05f), 0.2f));
   fit_label_box(actor);
   return actor;
 }
@@ -512,7 +486,7 @@ Actor make_clutter(RandomStream& random) {
         actor.surfaces = {surface(a, plain(tone(0.25, 0.5), 0.4f))};
       } else {
         const double tall = u(2.4, 3.2), radius = u(0.5, 0.7);
-        append(a, cylinder(radius, tall, 20), Transform::Identity());
+        a = cylinder(radius, tall, 20);
         Material m = plain(tone(0.3, 0.6), 0.4f);
         m.second = random_cloth(random), m.variant = random.next_u32();
         actor.surfaces = {surface(a, m)};
@@ -533,10 +507,7 @@ Actor make_clutter(RandomStream& random) {
       const double l = u(2, 4), w = u(1.3, 1.8), h = u(0.9, 2.0);
       add_box(a, {-0.5 * l, -0.5 * w, 0.5}, {0.5 * l, 0.5 * w, h});
       add_box(b, {0.5 * l, -0.04, 0.45}, {0.5 * l + 1.2, 0.04, 0.53});
-      for (int side : {1, -1})
-        append(b, cylinder(0.3, 0.16, 14),
-               Transform(Eigen::Translation3d(0, side * 0.55 * w, 0.3) *
-                         Eigen::AngleAxisd(side * 0.5 * std::numbers::pi, Vec3d::UnitX())));
+      for (int side : {1, -1}) add_wheel(b, {0, side * 0.55 * w, 0.3}, 0.3, 0.16, 14, side);
       actor.surfaces = {
           surface(a, plain(random.uniform() < 0.5 ? tone(0.1, 0.6) : random_cloth(random), 0.4f)),
           surface(b, plain(tone(0.02, 0.05), 0.1f))};
@@ -549,17 +520,14 @@ Actor make_clutter(RandomStream& random) {
 Actor make_tree(RandomStream& random, double detail) {
   Actor tree;
   const double h = random.uniform(5, 13), trunk = random.uniform(1.6, 3.2), r = random.uniform(0.1, 0.28);
-  Mesh wood, leaves, cores;
-  append(wood, cylinder(r, trunk + 0.4 * (h - trunk), 10, 0.5 * r), Transform::Identity());
+  Mesh wood = cylinder(r, trunk + 0.4 * (h - trunk), 10, 0.5 * r), leaves, cores;
   const int clusters = 5 + random.below(5);
   const double reach = random.uniform(0.25, 0.38) * h;
   const int count = static_cast<int>(2.5 * detail * random.uniform(160, 260));
   for (int i = 0; i < clusters; ++i) {
-    const double a = random.uniform(0, 2 * std::numbers::pi), d = reach * random.uniform(0, 0.75);
+    const double a = random.uniform(0, 2 * kPi), d = reach * random.uniform(0, 0.75);
     const Vec3d c(d * std::cos(a), d * std::sin(a), random.uniform(trunk + 0.18 * (h - trunk), 0.88 * h));
-    append(wood, cylinder(0.35 * r, (c - Vec3d(0, 0, trunk * 0.9)).norm(), 5, 0.02),
-           Transform(Eigen::Translation3d(0, 0, trunk * 0.9) *
-                     Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), c - Vec3d(0, 0, trunk * 0.9))));
+    add_rod(wood, {0, 0, trunk * 0.9}, c, 0.35 * r, 5, 0.02);
     const Vec3d radii(0.55 * reach, 0.55 * reach, 0.2 * (h - trunk) + 0.3);
     add_leaves(leaves, c, radii, count, 0.18 / std::sqrt(std::max(0.3, detail)), random);
     append(cores, ellipsoid(0.55 * radii), at(c.x(), c.y(), c.z()));
@@ -577,7 +545,7 @@ Actor make_tree(RandomStream& random, double detail) {
 Actor make_look_alike(Actor car, RandomStream& random) {
   const double pick = random.uniform();
   if (pick < 0.2) {
-    car = of_its_size(car.size, random);
+    car = size_matched_distractor(car.size, random);
   } else {
     const bool hedge = pick < 0.45;
     const Material cover = hedge ? green(random) : pick < 0.72 ? tarpaulin(random) : goods(random);

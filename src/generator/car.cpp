@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 
 #include "generator/car_body.h"
 #include "geometry/mesh.h"
@@ -40,42 +39,35 @@ Material window(RandomStream& random) {
   return m;
 }
 
-const Material kTyre = plain(Vec3f::Constant(0.02f), 0.08f);
 const Material kArch = plain(Vec3f::Constant(0.006f), 0.05f);
-const Material kTrim = plain(Vec3f::Constant(0.018f), 0.12f, 0.01f);
 const Material kPlate = plain(Vec3f(0.6f, 0.6f, 0.58f), 1.6f);
 const Material kPlateBand = plain(Vec3f(0.01f, 0.05f, 0.35f), 1.2f);
 const Material kAmber = plain(Vec3f(0.50f, 0.16f, 0.01f), 0.9f, 0.06f);
 const Material kClear = plain(Vec3f(0.5f, 0.48f, 0.46f), 0.6f, 0.06f);
 
-void add_wheel(Actor& car, const Hull& hull, double x, double radius, bool alloy) {
+void add_axle(Actor& car, const Hull& hull, double x, double radius, bool alloy) {
   for (int side : {1, -1}) {
     // The body's outermost point over the wheel.
     double y = 0;
     for (const Vec3d& v : hull.all.vertices)
       if (std::abs(v.x() - x) < radius && v.z() < 3.2 * radius) y = std::max(y, side * v.y());
-    const Eigen::AngleAxisd turn(side > 0 ? -0.5 * std::numbers::pi : 0.5 * std::numbers::pi, Vec3d::UnitX());
-    const auto place = [&](double outwards, double z) {
-      return Transform(Eigen::Translation3d(x, side * (y + outwards), z) * turn);
+    const auto add_disc = [&](Mesh& mesh, double outwards, double r, double width, int segments) {
+      add_wheel(mesh, {x, side * (y + outwards), radius}, r, width, segments, -side);
     };
     // A dark opening that stands a little over the side, cut at the sill.
     Mesh arch;
     const double r = 1.15 * radius;
     for (int i = 0; i < 14; ++i) {
-      const double a = std::numbers::pi * (-0.06 + 1.12 * i / 14),
-                   b = std::numbers::pi * (-0.06 + 1.12 * (i + 1) / 14);
+      const double a = kPi * (-0.06 + 1.12 * i / 14), b = kPi * (-0.06 + 1.12 * (i + 1) / 14);
       const double yo = side * (y + 0.002);
       add_quad(arch, {x, yo, radius}, {x + r * std::cos(a), yo, radius + r * std::sin(a)},
                {x + r * std::cos(b), yo, radius + r * std::sin(b)}, {x, yo, radius});
+      arch.faces.pop_back();  // of the two triangles the one without area
     }
-    // add_quad made one empty triangle a step: drop it.
-    std::vector<Face> kept;
-    for (std::size_t f = 0; f < arch.faces.size(); f += 2) kept.push_back(arch.faces[f]);
-    arch.faces = kept;
-    car.surfaces.push_back(surface(arch, kArch));
+    car.add(arch, kArch);
     Mesh tyre;
-    append(tyre, cylinder(radius, 0.2, 22), place(0.006 - 0.2, radius));
-    car.surfaces.push_back(surface(tyre, kTyre));
+    add_disc(tyre, 0.006 - 0.2, radius, 0.2, 22);
+    car.add(tyre, kTyre);
     Mesh rim;
     const double hub = radius * 0.66;
     if (alloy) {
@@ -83,26 +75,35 @@ void add_wheel(Actor& car, const Hull& hull, double x, double radius, bool alloy
         return Vec3d(x + rr * std::cos(angle), side * (y + 0.009), radius + rr * std::sin(angle));
       };
       for (int s = 0; s < 5; ++s) {
-        const double a = 2 * std::numbers::pi * s / 5 + 0.3, w = 0.26;
+        const double a = 2 * kPi * s / 5 + 0.3, w = 0.26;
         add_quad(rim, on(a - 0.6, 0.2 * hub), on(a - w, hub), on(a + w, hub), on(a + 0.6, 0.2 * hub));
       }
       for (int s = 0; s < 20; ++s) {
-        const double a = 2 * std::numbers::pi * s / 20, b = 2 * std::numbers::pi * (s + 1) / 20;
+        const double a = 2 * kPi * s / 20, b = 2 * kPi * (s + 1) / 20;
         add_quad(rim, on(a, 0.9 * hub), on(a, 1.05 * hub), on(b, 1.05 * hub), on(b, 0.9 * hub));
       }
-      append(rim, cylinder(0.22 * hub, 0.01, 10), place(0.0, radius));
+      add_disc(rim, 0.0, 0.22 * hub, 0.01, 10);
     } else {
-      append(rim, cylinder(hub, 0.012, 20), place(-0.003, radius));
+      add_disc(rim, -0.003, hub, 0.012, 20);
     }
-    Material metal = plain(Vec3f::Constant(alloy ? 0.42f : 0.22f), 0.45f, 0.1f);
-    car.surfaces.push_back(surface(rim, metal));
+    car.add(rim, plain(Vec3f::Constant(alloy ? 0.42f : 0.22f), 0.45f, 0.1f));
   }
 }
 
 void add_patch(Actor& car, const Hull& hull, int axis, int side, Vec2d low, Vec2d high, double lift,
                const Material& material, int columns = 4, int rows = 3) {
   Mesh mesh = patch(hull.all, axis, side, low, high, lift, columns, rows);
-  if (!mesh.faces.empty()) car.surfaces.push_back(surface(std::move(mesh), material));
+  if (!mesh.faces.empty()) car.add(std::move(mesh), material);
+}
+
+/// On the front (`end` 1) or the rear (−1), to the left (`side` 1) or the right of the middle: from
+/// `across.x` to `across.y` m off it, and between two heights.
+void add_side_patch(Actor& car, const Hull& hull, int end, int side, const Vec2d& across,
+                    const Vec2d& heights, double lift, const Material& material, int columns = 4,
+                    int rows = 3) {
+  const double a = side * across.x(), b = side * across.y();
+  add_patch(car, hull, 0, end, {std::min(a, b), heights.x()}, {std::max(a, b), heights.y()}, lift, material,
+            columns, rows);
 }
 
 // A number plate: the white board, a blue band at its left edge, and seven dark characters with a gap.
@@ -127,9 +128,9 @@ void add_plate(Actor& car, const Hull& hull, int side, double z, double half_hei
     const double s = 0.13 + 0.105 * i;
     add_quad(letters, on(s, 0.2), on(s + 0.065, 0.2), on(s + 0.065, 0.8), on(s, 0.8));
   }
-  car.surfaces.push_back(surface(std::move(board), kPlate));
-  if (!american) car.surfaces.push_back(surface(band, kPlateBand));
-  car.surfaces.push_back(surface(letters, plain(Vec3f::Constant(0.02f), 0.3f)));
+  car.add(std::move(board), kPlate);
+  if (!american) car.add(band, kPlateBand);
+  car.add(letters, plain(Vec3f::Constant(0.02f), 0.3f));
 }
 
 void add_front(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& extras,
@@ -140,10 +141,7 @@ void add_front(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& 
   Material lamp =
       plain(Vec3f(0.30f, 0.31f, 0.33f) * static_cast<float>(random.uniform(0.6, 1.3)), 0.4f, 0.12f);
   if (random.uniform() < 0.12) lamp.emission = Vec3f::Constant(2.5f);
-  for (int side : {1, -1}) {
-    const double a = side > 0 ? inner : -outer, b = side > 0 ? outer : -inner;
-    add_patch(car, hull, 0, 1, {a, low}, {b, high}, 0.008, lamp);
-  }
+  for (int side : {1, -1}) add_side_patch(car, hull, 1, side, {inner, outer}, {low, high}, 0.008, lamp);
   Material grille = plain(Vec3f::Constant(0.02f), 0.1f, 0.02f);
   grille.pattern = Pattern::grille;
   const double g = inner * random.uniform(0.5, 0.95);
@@ -156,10 +154,8 @@ void add_front(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& 
   for (int side : {1, -1}) {
     const double a = inner + 0.30 * (outer - inner), b = inner + 0.38 * (outer - inner);
     const double c = inner + 0.92 * (outer - inner);
-    add_patch(car, hull, 0, 1, {std::min(side * a, side * b), low}, {std::max(side * a, side * b), high},
-              0.011, kTrim, 1, 2);
-    add_patch(car, hull, 0, 1, {std::min(side * c, side * outer), low},
-              {std::max(side * c, side * outer), high}, 0.011, kAmber, 1, 2);
+    add_side_patch(car, hull, 1, side, {a, b}, {low, high}, 0.011, kTrim, 1, 2);
+    add_side_patch(car, hull, 1, side, {c, outer}, {low, high}, 0.011, kAmber, 1, 2);
   }
 }
 
@@ -169,26 +165,20 @@ void add_rear(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& e
   if (random.uniform() < 0.15) lamp.emission = Vec3f(1.6f, 0.06f, 0.04f);
   const bool upright = random.uniform() < 0.45;
   const double top = h * (s.tail - 0.03), low = top - h * (upright ? 0.22 : random.uniform(0.09, 0.13));
-  const double inner = w * (upright ? 0.74 : random.uniform(0.5, 0.62));
-  for (int side : {1, -1}) {
-    const double a = side > 0 ? inner : -0.92 * w, b = side > 0 ? 0.92 * w : -inner;
-    add_patch(car, hull, 0, -1, {a, low}, {b, top}, 0.008, lamp);
-  }
+  const double inner = w * (upright ? 0.74 : random.uniform(0.5, 0.62)), outer = 0.92 * w;
+  for (int side : {1, -1}) add_side_patch(car, hull, -1, side, {inner, outer}, {low, top}, 0.008, lamp);
   const bool high_plate = random.uniform() < 0.6;
   const double plate = high_plate ? h * (s.tail - random.uniform(0.13, 0.17)) : h * (s.clearance + 0.17);
   add_plate(car, hull, -1, plate, 0.06, extras.american);
   // Indicator and reversing lamp: two bands of the rear lamp.
   for (int side : {1, -1}) {
-    const double a = std::min(side * inner, side * 0.92 * w), b = std::max(side * inner, side * 0.92 * w);
     const double cut = std::lerp(low, top, 0.36), middle = std::lerp(low, top, 0.58);
-    if (upright || extras.split_lamps) {
-      add_patch(car, hull, 0, -1, {a, cut}, {b, middle}, 0.011, upright && !extras.american ? kAmber : kClear,
-                2, 1);
-    } else {
-      const double m = side > 0 ? inner + 0.3 * (0.92 * w - inner) : -inner;
-      const double n = side > 0 ? inner : -(inner + 0.3 * (0.92 * w - inner));
-      add_patch(car, hull, 0, -1, {n, low}, {m, middle}, 0.011, kClear, 2, 1);
-    }
+    if (upright || extras.split_lamps)
+      add_side_patch(car, hull, -1, side, {inner, outer}, {cut, middle}, 0.011,
+                     upright && !extras.american ? kAmber : kClear, 2, 1);
+    else
+      add_side_patch(car, hull, -1, side, {inner, inner + 0.3 * (outer - inner)}, {low, middle}, 0.011,
+                     kClear, 2, 1);
   }
   add_patch(car, hull, 0, -1, {-0.34, plate + 0.07}, {0.34, plate + 0.10}, 0.01, kTrim, 2, 1);
   const double z = h * (s.clearance + 0.065);
@@ -196,28 +186,26 @@ void add_rear(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& e
 }
 
 void add_sides(Actor& car, const Hull& hull, const BodyShape& s, RandomStream& random) {
-  const double h = s.height, l = s.length;
-  const auto x_of = [&](double u) { return l * (0.5 - u); };
+  const double h = s.height;
   const double b_post = std::lerp(s.roof_front_u, s.roof_rear_u, 0.34);
   const bool strip = random.uniform() < 0.4;
   for (int side : {1, -1}) {
     for (double u : {b_post + 0.07, std::min(b_post + 0.27, s.rear_axle_u + 0.01)})
-      add_patch(car, hull, 1, side, {x_of(u) - 0.09, h * s.belt_front - 0.11},
-                {x_of(u) + 0.09, h * s.belt_front - 0.075}, 0.02,
+      add_patch(car, hull, 1, side, {s.x_at(u) - 0.09, h * s.belt_front - 0.11},
+                {s.x_at(u) + 0.09, h * s.belt_front - 0.075}, 0.02,
                 random.uniform() < 0.5 ? kTrim : plain(Vec3f::Constant(0.3f), 0.3f, 0.05f), 1, 1);
     // Shut lines of the doors.
     for (double u : {s.cowl_u + 0.05, b_post, std::min(b_post + 0.21, s.rear_axle_u - 0.03)})
-      add_patch(car, hull, 1, side, {x_of(u) - 0.005, h * (s.clearance + 0.06)},
-                {x_of(u) + 0.005, h * s.belt_front - 0.02}, 0.003, kArch, 1, 5);
+      add_patch(car, hull, 1, side, {s.x_at(u) - 0.005, h * (s.clearance + 0.06)},
+                {s.x_at(u) + 0.005, h * s.belt_front - 0.02}, 0.003, kArch, 1, 5);
     if (strip)
-      add_patch(car, hull, 1, side, {x_of(s.rear_axle_u - 0.09), h * 0.33},
-                {x_of(s.front_axle_u + 0.09), h * 0.36}, 0.012, kTrim, 8, 1);
+      add_patch(car, hull, 1, side, {s.x_at(s.rear_axle_u - 0.09), h * 0.33},
+                {s.x_at(s.front_axle_u + 0.09), h * 0.36}, 0.012, kTrim, 8, 1);
   }
 }
 
 // Roof rails, wipers, an aerial, a pick-up's bed.
 void add_top(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& extras) {
-  const auto x_of = [&](double u) { return s.length * (0.5 - u); };
   const auto top = [&](double x, double y) { return top_at(hull.all, x, y); };
   if (extras.rails) {
     Mesh rails;
@@ -225,42 +213,40 @@ void add_top(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& ex
     const double a = s.roof_front_u + 0.06, b = s.roof_rear_u - 0.01;
     for (int side : {1, -1})
       for (int i = 0; i < 6; ++i) {
-        const double x0 = x_of(std::lerp(a, b, i / 6.0)), x1 = x_of(std::lerp(a, b, (i + 1) / 6.0));
+        const double x0 = s.x_at(std::lerp(a, b, i / 6.0)), x1 = s.x_at(std::lerp(a, b, (i + 1) / 6.0));
         const double z = std::min(0.5 * (top(x0, side * y) + top(x1, side * y)), s.height - 0.02);
         add_box(rails, {x1, side * y - 0.018, i % 5 == 0 ? z - 0.03 : z - 0.01},
                 {x0, side * y + 0.018, z + 0.018});
       }
-    car.surfaces.push_back(
-        surface(rails, extras.bright_rails ? plain(Vec3f::Constant(0.4f), 0.5f, 0.1f) : kTrim));
+    car.add(rails, extras.bright_rails ? plain(Vec3f::Constant(0.4f), 0.5f, 0.1f) : kTrim);
   }
   Mesh wipers;
   const double u = s.cowl_u + 0.02, v = std::lerp(s.cowl_u, s.roof_front_u, 0.55), w = 0.5 * s.width;
   for (double y : {-0.62 * w, -0.02 * w}) {
-    const double x0 = x_of(u), x1 = x_of(v), z0 = top(x0, y) + 0.012, z1 = top(x1, y + 0.5 * w) + 0.012;
+    const double x0 = s.x_at(u), x1 = s.x_at(v), z0 = top(x0, y) + 0.012, z1 = top(x1, y + 0.5 * w) + 0.012;
     add_quad(wipers, {x0, y - 0.012, z0}, {x0, y + 0.012, z0},
              {std::lerp(x0, x1, 0.5), y + 0.5 * w + 0.012, std::lerp(z0, z1, 0.5) + 0.01},
              {std::lerp(x0, x1, 0.5), y + 0.5 * w - 0.012, std::lerp(z0, z1, 0.5) + 0.01});
   }
-  car.surfaces.push_back(surface(wipers, kTrim));
+  car.add(wipers, kTrim);
   if (extras.bed) {  // seen from above and behind: the bed's dark cover between its walls
     Mesh cover;
     const double front = s.window_foot_u + 0.02;
     for (int i = 0; i < 6; ++i) {
-      const double x0 = x_of(std::lerp(front, 0.97, i / 6.0)),
-                   x1 = x_of(std::lerp(front, 0.97, (i + 1) / 6.0)), y = 0.36 * s.width;
+      const double x0 = s.x_at(std::lerp(front, 0.97, i / 6.0)),
+                   x1 = s.x_at(std::lerp(front, 0.97, (i + 1) / 6.0)), y = 0.36 * s.width;
       const double z0 = top(x0, 0) + 0.006, z1 = top(x1, 0) + 0.006;
       add_quad(cover, {x1, -y, z1}, {x0, -y, z0}, {x0, y, z0}, {x1, y, z1});
     }
-    car.surfaces.push_back(surface(cover, kTrim));
+    car.add(cover, kTrim);
   }
 }
 
 void add_seats(Actor& car, const BodyShape& s) {
   Mesh seats;
   const double w = 0.5 * s.width, h = s.height;
-  const auto x_of = [&](double u) { return s.length * (0.5 - u); };
-  const double front = x_of(std::lerp(s.roof_front_u, s.roof_rear_u, 0.30)),
-               rear = x_of(std::lerp(s.roof_front_u, s.roof_rear_u, 0.80));
+  const double front = s.x_at(std::lerp(s.roof_front_u, s.roof_rear_u, 0.30)),
+               rear = s.x_at(std::lerp(s.roof_front_u, s.roof_rear_u, 0.80));
   for (int side : {1, -1}) {
     const double y = side * 0.42 * w;
     add_box(seats, {front - 0.12, y - 0.24, 0.3 * h}, {front + 0.08, y + 0.24, 0.70 * h});
@@ -268,10 +254,10 @@ void add_seats(Actor& car, const BodyShape& s) {
     add_box(seats, {rear - 0.05, y - 0.13, 0.66 * h}, {rear + 0.05, y + 0.13, 0.78 * h});
   }
   add_box(seats, {rear - 0.10, -0.75 * w, 0.3 * h}, {rear + 0.10, 0.75 * w, 0.67 * h});
-  add_box(seats, {rear, -0.8 * w, 0.22 * h}, {x_of(s.cowl_u + 0.02), 0.8 * w, 0.34 * h});
-  add_box(seats, {x_of(s.cowl_u + 0.12), -0.75 * w, 0.34 * h},
-          {x_of(s.cowl_u + 0.03), 0.75 * w, 0.63 * h});  // dashboard
-  car.surfaces.push_back(surface(seats, plain(Vec3f::Constant(0.03f), 0.15f)));
+  add_box(seats, {rear, -0.8 * w, 0.22 * h}, {s.x_at(s.cowl_u + 0.02), 0.8 * w, 0.34 * h});
+  add_box(seats, {s.x_at(s.cowl_u + 0.12), -0.75 * w, 0.34 * h},
+          {s.x_at(s.cowl_u + 0.03), 0.75 * w, 0.63 * h});  // dashboard
+  car.add(seats, plain(Vec3f::Constant(0.03f), 0.15f));
 }
 
 // What people carry on the roofs of their cars.
@@ -290,10 +276,6 @@ Material grey(RandomStream& random, double low, double high) {
   return thing(random, Vec3f::Constant(static_cast<float>(random.uniform(low, high))));
 }
 
-void lay(Actor& car, Mesh mesh, const Material& material) {
-  car.surfaces.push_back(surface(std::move(mesh), material));
-}
-
 void add_taxi_sign(Actor& car, const Roof& roof, RandomStream& random) {
   Mesh sign, letters;
   const double x = roof.middle + 0.2 * roof.length, w = random.uniform(0.2, 0.4),
@@ -304,8 +286,8 @@ void add_taxi_sign(Actor& car, const Roof& roof, RandomStream& random) {
             {x + side * 0.072 + 0.001, 0.7 * w, roof.top + 0.75 * h});
   Material yellow = thing(random, Vec3f(0.7f, 0.5f, 0.05f));
   if (random.uniform() < 0.4) yellow.emission = Vec3f(0.7f, 0.5f, 0.1f);
-  lay(car, std::move(sign), yellow);
-  lay(car, std::move(letters), grey(random, 0.01, 0.05));
+  car.add(std::move(sign), yellow);
+  car.add(std::move(letters), grey(random, 0.01, 0.05));
 }
 
 /// Two bars across on feet; what is carried lies on them at the returned height.
@@ -321,7 +303,7 @@ double add_bars(Actor& car, const Roof& roof, RandomStream& random) {
       add_box(bars, {x - 0.04, foot - 0.03, z - 0.02}, {x + 0.04, foot + 0.03, deck - 0.02});
     }
   }
-  lay(car, std::move(bars), grey(random, 0.02, 0.35));
+  car.add(std::move(bars), grey(random, 0.02, 0.35));
   return deck;
 }
 
@@ -339,7 +321,7 @@ void add_box_on_roof(Actor& car, const Roof& roof, double deck, RandomStream& ra
   Material skin = paint_of(random);
   const double pick = random.uniform();
   if (pick < 0.75) skin.albedo = Vec3f::Constant(pick < 0.4 ? 0.02f : pick < 0.6 ? 0.2f : 0.65f);
-  car.surfaces.push_back(surface(std::move(shell), skin, true));
+  car.add(std::move(shell), skin, true);
 }
 
 void add_ladder(Actor& car, const Roof& roof, double deck, RandomStream& random) {
@@ -355,8 +337,8 @@ void add_ladder(Actor& car, const Roof& roof, double deck, RandomStream& random)
     for (double x = x0 + 0.15; x < x0 + l; x += 0.28)
       add_box(ladder, {x - 0.015, y - w, z + 0.02}, {x + 0.015, y + w, z + 0.05});
   }
-  lay(car, std::move(ladder),
-      random.uniform() < 0.6 ? grey(random, 0.3, 0.5) : thing(random, Vec3f(0.45f, 0.28f, 0.05f)));
+  car.add(std::move(ladder),
+          random.uniform() < 0.6 ? grey(random, 0.3, 0.5) : thing(random, Vec3f(0.45f, 0.28f, 0.05f)));
 }
 
 void add_skis(Actor& car, const Roof& roof, double deck, RandomStream& random) {
@@ -373,7 +355,7 @@ void add_skis(Actor& car, const Roof& roof, double deck, RandomStream& random) {
       add_box(pair, {x0 + 0.4 * l, y + side - 0.035, deck + 0.035},
               {x0 + 0.55 * l, y + side + 0.035, deck + 0.09});
     }
-    lay(car, std::move(pair), thing(random, 1.3f * random_cloth(random)));
+    car.add(std::move(pair), thing(random, 1.3f * random_cloth(random)));
   }
 }
 
@@ -385,10 +367,10 @@ void add_carpets(Actor& car, const Roof& roof, double deck, RandomStream& random
     Mesh roll;
     append(roll, cylinder(r, l, 14),
            Transform(Eigen::Translation3d(roof.middle - 0.5 * l, y, deck + r) *
-                     Eigen::AngleAxisd(0.5 * std::numbers::pi, Vec3d::UnitY())));
+                     Eigen::AngleAxisd(0.5 * kPi, Vec3d::UnitY())));
     Material cloth = thing(random, random_cloth(random));
     cloth.pattern = Pattern::cloth, cloth.variant = random.next_u32();
-    car.surfaces.push_back(surface(std::move(roll), cloth));
+    car.add(std::move(roll), cloth);
     y += 0.33;
   }
 }
@@ -403,50 +385,33 @@ void add_timber(Actor& car, const Roof& roof, double deck, RandomStream& random)
       add_box(boards, {x0, y - 0.08, deck + 0.055 * k}, {x0 + l, y + 0.08, deck + 0.055 * k + 0.05});
     }
   Material wood = thing(random, Vec3f(0.42f, 0.29f, 0.16f) * static_cast<float>(random.uniform(0.5, 1.3)));
-  lay(car, std::move(boards), wood);
+  car.add(std::move(boards), wood);
 }
 
 }  // namespace
 
 Material paint_of(RandomStream& random) {
-  double sum = 0, pick = random.uniform();
+  double sum = 0;
   for (const Paint& p : kPaints) sum += p.share;
-  pick *= sum;
-  const Paint* paint = &kPaints.back();
-  for (const Paint& p : kPaints) {
-    if ((pick -= p.share) < 0) {
-      paint = &p;
-      break;
-    }
-  }
+  const Paint& paint = by_share(kPaints, sum * random.uniform());
   const float scatter = static_cast<float>(std::exp(random.uniform(-1.2, 1.2))),
               tone = static_cast<float>(random.uniform(0.8, 1.15));
-  Material m = plain(tone * paint->color, 0.24f * paint->lidar * scatter, 0.045f);
+  Material m = plain(tone * paint.color, 0.24f * paint.lidar * scatter, 0.045f);
   if (random.uniform() < 0.25) m.gloss = 0.02f;  // dusty
   return m;
 }
 
-Material tyre_rubber() {
-  return kTyre;
-}
-
-Material dark_plastic() {
-  return kTrim;
-}
-
-Actor assemble(const BodyShape& s, const std::string& type, const Vec3d& size, const CarTrim& extras,
-               RandomStream& random) {
+Actor assemble(const BodyShape& s, const std::string& type, const CarTrim& extras, RandomStream& random) {
   Actor car;
   car.type = type;
   const Hull hull = loft(s);
   const Material paint = paint_of(random);
-  car.surfaces.push_back(surface(hull.paint, paint, true));
-  car.surfaces.push_back(surface(hull.glass, window(random), true));
-  car.surfaces.push_back(surface(hull.trim, kTrim, true));
-  const auto x_of = [&](double u) { return s.length * (0.5 - u); };
+  car.add(hull.paint, paint, true);
+  car.add(hull.glass, window(random), true);
+  car.add(hull.trim, kTrim, true);
   const bool alloy = random.uniform() < 0.6;
-  add_wheel(car, hull, x_of(s.front_axle_u), s.wheel_radius, alloy);
-  add_wheel(car, hull, x_of(s.rear_axle_u), s.wheel_radius, alloy);
+  for (const double u : {s.front_axle_u, s.rear_axle_u})
+    add_axle(car, hull, s.x_at(u), s.wheel_radius, alloy);
   add_front(car, hull, s, extras, random);
   add_rear(car, hull, s, extras, random);
   add_sides(car, hull, s, random);
@@ -455,12 +420,12 @@ Actor assemble(const BodyShape& s, const std::string& type, const Vec3d& size, c
   fit_label_box(car);
   Mesh mirrors;
   for (int side : {1, -1}) {
-    const double x = x_of(s.cowl_u + 0.06), y = side * 0.50 * s.width;
+    const double x = s.x_at(s.cowl_u + 0.06), y = side * 0.50 * s.width;
     const double z = s.height * (s.belt_front + 0.05);
     append(mirrors, ellipsoid({0.07, 0.10, 0.075}), at(x, y + side * 0.06, z));
   }
-  car.surfaces.push_back(surface(mirrors, random.uniform() < 0.5 ? kTrim : paint));
-  stretch(car, size);
+  car.add(mirrors, random.uniform() < 0.5 ? kTrim : paint);
+  stretch(car, {s.length, s.width, s.height});
   return car;
 }
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
 #include "base/sizes.h"
 
@@ -92,12 +91,12 @@ class Loft {
     const double base = 0.955 * w, edge = base * (1 - k), shoulder = std::lerp(0.55, 0.86, cabin);
     for (int i = 1; i <= kSide; ++i) {
       const double t = static_cast<double>(i) / kSide;
-      const double bulge = 0.012 * std::sin(std::numbers::pi * t);
+      const double bulge = 0.012 * std::sin(kPi * t);
       out.points.push_back(
           {base * (1 - k * std::pow(t, 1.15) + bulge), h * (belt + out.rise * shoulder * t)});
     }
     for (int i = 1; i <= kArc; ++i) {
-      const double a = 0.5 * std::numbers::pi * i / kArc;
+      const double a = 0.5 * kPi * i / kArc;
       const double y = std::pow(std::max(0.0, std::cos(a)), 0.75), z = std::pow(std::sin(a), 0.75);
       out.points.push_back(
           {i == kArc ? 0 : edge * y, h * (belt + out.rise * (shoulder + (1 - shoulder) * z))});
@@ -179,7 +178,7 @@ Hull loft(const BodyShape& shape) {
     const Section s = body.section(u);
     rises.push_back(s.rise);
     // The ends lean: the nose's and tail's mid-height stands out, the rest draws back a little.
-    const double x0 = shape.length * (0.5 - u);
+    const double x0 = shape.x_at(u);
     const double end = u < 0.5 ? smoothstep(0.05, 0, u) : -smoothstep(0.95, 1, u);
     for (int i = 0; i < ring; ++i) {
       const int j = i < kHalf ? i : ring - i;
@@ -371,14 +370,12 @@ Mesh car_mesh(const generator::BodyShape& body) {
   Mesh mesh = generator::loft(body).all;
   const Mesh hull = mesh;
   for (double u : {body.front_axle_u, body.rear_axle_u}) {
-    const double x = body.length * (0.5 - u), r = body.wheel_radius;
+    const double x = body.x_at(u), r = body.wheel_radius;
     double y = 0;  // the body's outermost point over the wheel
     for (const Vec3d& v : hull.vertices)
       if (std::abs(v.x() - x) < r && v.z() < 3 * r) y = std::max(y, v.y());
     for (int side : {1, -1})
-      append(mesh, generator::cylinder(r, kTyreWidth, 22),
-             Transform(Eigen::Translation3d(x, side * (y + 0.006 - kTyreWidth), r) *
-                       Eigen::AngleAxisd(-side * 0.5 * std::numbers::pi, Vec3d::UnitX())));
+      generator::add_wheel(mesh, {x, side * (y + 0.006 - kTyreWidth), r}, r, kTyreWidth, 22, -side);
   }
   const Eigen::AlignedBox3d box = bounds(mesh);
   const Vec3d shift(-box.center().x(), -box.center().y(), -box.min().z());

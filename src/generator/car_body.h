@@ -24,6 +24,9 @@ struct BodyShape {
   double tumblehome = 0.17, nose_round = 0.30, tail_round = 0.16;
   double side_glass_end_u = 0.90;  // rear end of the side windows
   bool rear_glass = true;
+
+  /// m forward of the middle.
+  double x_at(double u) const { return length * (0.5 - u); }
 };
 
 /// A closed hull sorted by material, before lights and wheels are added.
@@ -54,18 +57,17 @@ struct CarTrim {
   bool american = false;                     ///< short, high plates without a band; no amber at the rear
 };
 
-/// `size` (length, width, height, m): of the label box, to which the whole is stretched.
-Actor assemble(const BodyShape& shape, const std::string& type, const Vec3d& size, const CarTrim& trim,
-               RandomStream& random);
+/// The whole is stretched to a label box of the shape's length, width and height.
+Actor assemble(const BodyShape& shape, const std::string& type, const CarTrim& trim, RandomStream& random);
 
 /// Puts something on the roof of one car in ten: a box, a ladder, skis, a taxi sign, rolled carpets, timber.
 /// Its surfaces come last and each stands out of the label box, which stays the car's own. `car`: assembled
 /// from `shape`.
 void add_roof_load(Actor& car, const BodyShape& shape, RandomStream& random);
 
-Material paint_of(RandomStream& random);  ///< of a body
-Material tyre_rubber();                   ///< of wheels
-Material dark_plastic();                  ///< of bumpers and trim
+Material paint_of(RandomStream& random);                                     ///< of a body
+inline const Material kTyre = plain(Vec3f::Constant(0.02f), 0.08f);          ///< rubber
+inline const Material kTrim = plain(Vec3f::Constant(0.018f), 0.12f, 0.01f);  ///< dark plastic of bumpers
 
 }  // namespace mirage::generator
 

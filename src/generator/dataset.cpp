@@ -31,13 +31,12 @@ fs::path record_file(const fs::path& data, const std::string& id) {
 
 /// Relative to training/. write_frame's files and those of the truth.
 std::vector<std::string> files_of(const std::string& id, Truth truth) {
-  std::vector<std::string> files;
-  const auto add = [&](const char* pattern) { files.push_back(fmt::format(fmt::runtime(pattern), id)); };
-  for (const char* pattern :
-       {"image_2/{}.png", "velodyne/{}.bin", "calib/{}.txt", "label_2/{}.txt", "lighting/{}.json"})
-    add(pattern);
-  if (truth != Truth::none) add("depth/{}.png");
-  if (truth == Truth::all) add("instance_2/{}.png"), add("instance_velodyne/{}.label");
+  std::vector<std::string> files = {"image_2/" + id + ".png", "velodyne/" + id + ".bin",
+                                    "calib/" + id + ".txt", "label_2/" + id + ".txt",
+                                    "lighting/" + id + ".json"};
+  if (truth != Truth::none) files.push_back("depth/" + id + ".png");
+  if (truth == Truth::all)
+    files.insert(files.end(), {"instance_2/" + id + ".png", "instance_velodyne/" + id + ".label"});
   return files;
 }
 
@@ -131,8 +130,8 @@ std::string tracking_row(int frame, const Label& label, const Calibration& calib
                      to_row(box));
 }
 
-/// A row of poses (scene/data/kitti_drives.h) of a unit in the car's `velo`; the world's origin lies at 49°
-/// north, 8.4° east.
+/// A row of poses (OxtsRow, scene/data/layouts.h) of a unit in the car's `velo`; the world's origin lies at
+/// 49° north, 8.4° east.
 std::string pose_row(const generator::Waypoint& own) {
   constexpr double kLatitude = 49, kLongitude = 8.4, kEarthRadius = 6378137;  // degrees, m
   const double scale = std::cos(kLatitude * kDegree) * kEarthRadius;
@@ -200,9 +199,12 @@ void record_frame(const fs::path& data, const std::string& id, Truth truth) {
   write_json(record_file(data, id), record);
 }
 
-/// Makes the folder with rig.toml and dataset.json (`about`), or takes it up again; InputError if it was made
-/// of another rig or with other fields.
-void begin_dataset(const Rig& rig, const nlohmann::json& about, const fs::path& out) {
+/// Makes the folder with rig.toml and dataset.json, or takes it up again; InputError if it was made of
+/// another rig or with other fields. `seconds`: of its drives; none: it has single frames.
+void begin_dataset(const Rig& rig, std::uint64_t seed, std::optional<double> seconds, const fs::path& out) {
+  nlohmann::json about = {
+      {"rig", rig.name}, {"seed", seed}, {"look", name_of(rig.look)}, {"generator", kGeneratorVersion}};
+  if (seconds) about[kDrives] = *seconds;
   make_output_folder(out);
   const fs::path file = out / "dataset.json", existing = out / "rig.toml";
   if (fs::exists(file)) {
@@ -256,9 +258,7 @@ bool is_as_recorded(const fs::path& data, const std::string& id, Truth truth) {
 DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,
                                 const std::filesystem::path& out,
                                 const std::function<void(std::size_t)>& progress, Truth truth) {
-  begin_dataset(
-      rig, {{"rig", rig.name}, {"seed", seed}, {"look", name_of(rig.look)}, {"generator", kGeneratorVersion}},
-      out);
+  begin_dataset(rig, seed, std::nullopt, out);
   DatasetSummary sum;
   std::mutex mutex;
   std::size_t done = 0;
@@ -301,13 +301,7 @@ int frames_of_drive(double seconds) {
 DatasetSummary generate_drives(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,
                                double seconds, const fs::path& out,
                                const std::function<void(std::size_t)>& progress) {
-  begin_dataset(rig,
-                {{"rig", rig.name},
-                 {"seed", seed},
-                 {"look", name_of(rig.look)},
-                 {"generator", kGeneratorVersion},
-                 {"drives_of_s", seconds}},
-                out);
+  begin_dataset(rig, seed, seconds, out);
   DatasetSummary sum;
   std::size_t done = 0;
   const int frames = frames_of_drive(seconds);

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <charconv>
-#include <chrono>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -11,6 +10,7 @@
 #include "base/files.h"
 #include "base/intervals.h"
 #include "base/random.h"
+#include "base/schedule.h"
 #include "base/sizes.h"
 #include "generator/dataset.h"
 #include "sensors/ray_caster.h"
@@ -84,11 +84,8 @@ double mean_distance(const Mesh& mesh, const MeshDistance& surface,
 
 FitError measure(const ShapeFit& fit, const Transform& by_box, const generator::TrueVehicle& truth) {
   const Transform truth_from_velo = velo_from_box(truth.box).inverse();
-  const auto moved = [&](Mesh mesh) {
-    for (Vec3d& v : mesh.vertices) v = truth_from_velo * v;
-    return mesh;
-  };
-  const Mesh true_mesh = moved(truth.mesh), fitted = moved(fit.mesh);
+  const Mesh true_mesh = generator::moved(truth.mesh, truth_from_velo),
+             fitted = generator::moved(fit.mesh, truth_from_velo);
   const Vec3d roof = roof_point(true_mesh);
   FitError error;
   error.roof = truth_from_velo * Vec3d(fit.velo_from_roof.translation()) - roof;
@@ -243,9 +240,7 @@ std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame&
   std::vector<FittedVehicle> vehicles;
   for (std::size_t i = 0; i < frame.labels.size(); ++i) {
     Label label = frame.labels[i];
-    if (!has_box(label) ||
-        std::find(settings.types.begin(), settings.types.end(), label.type) == settings.types.end())
-      continue;
+    if (!has_box(label) || std::ranges::count(settings.types, label.type) == 0) continue;
     const Box3 labelled_box = label.box;
     RandomStream random(settings.seed, "label noise " + frame.id, i);
     if (settings.label_noise > 0) label.box = disturbed(labelled_box, settings.label_noise, random);
@@ -254,9 +249,9 @@ std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame&
     vehicle.label = static_cast<int>(i);
     vehicle.range = horizontal_distance(label.box.bev);
     vehicle.velo_from_roof = by_box.find(frame, label).velo_from_roof;
-    const auto start = std::chrono::steady_clock::now();
+    const Clock::time_point start = Clock::now();
     vehicle.fit = finder.fit(index, label);
-    vehicle.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    vehicle.seconds = seconds_since(start);
     if (vehicle.fit.fitted) {
       const Vec3d roof = vehicle.fit.velo_from_roof.translation();
       vehicle.roof_over_box = roof.z() - label.box.bottom - label.box.height;

@@ -114,9 +114,7 @@ Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, Fr
                                                           rig.others.empty() ? 0 : generator::kBehind);
   const SceneLight light = generator::make_light(seed, index);
   const RayScene scene(street.surfaces);
-  RayCameraSettings settings;
-  settings.sparse = true;
-  settings.seed = RandomStream(seed, "camera", index).next_u32();
+  const RayCameraSettings settings{.seed = RandomStream(seed, "camera", index).next_u32(), .sparse = true};
   const RayImage picture =
       render(scene, rig.calibration.camera, rig.calibration.camera_from_velo, light, settings);
 
@@ -152,9 +150,8 @@ Frame generate_drive_frame(const Rig& rig, const generator::MovingStreet& street
   placed.camera_from_velo = rig.calibration.camera_from_velo * world_from_velo.inverse();
   const SceneLight light = generator::make_light(seed, index);
   const RayScene scene(now.surfaces);
-  RayCameraSettings settings;
-  settings.sparse = true;
-  settings.seed = RandomStream(seed, "drive camera", moment).next_u32();
+  const RayCameraSettings settings{.seed = RandomStream(seed, "drive camera", moment).next_u32(),
+                                   .sparse = true};
   const RayImage picture = render(scene, rig.calibration.camera, placed.camera_from_velo, light, settings);
 
   Frame frame;
@@ -243,19 +240,6 @@ Rig with_lidar(Rig rig, const std::string& unit) {
 namespace mirage::generator {
 namespace {
 
-// Shot and read noise of the camera, in scene-linear values.
-void add_sensor_noise(ImageF& image, std::uint64_t seed, std::uint64_t index, std::uint64_t moment) {
-  RandomStream level(seed, "sensor noise level", index);
-  const double shot = level.uniform(2e-5, 1.2e-4), read = level.uniform(0.5e-3, 2e-3);
-  for (int v = 0; v < image.height; ++v) {
-    RandomStream random(seed, "sensor noise", moment * 100003 + as_size(v));
-    for (int i = 0; i < image.width * 3; ++i) {
-      float& x = image.pixel(0, v)[i];
-      x = std::max(0.f, x + static_cast<float>(random.normal() * noise_sigma(x, shot, read)));
-    }
-  }
-}
-
 constexpr double kMinProjectedDepth = 0.3;  // m, corners nearer than this to the camera's plane lie on it
 constexpr int kProbes = 3000;               // rays a thing to count its own pixels
 constexpr int kRows = 25;  // pixels of height that make a thing without returns one to be found (KITTI)
@@ -269,8 +253,7 @@ SceneLight make_light(std::uint64_t seed, std::uint64_t index) {
   Lighting& l = light.lighting;
   const double azimuth = random.uniform(-std::numbers::pi, std::numbers::pi),
                elevation = random.uniform(0.25, 1.05);
-  l.to_sun_velo = Vec3d(std::cos(azimuth) * std::cos(elevation), std::sin(azimuth) * std::cos(elevation),
-                        std::sin(elevation));
+  l.to_sun_velo = unit_vector(azimuth, elevation);
   const double overcast = random.uniform() < 0.25 ? random.uniform(0.6, 1.0) : random.uniform(0.0, 0.2);
   const float exposure = f(0.85, 1.5);
   const float warm = std::clamp(1.2f - static_cast<float>(elevation), 0.f, 1.f);
@@ -297,7 +280,15 @@ SceneLight make_light(std::uint64_t seed, std::uint64_t index) {
 
 void expose(ImageF& image, std::uint64_t seed, std::uint64_t index, std::uint64_t moment) {
   soften(image, RandomStream(seed, "lens", index).uniform(0.5, 0.85));
-  add_sensor_noise(image, seed, index, moment);
+  RandomStream level(seed, "sensor noise level", index);
+  const double shot = level.uniform(2e-5, 1.2e-4), read = level.uniform(0.5e-3, 2e-3);
+  for (int v = 0; v < image.height; ++v) {
+    RandomStream random(seed, "sensor noise", moment * 100003 + as_size(v));
+    for (int i = 0; i < image.width * 3; ++i) {
+      float& x = image.pixel(0, v)[i];
+      x = std::max(0.f, x + static_cast<float>(random.normal() * noise_sigma(x, shot, read)));
+    }
+  }
 }
 
 StreetLabels label_street(const Street& street, const Calibration& calibration, const Image<int>& object,

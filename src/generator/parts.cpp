@@ -20,11 +20,15 @@ void stretch(Actor& actor, const Vec3d& size) {
   actor.size = size;
 }
 
+void Actor::add(Mesh mesh, const Material& material, bool smooth) {
+  surfaces.push_back(surface(std::move(mesh), material, smooth));
+}
+
 Mesh cylinder(double radius, double height, int segments, double top_radius) {
   if (top_radius < 0) top_radius = radius;
   Mesh mesh;
   for (int i = 0; i < segments; ++i) {
-    const double a = 2 * std::numbers::pi * i / segments;
+    const double a = 2 * kPi * i / segments;
     mesh.vertices.push_back({radius * std::cos(a), radius * std::sin(a), 0});
     mesh.vertices.push_back({top_radius * std::cos(a), top_radius * std::sin(a), height});
   }
@@ -39,6 +43,17 @@ Mesh cylinder(double radius, double height, int segments, double top_radius) {
   return mesh;
 }
 
+void add_wheel(Mesh& mesh, const Vec3d& end, double radius, double width, int segments, int turn) {
+  append(mesh, cylinder(radius, width, segments),
+         Transform(Eigen::Translation3d(end) * Eigen::AngleAxisd(turn * 0.5 * kPi, Vec3d::UnitX())));
+}
+
+void add_rod(Mesh& mesh, const Vec3d& from, const Vec3d& to, double radius, int segments, double end_radius) {
+  const Vec3d axis = to - from;
+  append(mesh, cylinder(radius, axis.norm(), segments, end_radius),
+         Transform(Eigen::Translation3d(from) * Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), axis)));
+}
+
 Mesh ellipsoid(const Vec3d& radii, int subdivisions) {
   Mesh mesh = icosphere(subdivisions);
   for (Vec3d& v : mesh.vertices) v = v.cwiseProduct(radii);
@@ -51,8 +66,9 @@ void add_quad(Mesh& mesh, const Vec3d& a, const Vec3d& b, const Vec3d& c, const 
   mesh.faces.insert(mesh.faces.end(), {{n, n + 1, n + 2}, {n, n + 2, n + 3}});
 }
 
-void add_box(Mesh& mesh, const Vec3d& low, const Vec3d& high) {
-  append(mesh, box_mesh(high - low), Transform(Eigen::Translation3d(0.5 * (low + high))));
+void add_box(Mesh& mesh, const Vec3d& corner, const Vec3d& opposite) {
+  append(mesh, box_mesh((opposite - corner).cwiseAbs()),
+         Transform(Eigen::Translation3d(0.5 * (corner + opposite))));
 }
 
 void add_leaves(Mesh& mesh, const Vec3d& centre, const Vec3d& radii, int count, double size,
@@ -76,12 +92,13 @@ Transform at(double x, double y, double z, double yaw) {
   return Transform(Eigen::Translation3d(x, y, z) * Eigen::AngleAxisd(yaw, Vec3d::UnitZ()));
 }
 
+Mesh moved(Mesh mesh, const Transform& pose) {
+  for (Vec3d& v : mesh.vertices) v = pose * v;
+  return mesh;
+}
+
 Surface surface(Mesh mesh, Material material, bool smooth) {
-  Surface s;
-  s.mesh = std::move(mesh);
-  s.material = material;
-  s.smooth = smooth;
-  return s;
+  return {.mesh = std::move(mesh), .material = material, .smooth = smooth};
 }
 
 Material plain(const Vec3f& albedo, float lidar, float gloss) {

@@ -11,6 +11,8 @@
 
 namespace mirage::generator {
 
+inline constexpr double kPi = std::numbers::pi;
+
 /// A thing of the scene in its own frame: x along its heading, y left, z up, origin on the ground under the
 /// centre of its label box.
 struct Actor {
@@ -18,6 +20,9 @@ struct Actor {
   std::vector<Surface> surfaces;  ///< in the actor's frame
   Vec3d size = Vec3d::Zero();     ///< length, width, height of the label box (m)
   std::string kind = {};          ///< body style of a car (generator/car_body.h); "look-alike"; else empty
+
+  /// Adds a surface().
+  void add(Mesh mesh, const Material& material, bool smooth = false);
 };
 
 /// Measures the label box from the surfaces so far and moves the origin under its centre. Surfaces added
@@ -28,22 +33,37 @@ void stretch(Actor& actor, const Vec3d& size);
 
 /// Closed cylinder along z from 0 to `height`.
 Mesh cylinder(double radius, double height, int segments, double top_radius = -1);
+/// Adds a cylinder that lies along y: from the middle of one end `width` m towards −y where `turn` is 1, and
+/// towards +y where it is −1.
+void add_wheel(Mesh& mesh, const Vec3d& end, double radius, double width, int segments, int turn);
+/// Adds a cylinder from one point to another.
+void add_rod(Mesh& mesh, const Vec3d& from, const Vec3d& to, double radius, int segments = 8,
+             double end_radius = -1);
 /// Ellipsoid of the given radii around the origin.
 Mesh ellipsoid(const Vec3d& radii, int subdivisions = 1);
 /// Two-sided rectangle patch of four corners.
 void add_quad(Mesh& mesh, const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
-/// Axis-aligned box from its lowest to its highest corner.
-void add_box(Mesh& mesh, const Vec3d& low, const Vec3d& high);
+/// Axis-aligned box between two opposite corners.
+void add_box(Mesh& mesh, const Vec3d& corner, const Vec3d& opposite);
 /// Leaves: `count` small quads scattered through an ellipsoid, more of them near its surface.
 void add_leaves(Mesh& mesh, const Vec3d& centre, const Vec3d& radii, int count, double size,
                 RandomStream& random);
 
 /// The pose at a place (m), turned by `yaw` (rad) about z.
 Transform at(double x, double y, double z, double yaw = 0);
+/// The mesh at a pose.
+Mesh moved(Mesh mesh, const Transform& pose);
 /// A mesh of one material; `smooth`: shaded by interpolated normals.
 Surface surface(Mesh mesh, Material material, bool smooth = false);
 /// One colour (linear albedo), `lidar` its reflectance at normal incidence.
 Material plain(const Vec3f& albedo, float lidar, float gloss = 0);
+/// Of a list with shares, the entry that `pick` (from 0 to their sum) falls on.
+template <class List>
+const auto& by_share(const List& list, double pick) {
+  for (const auto& entry : list)
+    if ((pick -= entry.share) < 0) return entry;
+  return list.back();
+}
 /// Linear albedo of somebody's clothes.
 Vec3f random_cloth(RandomStream& random);
 /// Leaves of a hedge or tree, green or turning.
@@ -51,10 +71,10 @@ Material green(RandomStream& random);
 
 /// A passenger car of any body style.
 Actor make_car(RandomStream& random);
-/// What only a picture tells from a car: `car` with every surface and all that a LiDAR meets of it, but to
-/// the camera a clipped hedge, something under a tarpaulin or a stack of goods, closed and without wheels,
-/// lamps or panes; one in five is a bin, a shed or a boat of its size instead. Type "Misc", kind
-/// "look-alike": detection takes it for background.
+/// A look-alike that only a picture tells from `car`. A LiDAR meets the car's own surfaces; the camera sees a
+/// clipped hedge, a tarpaulin or a stack of goods, closed, without wheels, lamps or panes. One in five is a
+/// bin, a shed or a boat of its size instead. Type "Misc", kind "look-alike": detection takes it for
+/// background.
 Actor make_look_alike(Actor car, RandomStream& random);
 /// How many of what stands where cars park, and of what stands on the lanes, are look-alikes.
 inline constexpr double kParkedDecoyShare = 0.5, kLaneDecoyShare = 0.2;
@@ -89,7 +109,6 @@ void add_signal_lamps(Actor& actor, Mesh& hoods, const SignalLamps& lamps, int l
 
 /// Albedo of sheeting, scene-linear.
 namespace sign_color {
-/// Linear RGB in [0, 1].
 inline const Vec3f kRed(0.50f, 0.02f, 0.02f), kWhite(0.65f, 0.65f, 0.63f), kBlue(0.015f, 0.09f, 0.42f),
     kYellow(0.65f, 0.42f, 0.02f), kGreen(0.01f, 0.18f, 0.07f), kBlack(0.02f, 0.02f, 0.02f),
     kGrey(0.25f, 0.25f, 0.25f);
@@ -105,8 +124,7 @@ class SignBoard {
   void polygon(int corners, double radius, double turn, const Vec3f& color, double thickness = 0.003) {
     Mesh mesh;
     append(mesh, cylinder(radius, thickness, corners),
-           Transform(Eigen::Translation3d(x_, 0, z_) *
-                     Eigen::AngleAxisd(-0.5 * std::numbers::pi, Vec3d::UnitY()) *
+           Transform(Eigen::Translation3d(x_, 0, z_) * Eigen::AngleAxisd(-0.5 * kPi, Vec3d::UnitY()) *
                      Eigen::AngleAxisd(turn, Vec3d::UnitZ())));
     push(std::move(mesh), color, thickness);
   }
@@ -128,7 +146,7 @@ class SignBoard {
  private:
   void push(Mesh mesh, const Vec3f& color, double thickness) {
     constexpr float retro = 2.f;  // LiDAR reflectivity of sign sheeting
-    actor_.surfaces.push_back(surface(std::move(mesh), plain(color, retro, 0.01f)));
+    actor_.add(std::move(mesh), plain(color, retro, 0.01f));
     x_ -= thickness + 0.002;
   }
   Actor& actor_;

@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <memory>
-#include <numbers>
 
 #include "base/sizes.h"
 #include "generator/parts.h"
@@ -92,10 +91,10 @@ void StreetSite::add_fence(double s0, double s1, double d) {
   if (style >= 3) {
     m.pattern = Pattern::foliage, m.albedo = Vec3f(f(0.025, 0.05), f(0.05, 0.09), 0.018f);
     m.second = Vec3f(f(0.05, 0.09), f(0.08, 0.13), 0.025f), m.variant = random_.next_u32();
-    surfaces_.push_back(surface(leaves, m));
+    add(leaves, m);
     m.albedo *= 0.4f, m.second *= 0.4f;
   }
-  surfaces_.push_back(surface(mesh, m));
+  add(mesh, m);
 }
 
 void StreetSite::add_woods(int side, double from) {
@@ -117,16 +116,16 @@ void StreetSite::add_woods(int side, double from) {
   Material m = plain(Vec3f(f(0.03, 0.06), f(0.055, 0.1), 0.02f), 0.35f);
   m.pattern = Pattern::foliage, m.second = Vec3f(f(0.06, 0.14), f(0.09, 0.13), 0.03f),
   m.variant = random_.next_u32();
-  surfaces_.push_back(surface(leaves, m));
+  add(leaves, m);
   m.albedo *= 0.35f, m.second *= 0.35f;
-  surfaces_.push_back(surface(cores, m));
-  surfaces_.push_back(surface(trunks, plain(Vec3f(0.07f, 0.055f, 0.045f), 0.3f)));
+  add(cores, m);
+  add(trunks, plain(Vec3f(0.07f, 0.055f, 0.045f), 0.3f));
 }
 
 void StreetSite::add_ground() {
   Mesh earth;
   for (double d = -80; d < 79; d += 8) add_strip(earth, d, d + 8, -12, far_ + 30, 4, -0.35);
-  surfaces_.push_back(surface(earth, plain(Vec3f(0.07f, 0.065f, 0.05f), 0.3f)));
+  add(earth, plain(Vec3f(0.07f, 0.065f, 0.05f), 0.3f));
 }
 
 void StreetSite::add_manhole_covers(int count) {
@@ -136,7 +135,7 @@ void StreetSite::add_manhole_covers(int count) {
     const Vec3d p = on_ground(u(4, 40), d, 0.006);
     append(covers, cylinder(0.32, 0.004, 18), at(p.x(), p.y(), p.z()));
   }
-  surfaces_.push_back(surface(covers, plain(Vec3f::Constant(0.045f), 0.2f)));
+  add(covers, plain(Vec3f::Constant(0.045f), 0.2f));
 }
 
 // Poles, lamps, European road signs and traffic lights. All of them face −x: oncoming traffic reads them.
@@ -155,8 +154,8 @@ void european_sign(Actor& pole, double x, double z, RandomStream& random) {
   switch (kind) {
     case 0:  // warning
     case 1:  // give way
-      back(3, 1.25 * r, kind * std::numbers::pi), sign.polygon(3, 1.25 * r, kind * std::numbers::pi, kRed);
-      sign.polygon(3, 0.85 * r, kind * std::numbers::pi, kWhite);
+      back(3, 1.25 * r, kind * kPi), sign.polygon(3, 1.25 * r, kind * kPi, kRed);
+      sign.polygon(3, 0.85 * r, kind * kPi, kWhite);
       if (kind == 0) sign.bar(-0.035, -0.15 * r, 0.035, 0.4 * r, kBlack);
       break;
     case 2:  // speed limit
@@ -168,7 +167,7 @@ void european_sign(Actor& pole, double x, double z, RandomStream& random) {
       break;
     case 3:  // no parking
       back(24, r, 0), sign.polygon(24, r, 0, kRed), sign.polygon(24, 0.82 * r, 0, kBlue);
-      sign.slanted_bar(1.7 * r, 0.16 * r, 0.25 * std::numbers::pi, kRed);
+      sign.slanted_bar(1.7 * r, 0.16 * r, 0.25 * kPi, kRed);
       break;
     case 4:  // no entry
       back(24, r, 0), sign.polygon(24, r, 0, kRed), sign.bar(-0.7 * r, -0.13 * r, 0.7 * r, 0.13 * r, kWhite);
@@ -177,12 +176,12 @@ void european_sign(Actor& pole, double x, double z, RandomStream& random) {
       back(4, r, 0), sign.polygon(4, r, 0, kWhite), sign.polygon(4, 0.78 * r, 0, kYellow);
       break;
     case 6:  // stop
-      back(8, r, std::numbers::pi / 8), sign.polygon(8, r, std::numbers::pi / 8, kRed);
+      back(8, r, kPi / 8), sign.polygon(8, r, kPi / 8, kRed);
       for (int i = 0; i < 4; ++i)
         sign.bar((-0.68 + 0.36 * i) * r, -0.2 * r, (-0.44 + 0.36 * i) * r, 0.2 * r, kWhite);
       break;
     default:  // parking
-      back(4, 1.3 * r, 0.25 * std::numbers::pi), sign.polygon(4, 1.3 * r, 0.25 * std::numbers::pi, kBlue);
+      back(4, 1.3 * r, 0.25 * kPi), sign.polygon(4, 1.3 * r, 0.25 * kPi, kBlue);
       sign.bar(0.12 * r, -0.6 * r, 0.34 * r, 0.6 * r, kWhite);
       sign.bar(-0.34 * r, 0.0, 0.12 * r, 0.6 * r, kWhite),
           sign.bar(-0.12 * r, 0.18 * r, 0.12 * r, 0.42 * r, kBlue);
@@ -209,19 +208,16 @@ MovingStreet make_moving_street(std::uint64_t seed, std::uint64_t index, double 
 
 Actor make_pole(RandomStream& random) {
   Actor pole;
-  Mesh post, board;
   const double h = random.uniform(2.4, 8), r = h < 4 ? 0.035 : random.uniform(0.05, 0.09);
-  append(post, cylinder(r, h, 10), Transform::Identity());
+  Mesh post = cylinder(r, h, 10), board;
   if (h < 4) {
     european_sign(pole, -r - 0.01, h - 0.38, random);
   } else if (random.uniform() < 0.6) {
     add_box(post, {-0.05, -0.04, h - 0.1}, {1.3, 0.04, h});  // street lamp's arm
     add_box(board, {0.8, -0.12, h - 0.05}, {1.5, 0.12, h + 0.08});
   }
-  pole.surfaces.push_back(
-      surface(post, plain(Vec3f::Constant(static_cast<float>(random.uniform(0.08, 0.4))), 0.35f, 0.02f)));
-  if (!board.faces.empty())
-    pole.surfaces.push_back(surface(board, plain(Vec3f::Constant(0.5f), 0.3f, 0.01f)));
+  pole.add(post, plain(Vec3f::Constant(static_cast<float>(random.uniform(0.08, 0.4))), 0.35f, 0.02f));
+  if (!board.faces.empty()) pole.add(board, plain(Vec3f::Constant(0.5f), 0.3f, 0.01f));
   return pole;
 }
 
@@ -233,15 +229,13 @@ void add_signal_lamps(Actor& actor, Mesh& hoods, const SignalLamps& lamps, int l
   const double x = lamps.highest.x(), y = lamps.highest.y(), r = lamps.hood;
   for (std::size_t k = 0; k < 3; ++k) {
     const double z = lamps.highest.z() - lamps.apart * static_cast<double>(k);
-    Mesh lens;
-    append(lens, cylinder(lamps.lens, 0.01, 18),
-           Transform(Eigen::Translation3d(x - 0.005, y, z) *
-                     Eigen::AngleAxisd(-0.5 * std::numbers::pi, Vec3d::UnitY())));
+    const Transform pose(Eigen::Translation3d(x - 0.005, y, z) *
+                         Eigen::AngleAxisd(-0.5 * kPi, Vec3d::UnitY()));
     Material glass = plain(dark[k], 0.3f, 0.03f);
     if (static_cast<int>(k) == lit) glass.emission = bright[k];
-    actor.surfaces.push_back(surface(lens, glass));
+    actor.add(moved(cylinder(lamps.lens, 0.01, 18), pose), glass);
     for (int i = 0; i < 6; ++i) {
-      const double a = std::numbers::pi * i / 6, b = std::numbers::pi * (i + 1) / 6;
+      const double a = kPi * i / 6, b = kPi * (i + 1) / 6;
       const Vec3d p(x, y + r * std::cos(a), z + r * std::sin(a)),
           q(x, y + r * std::cos(b), z + r * std::sin(b)), out(lamps.hood_long, 0, 0);
       add_quad(hoods, p, q, q - out, p - out);
@@ -252,12 +246,11 @@ void add_signal_lamps(Actor& actor, Mesh& hoods, const SignalLamps& lamps, int l
 Actor make_traffic_light(RandomStream& random, int lit) {
   Actor light;
   const double foot = random.uniform(2.1, 2.5);
-  Mesh post, housing;
-  append(post, cylinder(0.06, foot + 1.0, 12), Transform::Identity());
+  Mesh housing;
   add_box(housing, {-0.30, -0.16, foot}, {-0.07, 0.16, foot + 0.96});
   add_signal_lamps(light, housing, {{-0.30, 0, foot + 0.80}, 0.32, 0.11, 0.13, 0.17}, lit);
-  light.surfaces.push_back(surface(post, plain(sign_color::kGrey, 0.35f, 0.02f)));
-  light.surfaces.push_back(surface(housing, plain(Vec3f::Constant(0.02f), 0.15f, 0.02f)));
+  light.add(cylinder(0.06, foot + 1.0, 12), plain(sign_color::kGrey, 0.35f, 0.02f));
+  light.add(housing, plain(Vec3f::Constant(0.02f), 0.15f, 0.02f));
   return light;
 }
 
@@ -274,7 +267,7 @@ std::vector<Surface> MovingStreet::surfaces_of(std::size_t mover, double time) c
   const Transform pose = movers[mover].way[step(time)].pose();
   std::vector<Surface> surfaces = movers[mover].actor.surfaces;
   for (Surface& surface : surfaces) {
-    for (Vec3d& v : surface.mesh.vertices) v = pose * v;
+    surface.mesh = moved(std::move(surface.mesh), pose);
     surface.object = static_cast<int>(standing.placed.size() + mover);
   }
   return surfaces;
@@ -346,7 +339,6 @@ void StreetSite::widen(double seconds) {
 
 void StreetSite::drive(double seconds) {
   const double left_lane = lane_d(0, 0), oncoming_lane = lane_d(1, lanes_[1] - 1);
-  const auto wobble = [&](double sigma) { return sigma * random_.normal(); };
   const auto box_at = [](const Waypoint& at, const Vec3d& size, double margin) {
     return BevBox{at.position.x(), at.position.y(), size.x() + 2 * margin, size.y() + 2 * margin, at.yaw};
   };

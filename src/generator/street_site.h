@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstdint>
 #include <memory>
-#include <numbers>
 #include <string>
 #include <utility>
 
@@ -14,7 +13,6 @@
 
 namespace mirage::generator {
 
-inline constexpr double kPi = std::numbers::pi;
 inline constexpr double kFar = 110;    // m of street that is built
 inline constexpr double kKerb = 0.11;  // m
 
@@ -48,6 +46,7 @@ class StreetSite {
   double u(double a, double b) { return random_.uniform(a, b); }
   bool chance(double p) { return random_.uniform() < p; }
   float f(double a, double b) { return static_cast<float>(random_.uniform(a, b)); }
+  double wobble(double sigma) { return sigma * random_.normal(); }
 
   /// The sign of d on a side: 0 is the right one, ours, and 1 the left.
   static double sign(int side) { return side ? 1 : -1; }
@@ -90,6 +89,13 @@ class StreetSite {
     return {p.x(), p.y(), ground_z(s, d) + lift};
   }
 
+  /// Of something of that size about (s, d); `heading`: from `velo`'s x.
+  BevBox outline(double s, double d, double length, double width, double heading = 0) const {
+    const Vec2d p = xy(s, d);
+    return {p.x(), p.y(), length, width, heading};
+  }
+
+  void add(Mesh mesh, const Material& material) { surfaces_.push_back(surface(std::move(mesh), material)); }
   void add_strip(Mesh& mesh, double d0, double d1, double s0, double s1, double step, double lift = 0) {
     for (double s = s0; s < s1 - 1e-6; s += step) {
       const double e = std::min(s + step, s1);
@@ -164,7 +170,7 @@ class StreetSite {
 
   void add_surfaces(Actor& actor, const Transform& velo_from_actor, int object) {
     for (Surface& s : actor.surfaces) {
-      for (Vec3d& v : s.mesh.vertices) v = velo_from_actor * v;
+      s.mesh = moved(std::move(s.mesh), velo_from_actor);
       s.object = object;
       surfaces_.push_back(std::move(s));
     }

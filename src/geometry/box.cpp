@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <numbers>
-#include <utility>
 
 namespace mirage {
 namespace {
@@ -70,6 +69,21 @@ double iou(const Box3& a, const Box3& b) {
   const double both = intersection_area(a.bev, b.bev) * common;
   const auto volume = [](const Box3& box) { return box.bev.length * box.bev.width * box.height; };
   return std::clamp(both / (volume(a) + volume(b) - both), 0.0, 1.0);
+}
+
+std::pair<double, double> ray_within(const Vec3d& origin, const Vec3d& direction, const Vec3d& low,
+                                     const Vec3d& high) {
+  double enter = 0, leave = 1e9;
+  for (int a = 0; a < 3; ++a) {
+    if (std::abs(direction[a]) < 1e-12) {
+      if (origin[a] < low[a] || origin[a] > high[a]) return {1, 0};
+      continue;
+    }
+    const double t0 = (low[a] - origin[a]) / direction[a], t1 = (high[a] - origin[a]) / direction[a];
+    enter = std::max(enter, std::min(t0, t1));
+    leave = std::min(leave, std::max(t0, t1));
+  }
+  return {enter, leave};
 }
 
 Transform velo_from_box(const Box3& box) {

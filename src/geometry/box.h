@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "base/types.h"
@@ -47,6 +48,10 @@ double iou(const BevBox& a, const BevBox& b);
 double iou(const Box3& a, const Box3& b);
 /// Whether the point lies inside the box grown by `margin` on every side.
 bool contains(const Box3& box, const Vec3d& p_velo, double margin = 0);
+/// The part of the ray origin + t · direction, t ≥ 0, within the box from `low` to `high`, as the t of its
+/// ends; empty where first > second. Kay and Kajiya's slabs (1986).
+std::pair<double, double> ray_within(const Vec3d& origin, const Vec3d& direction, const Vec3d& low,
+                                     const Vec3d& high);
 /// velo_from_box: origin at the centre of the bottom face, x along the heading, z up.
 Transform velo_from_box(const Box3& box);
 

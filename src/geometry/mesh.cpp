@@ -189,8 +189,7 @@ Vec3d area_vector(std::span<const Vec3d> corners) {
 }
 
 double turn(const Vec2d& a, const Vec2d& b, const Vec2d& c) {
-  const Vec2d u = b - a, v = c - a;
-  return u.x() * v.y() - u.y() * v.x();
+  return cross(b - a, c - a);
 }
 
 /// A ring of corners in the plane, counter-clockwise, of which ears are taken.
@@ -232,7 +231,7 @@ class Ring {
 
 }  // namespace
 
-std::vector<std::array<int, 3>> cut_polygon(std::span<const Vec3d> corners) {
+std::vector<std::array<int, 3>> triangulate_polygon(std::span<const Vec3d> corners) {
   const int n = static_cast<int>(corners.size());
   if (n < 3) return {};
   if (n == 3) return {{0, 1, 2}};

@@ -68,6 +68,14 @@ int texel_index(S b0, S b1, int resolution) {
 struct AtlasTriangle {
   std::array<Vec2d, 3> corners;
   int texel = 0;
+
+  /// Its corners on the face with these.
+  std::array<Vec3d, 3> on(const std::array<Vec3d, 3>& face) const {
+    const auto at = [&](const Vec2d& b) -> Vec3d {
+      return b.x() * face[0] + b.y() * face[1] + (1 - b.x() - b.y()) * face[2];
+    };
+    return {at(corners[0]), at(corners[1]), at(corners[2])};
+  }
 };
 /// The C² triangles of a face, C = `resolution`, row by row.
 std::vector<AtlasTriangle> atlas_triangles(int resolution);
@@ -155,6 +163,6 @@ class Laplacian {
 /// cut off one by one (Meisters, "Polygons have ears", 1975) in the plane of its area vector (Newell's). A
 /// polygon that is flat or crosses itself has no such triangles and is cut all the same. O(n²) for most
 /// polygons, O(n³) at worst.
-std::vector<std::array<int, 3>> cut_polygon(std::span<const Vec3d> corners);
+std::vector<std::array<int, 3>> triangulate_polygon(std::span<const Vec3d> corners);
 
 }  // namespace mirage

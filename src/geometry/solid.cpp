@@ -97,6 +97,13 @@ std::array<int, 3> common(const Face& first, const Face& second) {
   return same;
 }
 
+/// The corner (0 to 2) of f that is not on the edge that both faces have; −1 where they have none.
+int apex_over_neighbour(const Face& f, const Face& k) {
+  const std::array<int, 3> same = common(f, k);
+  if (std::ranges::count(same, -1) != 1) return -1;
+  return static_cast<int>(std::ranges::find(same, -1) - same.begin());
+}
+
 /// Two faces with a common edge lie on each other when their outward sides look at each other.
 bool folded(const Triangle& first, const Triangle& second) {
   const Vec3d n1 = (first[1] - first[0]).cross(first[2] - first[0]),
@@ -107,18 +114,12 @@ bool folded(const Triangle& first, const Triangle& second) {
 bool cut(const Mesh& mesh, int first, int second) {
   const Triangle a = corners(mesh, first), b = corners(mesh, second);
   const std::array<int, 3> same = common(mesh.faces[as_size(first)], mesh.faces[as_size(second)]);
-  int shared = 0;
-  std::array<bool, 3> in_b = {};
-  for (const int k : same)
-    if (k >= 0) {
-      ++shared;
-      in_b[as_size(k)] = true;
-    }
-  if (shared >= 2) return folded(a, b);
+  if (std::ranges::count(same, -1) <= 1) return folded(a, b);
+  const auto in_a = [&](std::size_t k) { return std::ranges::find(same, static_cast<int>(k)) != same.end(); };
   for (std::size_t i = 0; i < 3; ++i) {
     const std::size_t next = (i + 1) % 3;
     if (same[i] < 0 && same[next] < 0 && passes(b, a[i], a[next])) return true;
-    if (!in_b[i] && !in_b[next] && passes(a, b[i], b[next])) return true;
+    if (!in_a(i) && !in_a(next) && passes(a, b[i], b[next])) return true;
   }
   return false;
 }
@@ -258,17 +259,6 @@ std::vector<std::array<int, 2>> intersecting_faces(const Mesh& mesh) {
     for (int k = i + 1; k < faces; ++k)
       if (boxes[as_size(i)].intersects(boxes[as_size(k)]) && cut(mesh, i, k)) pairs.push_back({i, k});
   return pairs;
-}
-
-/// The corner (0 to 2) of f that is not on the edge that both faces have; −1 where they have none.
-int apex_over_neighbour(const Face& f, const Face& k) {
-  int apex = -1, common = 0;
-  for (int i = 0; i < 3; ++i)
-    if (f[as_size(i)] == k[0] || f[as_size(i)] == k[1] || f[as_size(i)] == k[2])
-      ++common;
-    else
-      apex = i;
-  return common == 2 ? apex : -1;
 }
 
 std::vector<Wall> walls(const Mesh& mesh) {

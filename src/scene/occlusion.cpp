@@ -363,6 +363,12 @@ SweepRay SweepIndex::ray_of(int point, int firing) const {
   return {{origin, (r.p_velo - origin) / range}, r.beam, firing, r.firing, point, range};
 }
 
+SweepRay SweepIndex::ray_at(std::size_t beam, std::size_t firing) const {
+  const int point = cells_[beam * firings_.size() + firing], f = static_cast<int>(firing);
+  if (point >= 0) return ray_of(point, f);
+  return {ray_of_cell(beam, firing), static_cast<int>(beam), f, firings_[firing], -1, 0};
+}
+
 std::vector<SweepRay> SweepIndex::rays_through(const Vec3d& centre_velo, double radius) const {
   constexpr double kSlack = 0.01;  // rad: a return's own ray against that of its cell
   std::vector<SweepRay> rays;
@@ -389,10 +395,7 @@ std::vector<SweepRay> SweepIndex::rays_through(const Vec3d& centre_velo, double 
       const std::size_t f = (first + k) % count;
       const double turned = firings_[f] - from;
       if ((turned < 0 ? turned + 2 * kPi : turned) > 2 * half) break;
-      if (const int point = cells_[b * count + f]; point >= 0)
-        add(ray_of(point, static_cast<int>(f)));
-      else
-        add({ray_of_cell(b, f), static_cast<int>(b), static_cast<int>(f), firings_[f], -1, 0});
+      add(ray_at(b, f));
     }
   }
   for (int point : extra_) add(ray_of(point, -1));
@@ -425,9 +428,7 @@ std::optional<RasterCell> SweepIndex::cell_at(const Vec3d& p_velo) const {
   if (!(turn > 0)) return std::nullopt;
 
   RasterCell cell;
-  const int point = cells_[b * count + f];
-  cell.ray = point >= 0 ? ray_of(point, firing)
-                        : SweepRay{ray_of_cell(b, f), static_cast<int>(b), firing, firings_[f], -1, 0};
+  cell.ray = ray_at(b, f);
   const Vec3d outward(p.x() / rho, p.y() / rho, 0), left(-outward.y(), outward.x(), 0);
   const double sine = std::clamp(beam.lateral / rho, -0.999, 0.999);
   const Eigen::Matrix3d& turned = lidar_.velo_from_lidar.linear();

@@ -109,6 +109,8 @@ class SweepIndex {
   Vec3d seen_by_unit(const Vec3d& p_velo) const;
   void assign();
   SweepRay ray_of(int point, int firing) const;
+  /// A cell's, through its return where it has one.
+  SweepRay ray_at(std::size_t beam, std::size_t firing) const;
   LidarRay ray_of_cell(std::size_t beam, std::size_t firing) const;
 
   struct Turn {

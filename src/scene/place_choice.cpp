@@ -2,7 +2,7 @@
 
 #include <fmt/format.h>
 
-#include <array>
+#include <algorithm>
 #include <cmath>
 
 #include "base/config.h"
@@ -18,8 +18,6 @@ using In = PlaceChoice::In;
 
 constexpr const char *kField = "placement", *kRoof = "roof", *kWorld = "world:", *kFile = ".toml";
 constexpr const char* kUse = "use X,Y,Z,YAW or world:X,Y,Z,YAW (m, degrees), a shipped placement or a file";
-/// In the order of In.
-constexpr std::array<const char*, 7> kAnchors = {"roof", "centre", "world", "front", "rear", "left", "right"};
 
 /// To billionths, so that an angle has one number, with or without a turn more; 0 has no sign.
 double rounded(double value) {
@@ -75,22 +73,22 @@ PlaceChoice read_keys(ConfigTable table, const fs::path& file, const std::string
   PlaceChoice place;
   place.name = name;
   place.what = table.text("what");
-  const auto word = [&](const char* key, const auto& words) {
+  const auto read_word = [&]<class E>(const char* key, E& value) {
+    const auto words = words_of(E());
     const std::string text = table.text(key);
-    for (std::size_t i = 0; i < words.size(); ++i)
-      if (text == words[i]) return i;
-    throw InputError(file.string(), prefix + key, text + " is unknown",
-                     use_one_of(text, {words.begin(), words.end()}));
+    const auto found = std::ranges::find(words, text);
+    if (found == words.end()) fail(key, text + " is unknown", use_one_of(text, {words.begin(), words.end()}));
+    value = static_cast<E>(found - words.begin());
   };
-  place.in = static_cast<In>(word("anchor", kAnchors));
+  read_word("anchor", place.in);
   if (place.in == In::world)
     fail("anchor", "a file says where on a host the object stands", "name a side of it");
   const auto at = table.numbers("offset", 3, -kMaxPlaceDistance, kMaxPlaceDistance);
   for (int i = 0; i < 3; ++i) place.at[i] = rounded(at[as_size(i)]);
   place.yaw = rounded_yaw(table.number("yaw", -360, 360));
   place.volume = Vec3d(table.numbers("volume", 3, kMinObject, kMaxObject).data());
-  place.box = static_cast<TrueBox>(word("box", words_of(TrueBox())));
-  place.victim = static_cast<Victim>(word("victim", words_of(Victim())));
+  read_word("box", place.box);
+  read_word("victim", place.victim);
   if (place.victim == Victim::neighbour)
     place.within = table.number("within", kMinObject, kMaxPlaceDistance);
   else if (table.has("within"))
@@ -145,7 +143,7 @@ std::string text_of(const PlaceChoice& place) {
 nlohmann::json to_json(const PlaceChoice& place) {
   const auto list = [](const Vec3d& v) { return nlohmann::json{v.x(), v.y(), v.z()}; };
   nlohmann::json json = {{"what", place.what},
-                         {"anchor", kAnchors[as_size(place.in)]},
+                         {"anchor", to_word(place.in)},
                          {"offset", list(place.at)},
                          {"yaw", place.yaw},
                          {"volume", list(place.volume)},

@@ -35,8 +35,8 @@ constexpr auto words_of(Victim) {
   return std::to_array<const char*>({"carrier", "neighbour", "phantom", "object"});
 }
 
-/// The word, understood. One place has one text: text_of is the shortest of all that set_from_text takes for
-/// it, and of a file its absolute path.
+/// A parsed --place. Each place has one canonical text: text_of() gives the shortest that set_from_text()
+/// accepts, of a file its absolute path.
 struct PlaceChoice {
   /// What `at` starts from, with axes along the host's heading, left and up: the roof point, the ground under
   /// its box's centre, or that under the middle of a side of the box; world: `velo`.
@@ -54,6 +54,9 @@ struct PlaceChoice {
   /// Whether a file says it: then the object needs room there (placement_of).
   bool of_file() const { return !name.empty(); }
 };
+constexpr auto words_of(PlaceChoice::In) {
+  return std::to_array<const char*>({"roof", "centre", "world", "front", "rear", "left", "right"});
+}
 
 /// FieldError for any other text, a file that is not there, a coordinate beyond kMaxPlaceDistance, and an
 /// angle that is not finite. InputError naming file and key for what a file can't say.
@@ -69,8 +72,8 @@ PlaceChoice read_place(const nlohmann::json& stored, const std::filesystem::path
                        const std::string& key, const std::string& name);
 /// What read_place takes; of a place without a file "world" may be the anchor, too.
 nlohmann::json to_json(const PlaceChoice& place);
-/// What of the place decides a result: its text where no file says more than the plain roof does, else what
-/// the file says, whatever its name.
+/// The part of the place that decides a result: the file's content where it says more than the plain roof,
+/// else the text. The file's name does not count.
 nlohmann::json content_of(const PlaceChoice& place);
 
 /// m along each axis.

@@ -47,10 +47,10 @@ constexpr double kContact = 0.25;          // m: darker in any light, and labels
 constexpr double kCaster = 15;             // m from a sample to the middle of what can shade it
 constexpr double kCell = 0.15;             // m: returns of a cell count as one
 constexpr double kGround = 0.2;            // m between a ground return and the vehicle's bottom
-constexpr int kElsewhere = 40;             // degrees of azimuth: a rival direction
+constexpr int kRivalDegrees = 40;          // degrees of azimuth: a rival direction
 constexpr int kMinCount = 60;              // samples around a vehicle
 constexpr double kContrasts[] = {0.3, 0.5, 0.8, 1.2, 1.7};  // log luminance outside less inside
-constexpr double kSure = 5;    // confidence that counts; the lowest contrast never does
+constexpr double kMinConfidence = 5;                        // log likelihood over that of every rival
 constexpr double kBody = 0.8;  // of the box's height: a car is narrower than its box at the top
 
 /// A box as shadows need it.
@@ -72,18 +72,9 @@ struct Caster {
 
 /// Whether the ray from `from` along `way` (both in the caster's frame) meets its box.
 bool meets(const Caster& caster, const Vec3d& from, const Vec3d& way) {
-  const double low[] = {-caster.box.bev.length / 2, -caster.box.bev.width / 2, 0.1};
-  const double high[] = {caster.box.bev.length / 2, caster.box.bev.width / 2, kBody * caster.box.height};
-  double enter = 0, leave = 1e9;
-  for (int k = 0; k < 3; ++k) {
-    if (std::abs(way[k]) < 1e-9) {
-      if (from[k] < low[k] || from[k] > high[k]) return false;
-      continue;
-    }
-    const double a = (low[k] - from[k]) / way[k], b = (high[k] - from[k]) / way[k];
-    enter = std::max(enter, std::min(a, b));
-    leave = std::min(leave, std::max(a, b));
-  }
+  const double along = caster.box.bev.length / 2, across = caster.box.bev.width / 2;
+  const auto [enter, leave] =
+      ray_within(from, way, {-along, -across, 0.1}, {along, across, kBody * caster.box.height});
   return enter <= leave;
 }
 
@@ -165,26 +156,29 @@ class Ground {
     }
     basis_ = Eigen::ColPivHouseholderQR<Eigen::MatrixXd>(other).householderQ() *
              Eigen::MatrixXd::Identity(n, kOther);
-    luminance_ = freed(luminance_);
+    luminance_ = project_out(luminance_);
     squares_ = std::max(1e-4 * static_cast<double>(n), luminance_.squaredNorm());
   }
   const std::vector<GroundSample>& samples() const { return samples_; }
-  /// Log likelihood of the shade darkening by `contrast`, over that of no shadow, for each contrast.
-  std::array<double, std::size(kContrasts)> gains(const Eigen::VectorXd& shaded) const {
-    const Eigen::VectorXd shade = freed(shaded);
+  /// Log likelihood of the shade darkening by `contrast`, over that of no shadow, for each contrast; n
+  /// samples count as √n, being neighbours.
+  std::array<double, std::size(kContrasts)> log_likelihood_ratios(const Eigen::VectorXd& shaded) const {
+    const Eigen::VectorXd shade = project_out(shaded);
     const double across = shade.dot(luminance_), own = shade.squaredNorm();
-    std::array<double, std::size(kContrasts)> gains;
-    for (std::size_t c = 0; c < gains.size(); ++c) {
+    std::array<double, std::size(kContrasts)> log_likelihood_ratios;
+    for (std::size_t c = 0; c < log_likelihood_ratios.size(); ++c) {
       const double rest = squares_ + 2 * kContrasts[c] * across + kContrasts[c] * kContrasts[c] * own;
-      gains[c] =
+      log_likelihood_ratios[c] =
           -0.5 * std::sqrt(static_cast<double>(samples_.size())) * std::log(std::max(rest / squares_, 1e-3));
     }
-    return gains;
+    return log_likelihood_ratios;
   }
 
  private:
   static constexpr int kOther = 5;
-  Eigen::VectorXd freed(const Eigen::VectorXd& of) const { return of - basis_ * (basis_.transpose() * of); }
+  Eigen::VectorXd project_out(const Eigen::VectorXd& of) const {
+    return of - basis_ * (basis_.transpose() * of);
+  }
   std::vector<GroundSample> samples_;
   Eigen::MatrixXd basis_;
   Eigen::VectorXd luminance_;
@@ -294,7 +288,7 @@ Lighting with_road_exposure(const Frame& frame) {
   Lighting lighting = frame.lighting;
   const std::optional<Vec3d> road = road_radiance(frame);
   if (!road) return lighting;
-  const Vec3d level = kRoadAlbedo * shade<double>(Vec3d::UnitZ(), lighting);
+  const Vec3d level = kRoadAlbedo * shade(Vec3d::UnitZ(), lighting);
   for (int c = 0; c < 3; ++c) {
     if (!(level[c] > 0)) continue;
     const double gain = std::clamp((*road)[c] / level[c], kDarkest, kBrightest);
@@ -305,7 +299,7 @@ Lighting with_road_exposure(const Frame& frame) {
   return lighting;
 }
 
-SunEstimate sun_from_shadows(const Frame& frame) {
+std::optional<Vec3d> sun_from_shadows(const Frame& frame) {
   std::vector<Caster> casters;
   std::vector<std::vector<Vec2d>> outlines;
   for (const Label& label : frame.labels)
@@ -316,14 +310,12 @@ SunEstimate sun_from_shadows(const Frame& frame) {
   constexpr std::size_t kHeights = std::size(kElevations), kLevels = std::size(kContrasts);
   std::vector<std::array<double, kLevels>> score(kAzimuths * kHeights);
   for (auto& s : score) s.fill(0);
-  SunEstimate best;
   for (const Label& label : frame.labels) {
     if (!is_vehicle(label) || horizontal_distance(label.box.bev) > kMaxGroundDistance) continue;
     std::vector<GroundSample> ground_samples = ground_around(frame, Caster(label.box), casters, outlines);
     if (ground_samples.size() < kMinCount) continue;
     const Ground ground(std::move(ground_samples));
     const auto& samples = ground.samples();
-    ++best.vehicles;
     std::vector<const Caster*> near;
     for (const Caster& c : casters)
       if (horizontal_distance(c.box.bev, label.box.bev) < kCaster) near.push_back(&c);
@@ -342,27 +334,24 @@ SunEstimate sun_from_shadows(const Frame& frame) {
           if (shade == 0 && meets(*near[c], local[c][i], turned)) shade = 1;
         }
       }
-      const auto gains = ground.gains(shaded);
-      for (std::size_t c = 0; c < kLevels; ++c) score[k][c] += gains[c];
+      const auto log_likelihood_ratios = ground.log_likelihood_ratios(shaded);
+      for (std::size_t c = 0; c < kLevels; ++c) score[k][c] += log_likelihood_ratios[c];
     }
   }
   std::vector<double> highest;
   for (const auto& s : score) highest.push_back(*std::max_element(s.begin(), s.end()));
   const auto k = as_size(std::max_element(highest.begin(), highest.end()) - highest.begin());
-  if (!(highest[k] > 0)) return best;
+  // The lowest contrast is no shadow's.
+  if (!(highest[k] > 0) || highest[k] == score[k].front()) return std::nullopt;
   const int azimuth = static_cast<int>(k / kHeights);
   double other = 0;
   for (std::size_t i = 0; i < score.size(); ++i) {
     const int apart = std::abs(static_cast<int>(i / kHeights) - azimuth);
-    if (std::min(apart, kAzimuths - apart) * 360 / kAzimuths > kElsewhere)
+    if (std::min(apart, kAzimuths - apart) * 360 / kAzimuths > kRivalDegrees)
       other = std::max(other, highest[i]);
   }
-  best.to_sun_velo = unit_vector(azimuth * 360.0 / kAzimuths * kDegree, kElevations[k % kHeights] * kDegree);
-  best.score = highest[k];
-  best.contrast = kContrasts[std::max_element(score[k].begin(), score[k].end()) - score[k].begin()];
-  best.confidence = best.score - other;
-  best.is_reliable = best.confidence > kSure && best.contrast > kContrasts[0];
-  return best;
+  if (!(highest[k] - other > kMinConfidence)) return std::nullopt;
+  return unit_vector(azimuth * 360.0 / kAzimuths * kDegree, kElevations[k % kHeights] * kDegree);
 }
 
 Vec3d vehicle_paint(const Frame& frame, const Label& host) {
@@ -457,10 +446,10 @@ Lighting with_sun(const Frame& frame, const SunChoice& choice) {
   Lighting lighting = frame.lighting;
   if (choice.to_sun_velo) lighting.to_sun_velo = *choice.to_sun_velo;
   if (choice.photo) {
-    const SunEstimate estimate = sun_from_shadows(frame);
+    const std::optional<Vec3d> to_sun = sun_from_shadows(frame);
     static std::atomic_flag warned;
-    if (estimate.is_reliable)
-      lighting.to_sun_velo = estimate.to_sun_velo;
+    if (to_sun)
+      lighting.to_sun_velo = *to_sun;
     else if (!warned.test_and_set())
       spdlog::warn("sun photo: the shadows in frame {} do not tell; such frames keep their own lighting",
                    frame.id);

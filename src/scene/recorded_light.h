@@ -32,20 +32,10 @@ Lighting with_road_exposure(const Frame& frame);
 // one factor. The LiDAR's reflectance, which no sun changes, and a gradient around each vehicle are fitted
 // along. What else casts shadows (buildings, trees) is not known here and misleads.
 
-/// Where the sun stands, read off the photograph.
-struct SunEstimate {
-  bool is_reliable = false;  ///< false where the photograph does not tell
-  Vec3d to_sun_velo = Vec3d::UnitZ();
-  double contrast = 0;  ///< log luminance outside less inside the shadows, one of a few levels
-  /// Log likelihood over that of no shadows; n samples of a vehicle count as √n, being neighbours.
-  double score = 0;
-  double confidence = 0;  ///< score less the best one more than 40° of azimuth away
-  int vehicles = 0;       ///< with ground in view around them
-};
-
-/// Compares ground returns in and beside the shadows that the labelled vehicles would cast under each sun of
-/// a grid.
-SunEstimate sun_from_shadows(const Frame& frame);
+/// The sun (unit, `velo`) under whose shadows the ground beside the labelled vehicles is as dark as it is in
+/// the photograph; none where that does not tell: another sun, more than 40° of azimuth away, does nearly as
+/// well, or the shadows are hardly darker than the rest.
+std::optional<Vec3d> sun_from_shadows(const Frame& frame);
 
 // What a vehicle puts around the object on its roof for the light model with visibility.
 
@@ -87,8 +77,8 @@ struct SunChoice {
 /// FieldError for any other word, numbers out of range and a sun below the horizon.
 SunChoice parse_sun(const std::string& word);
 
-/// The frame's lighting with the sun where `choice` says. `photo` wants the frame's whole sweep; the first
-/// frame that does not tell is logged.
+/// The frame's lighting with the sun where `choice` says. `photo` needs the frame's whole sweep. The first
+/// frame whose shadows give no reliable sun is logged.
 Lighting with_sun(const Frame& frame, const SunChoice& choice);
 
 /// Direction of the sun for an observer at sea level.

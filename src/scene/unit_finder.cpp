@@ -26,8 +26,9 @@ constexpr std::size_t kMinHits = 2000;       // of all sweeps
 constexpr std::size_t kMinBeamReturns = 30;  // hits that show a beam
 constexpr std::size_t kMinBeams = 4, kMaxBeams = 256;
 constexpr double kEnoughOnRays = 0.95;
+constexpr double kOwnCar = 1;  // m: nearer returns are the recording car's own
 
-double rest_of(double value, double modulus) {
+double floor_mod(double value, double modulus) {
   return value - modulus * std::floor(value / modulus);
 }
 
@@ -70,7 +71,7 @@ std::vector<double> cuts_of(const std::vector<double>& azimuths, const std::vect
   constexpr int kBins = 720;
   std::vector<int> counts(kBins), changes(kBins);
   const auto bin_of = [&](double azimuth) {
-    return static_cast<std::size_t>(rest_of(azimuth, kTurn) / kTurn * kBins) % kBins;
+    return static_cast<std::size_t>(floor_mod(azimuth, kTurn) / kTurn * kBins) % kBins;
   };
   for (std::size_t i = 0; i < azimuths.size(); ++i) {
     ++counts[bin_of(azimuths[i])];
@@ -106,7 +107,7 @@ std::vector<int> runs_in_order(const std::vector<double>& azimuths, const std::v
   std::vector<int> runs(azimuths.size());
   double before = 0;
   for (std::size_t i = 0; i < azimuths.size(); ++i) {
-    const double turned = rest_of((forward > backward ? 1 : -1) * (azimuths[i] - cut), kTurn);
+    const double turned = floor_mod((forward > backward ? 1 : -1) * (azimuths[i] - cut), kTurn);
     runs[i] = i == 0 ? 0 : runs[i - 1] + (turned < before - kBack || turned > before + kLeap);
     before = turned;
   }
@@ -447,38 +448,47 @@ std::complex<double> resultant(const std::vector<double>& azimuths, double step)
   return sum;
 }
 
-/// Far hits of one beam: azimuth, horizontal distance, sweep.
-struct FarHits {
-  std::vector<double> azimuths, rhos;
-  std::vector<int> sweeps;
+/// A hit, as its beam's firings are found from it.
+struct FarHit {
+  double azimuth = 0, rho = 0;
+  int sweep = 0;
+  /// The firing's azimuth, of a ray that leaves so far (m) beside the axis.
+  double firing(double lateral) const { return azimuth - std::asin(std::clamp(lateral / rho, -1.0, 1.0)); }
 };
+
+/// Of each beam, those further than `nearest` (m) from the axis.
+std::vector<std::vector<FarHit>> hits_beyond(const std::vector<UnitHit>& hits, std::size_t beams,
+                                             double nearest) {
+  std::vector<std::vector<FarHit>> all(beams);
+  for (const UnitHit& hit : hits)
+    if (hit.rho > nearest)
+      all[as_size(hit.beam)].push_back({std::atan2(hit.p.y(), hit.p.x()), hit.rho, hit.sweep});
+  return all;
+}
 
 /// How well the beam's firings agree on `per_turn` steps a turn, all sweeps on one grid or each on its own: 1
 /// is exactly, 0 not at all.
-double coherence(const FarHits& hits, double lateral, double per_turn, bool together) {
+double coherence(const std::vector<FarHit>& hits, double lateral, double per_turn, bool together) {
   std::map<int, std::complex<double>> sums;
-  for (std::size_t i = 0; i < hits.azimuths.size(); ++i)
-    sums[together ? 0 : hits.sweeps[i]] += std::polar(
-        1.0, per_turn * (hits.azimuths[i] - std::asin(std::clamp(lateral / hits.rhos[i], -1.0, 1.0))));
+  for (const FarHit& hit : hits)
+    sums[together ? 0 : hit.sweep] += std::polar(1.0, per_turn * hit.firing(lateral));
   double sum = 0;
   for (const auto& [sweep, own] : sums) sum += std::abs(own);
-  return sum / std::max<double>(1, static_cast<double>(hits.azimuths.size()));
+  return sum / std::max<double>(1, static_cast<double>(hits.size()));
 }
 
 /// coherence() for every whole number of steps a turn.
-std::vector<double> coherences(const FarHits& hits, double lateral) {
+std::vector<double> coherences(const std::vector<FarHit>& hits, double lateral) {
   constexpr std::size_t kBins = 360000;
   std::vector<double> counts(kBins);
-  for (std::size_t i = 0; i < hits.azimuths.size(); ++i) {
-    const double azimuth = hits.azimuths[i] - std::asin(std::clamp(lateral / hits.rhos[i], -1.0, 1.0));
-    counts[static_cast<std::size_t>(rest_of(azimuth, kTurn) / kTurn * kBins) % kBins] += 1;
-  }
+  for (const FarHit& hit : hits)
+    counts[static_cast<std::size_t>(floor_mod(hit.firing(lateral), kTurn) / kTurn * kBins) % kBins] += 1;
   Eigen::FFT<double> fft;
   std::vector<std::complex<double>> spectrum;
   fft.fwd(spectrum, counts);
   std::vector<double> values(kBins / 2);
   for (std::size_t k = 0; k < values.size(); ++k)
-    values[k] = std::abs(spectrum[k]) / static_cast<double>(hits.azimuths.size());
+    values[k] = std::abs(spectrum[k]) / static_cast<double>(hits.size());
   return values;
 }
 
@@ -488,18 +498,10 @@ double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step)
   constexpr double kEven = 0.65, kCoherent = 0.5, kClearly = 0.1, kFar = 8, kFinest = 0.02 * kDegree;
   constexpr double kMaxLateral = 0.06, kLateralStep = 0.004;
   constexpr std::size_t kLooked = 4;  // beams, those with the most hits
-  std::vector<FarHits> all(beams);
-  for (const UnitHit& hit : hits)
-    if (hit.rho > kFar) {
-      FarHits& of = all[as_size(hit.beam)];
-      of.azimuths.push_back(std::atan2(hit.p.y(), hit.p.x()));
-      of.rhos.push_back(hit.rho);
-      of.sweeps.push_back(hit.sweep);
-    }
-  std::stable_sort(all.begin(), all.end(),
-                   [](const auto& a, const auto& b) { return a.azimuths.size() > b.azimuths.size(); });
+  std::vector<std::vector<FarHit>> all = hits_beyond(hits, beams, kFar);
+  std::ranges::stable_sort(all, std::greater<>(), [](const auto& of) { return of.size(); });
   if (all.size() > kLooked) all.resize(kLooked);
-  std::erase_if(all, [](const auto& of) { return of.azimuths.size() < kMinBeamReturns; });
+  std::erase_if(all, [](const auto& of) { return of.size() < kMinBeamReturns; });
   if (all.empty()) return 0;
   std::vector<double> laterals(all.size());
   const auto mean = [&](double per_turn, bool together) {
@@ -553,15 +555,12 @@ double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step)
 /// Where the beams' rays leave beside the axis (m): what puts their azimuths on the grid best, near and far.
 std::vector<double> laterals_of(const std::vector<UnitHit>& hits, std::size_t beams, double grid) {
   constexpr double kMax = 0.06, kStep = 0.002, kNear = 2, kGain = 0.02;
-  std::vector<std::vector<std::pair<double, double>>> seen(beams);  // azimuth, ρ
-  for (const UnitHit& hit : hits)
-    if (hit.rho > kNear) seen[as_size(hit.beam)].push_back({std::atan2(hit.p.y(), hit.p.x()), hit.rho});
+  const std::vector<std::vector<FarHit>> seen = hits_beyond(hits, beams, kNear);
   std::vector<double> laterals(beams);
   for (std::size_t b = 0; b < beams; ++b) {
     const auto coherent = [&](double lateral) {
       std::complex<double> sum = 0;
-      for (const auto& [azimuth, rho] : seen[b])
-        sum += std::polar(1.0, kTurn * (azimuth - std::asin(lateral / rho)) / grid);
+      for (const FarHit& hit : seen[b]) sum += std::polar(1.0, kTurn * hit.firing(lateral) / grid);
       return std::abs(sum) / std::max<double>(1, static_cast<double>(seen[b].size()));
     };
     double best = coherent(0) + kGain;
@@ -590,7 +589,7 @@ void align_patterns(const BeamAzimuths& all, double grid, std::vector<double>& p
   const std::size_t sweeps = all.front().size();
   std::vector<std::vector<double>> pattern(sweeps, std::vector<double>(steps));
   const auto place = [&](double azimuth, double phase) {
-    return std::lround(rest_of(azimuth - phase, kTurn) / grid);
+    return std::lround(floor_mod(azimuth - phase, kTurn) / grid);
   };
   std::vector<std::size_t> order(all.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
@@ -634,7 +633,7 @@ std::vector<double> phases_between(const BeamAzimuths& all, double step) {
   for (std::size_t b = 0; b < all.size(); ++b)
     for (std::size_t s = 0; s < sweeps; ++s)
       for (const double azimuth : all[b][s]) {
-        const auto w = static_cast<std::size_t>(rest_of(azimuth, kTurn) / kTurn * kWindows) % kWindows;
+        const auto w = static_cast<std::size_t>(floor_mod(azimuth, kTurn) / kTurn * kWindows) % kWindows;
         own[b][s * kWindows + w] += std::polar(1.0, kTurn * azimuth / step);
       }
   std::vector<double> phases(all.size());
@@ -675,7 +674,7 @@ double height_over_ground(const std::vector<UnitHit>& hits) {
 }
 
 /// Sweeps without what is too near to be of the world.
-Sweep of_world(const Sweep& sweep) {
+Sweep without_own_car(const Sweep& sweep) {
   Sweep kept;
   for (const LidarPoint& point : sweep)
     if (point.position().norm() >= kOwnCar) kept.push_back(point);
@@ -684,7 +683,7 @@ Sweep of_world(const Sweep& sweep) {
 
 }  // namespace
 
-FoundUnit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, const Transform& start) {
+LidarFit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, const Transform& start) {
   const auto refuse = [&](const std::string& problem) {
     return InputError(where, "sweeps", problem,
                       "give sweeps as the unit recorded them: one turn each, in its own axes, all returns");
@@ -696,7 +695,7 @@ FoundUnit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, 
   for (std::size_t s = 0; s < sweeps.size(); ++s) {
     std::vector<Vec3d> points;
     std::vector<double> azimuths, elevations, phases;
-    for (const LidarPoint& point : of_world(sweeps[s])) {
+    for (const LidarPoint& point : without_own_car(sweeps[s])) {
       const Vec3d p_velo = point.position().cast<double>(), p = start.inverse() * p_velo;
       points.push_back(p);
       azimuths.push_back(std::atan2(p.y(), p.x()));
@@ -764,7 +763,7 @@ FoundUnit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, 
   place_hits(hits, pose);
   assign_beams(hits, lines);
 
-  FoundUnit found;
+  LidarFit found;
   LidarModel& lidar = found.lidar;
   lidar.name = fmt::format("{} beams, found from sweeps", lines.size());
   lidar.velo_from_lidar = pose.velo_from_lidar;
@@ -810,7 +809,7 @@ FoundUnit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, 
   lidar.height = height_over_ground(hits);
   double on = 0;
   for (const Sweep& whole : sweeps) {
-    const Sweep sweep = of_world(whole);
+    const Sweep sweep = without_own_car(whole);
     const SweepIndex index(sweep, lidar);
     on += index.assigned_share() * static_cast<double>(sweep.size());
     found.returns += sweep.size();

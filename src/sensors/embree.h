@@ -29,35 +29,19 @@ class EmbreeQuery {
 
   /// Finds the nearest hit of one ray.
   void intersect(RTCScene scene, RTCRayHit& ray) {
-#if RTC_VERSION_MAJOR == 3
-    rtcIntersect1(scene, &settings_, &ray);
-#else
-    rtcIntersect1(scene, &ray, &settings_);
-#endif
+    ask(rtcIntersect1, ray, scene);
   }
   /// `valid`: as many numbers as the packet has rays, −1 for a ray that is traced and 0 for one that is not.
   void intersect(const int* valid, RTCScene scene, RTCRayHit4& packet) {
-#if RTC_VERSION_MAJOR == 3
-    rtcIntersect4(valid, scene, &settings_, &packet);
-#else
-    rtcIntersect4(valid, scene, &packet, &settings_);
-#endif
+    ask(rtcIntersect4, packet, valid, scene);
   }
   /// The same of eight rays.
   void intersect(const int* valid, RTCScene scene, RTCRayHit8& packet) {
-#if RTC_VERSION_MAJOR == 3
-    rtcIntersect8(valid, scene, &settings_, &packet);
-#else
-    rtcIntersect8(valid, scene, &packet, &settings_);
-#endif
+    ask(rtcIntersect8, packet, valid, scene);
   }
   /// The same of sixteen rays.
   void intersect(const int* valid, RTCScene scene, RTCRayHit16& packet) {
-#if RTC_VERSION_MAJOR == 3
-    rtcIntersect16(valid, scene, &settings_, &packet);
-#else
-    rtcIntersect16(valid, scene, &packet, &settings_);
-#endif
+    ask(rtcIntersect16, packet, valid, scene);
   }
   /// Whether anything lies between the ray's ends; then its `tfar` is −∞.
   void occluded(RTCScene scene, RTCRay& ray) {
@@ -72,8 +56,16 @@ class EmbreeQuery {
 
  private:
 #if RTC_VERSION_MAJOR == 3
+  template <class Function, class Rays, class... Before>
+  void ask(const Function& function, Rays& rays, Before... before) {
+    function(before..., &settings_, &rays);
+  }
   RTCIntersectContext settings_;
 #else
+  template <class Function, class Rays, class... Before>
+  void ask(const Function& function, Rays& rays, Before... before) {
+    function(before..., &rays, &settings_);
+  }
   RTCIntersectArguments settings_;
 #endif
 };

@@ -20,8 +20,6 @@ struct ExactTape::State {
 
 ExactTape::ExactTape() : state(std::make_unique<State>()) {}
 ExactTape::~ExactTape() = default;
-ExactTape::ExactTape(ExactTape&&) noexcept = default;
-ExactTape& ExactTape::operator=(ExactTape&&) noexcept = default;
 
 namespace {
 

@@ -199,10 +199,6 @@ class ExactTape {
  public:
   ExactTape();
   ~ExactTape();
-  /// Takes the other's memory.
-  ExactTape(ExactTape&&) noexcept;
-  /// Takes the other's memory.
-  ExactTape& operator=(ExactTape&&) noexcept;
 
   Image<double> rgba;  ///< window-sized: I and A
   double area = 0;     ///< px² of the whole object, up to one image's size beyond the image; no depth limit

@@ -84,7 +84,7 @@ void check_effects(const LidarEffects& effects) {
 
 std::vector<SubRay> beam_pattern(const LidarEffects& effects) {
   std::vector<SubRay> pattern(1);
-  if (!effects.diverging()) return pattern;
+  if (!effects.has_divergence()) return pattern;
   double total = 1;
   for (int ring = 1; ring <= 2; ++ring)
     for (int i = 0; i < 6 * ring; ++i) {

@@ -57,11 +57,11 @@ struct LidarEffects {
   /// Whether the unit moves during a turn.
   bool moving() const { return yaw_rate != 0 || !velocity.isZero(0); }
   /// Whether a beam is more than a ray.
-  bool diverging() const { return !divergence.isZero(0); }
+  bool has_divergence() const { return !divergence.isZero(0); }
   /// Whether returns are lost.
   bool losing() const { return drop_out > 0 || signal_floor > 0 || dark_floor > 0; }
   /// Whether an inserted object's returns are other than ideal.
-  bool any() const { return losing() || range_sigma > 0 || diverging() || albedo || moving(); }
+  bool any() const { return losing() || range_sigma > 0 || has_divergence() || albedo || moving(); }
 };
 
 /// Those that an inserted object's returns have.

@@ -267,16 +267,17 @@ const std::vector<std::vector<int>>& centroids_within(int p, int n) {
   });
 }
 
-const std::vector<std::vector<int>>& texel_neighbours(int n, double apart) {
-  thread_local std::map<std::pair<int, double>, std::vector<std::vector<int>>> made;
-  return once(made, std::pair(n, apart), [&] {
+const std::vector<std::vector<int>>& texel_neighbours(int n) {
+  constexpr double kApart = 2.1;  // edges of the triangles
+  thread_local std::map<int, std::vector<std::vector<int>>> made;
+  return once(made, n, [&] {
     const std::vector<Vec2d>& centroids = texel_centroids(n);
     std::vector<std::vector<int>> lists(centroids.size());
     for (std::size_t i = 0; i < centroids.size(); ++i)
       for (std::size_t k = 0; k < centroids.size(); ++k) {
         const Vec2d d = centroids[k] - centroids[i];
         const double furthest = std::max({std::abs(d.x()), std::abs(d.y()), std::abs(d.sum())});
-        if (k != i && furthest < apart / n) lists[i].push_back(static_cast<int>(k));
+        if (k != i && furthest < kApart / n) lists[i].push_back(static_cast<int>(k));
       }
     return lists;
   });

@@ -62,9 +62,9 @@ const std::vector<Vec2d>& texel_centroids(int n);
 /// Of each of the centroids of n² triangles, which of p² its own lies in. Made once a thread.
 const std::vector<int>& texels_of_centroids(int n, int p);
 
-/// Of each of the n² triangles, which others are near: their centroids' barycentrics less than `apart` / n
-/// away.
-const std::vector<std::vector<int>>& texel_neighbours(int n, double apart);
+/// Of each of the n² triangles, which others a shadow's border between two may also run through: those whose
+/// centroids' barycentrics are about two triangles' edges away at most. Made once a thread.
+const std::vector<std::vector<int>>& texel_neighbours(int n);
 
 /// Which of the centroids of n² triangles stand for each of p² parts of the face: those within it, or else
 /// the one whose triangle the part's own lies in. Made once a thread.

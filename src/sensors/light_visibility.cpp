@@ -15,6 +15,10 @@
 #include "sensors/material.h"
 
 namespace mirage {
+namespace {
+
+constexpr int kUnseenRays = 2;  // 2² rays from a side that only reflections show
+constexpr int kMaxParts = 8;    // a texel is split into 8² at most
 
 /// What sees the sun.
 struct SunShares {
@@ -26,23 +30,11 @@ struct SunShares {
 
 /// From several points all over each side that the camera sees, and once more from all parts of the texels of
 /// those that are lit in part, where the camera sees a side's texels under more than
-/// `settings.sun_angle`: shadows' borders run through texels. From the others at `met_points` (of each node,
-/// where other rays met it), or where that is empty all over them. `pencil` holds the object alone, about
-/// nodes.centre; null for one without faces: nothing is in the way. `beside`: what else is in the way, about
-/// the same point; null: nothing. `resolution`: the atlas's C.
-SunShares share_sun(const LightNodes& nodes, RayPencil* pencil, RayPencil* beside,
-                    const std::vector<std::vector<Vec3f>>& met_points, const Vec3d& to_sun, int resolution,
-                    const VisibleLightSettings& settings);
-
-namespace {
-
-constexpr int kUnseenRays = 2;  // 2² rays from a side that only reflections show
-constexpr int kMaxParts = 8;    // a texel is split into 8² at most
-/// A border is looked for this many edges of samples' triangles around where two differ.
-constexpr double kBorder = 2.1;
-
+/// `settings.sun_angle`: shadows' borders run through texels.
 class SunTracer {
  public:
+  /// `pencil` holds the object alone, about nodes.centre; null for one without faces: nothing is in the way.
+  /// `beside`: what else is in the way, about the same point; null: nothing. `resolution`: the atlas's C.
   SunTracer(const LightNodes& nodes, RayPencil* pencil, RayPencil* beside, const Vec3d& to_sun,
             int resolution, const VisibleLightSettings& settings)
       : nodes_(nodes),
@@ -56,6 +48,7 @@ class SunTracer {
     shares_.of_nodes.assign(as_size(nodes.nodes()), 0);
   }
 
+  /// `met_points`: of each node that the camera does not see, where other rays met it; empty: all over it.
   SunShares run(const std::vector<std::vector<Vec3f>>& met_points) {
     if (pencil_) {
       pencil_->along(to_sun_);
@@ -167,7 +160,7 @@ class SunTracer {
 
   /// Of each sample of a side, whether one of those near it sees the sun where it does not.
   static std::vector<std::uint8_t> near_border(const Samples& samples) {
-    const std::vector<std::vector<int>>& around = texel_neighbours(samples.n, kBorder);
+    const std::vector<std::vector<int>>& around = texel_neighbours(samples.n);
     std::vector<std::uint8_t> near(samples.lit.size(), 0);
     for (std::size_t i = 0; i < near.size(); ++i)
       for (const int k : around[i]) near[i] |= samples.lit[i] != samples.lit[as_size(k)];
@@ -284,7 +277,7 @@ class Tracer {
     if (around && around->beside) {
       beside_.emplace(*around->beside, centre);
       for (const Vec3d& normal : face_normals(*around->beside))  // it is closed: met from outside
-        beside_light_.push_back(around->paint.cwiseProduct(shade<double>(normal, light)).cast<float>());
+        beside_light_.push_back(around->paint.cwiseProduct(shade(normal, light)).cast<float>());
     }
     if (around) {
       result_.roof_normal = around->velo_from_roof.linear().col(2);
@@ -367,7 +360,7 @@ class Tracer {
     }
     const Eigen::VectorXf to_eye = normals.cwiseProduct(views).rowwise().sum();
     Eigen::VectorXf cosines, eye_cosines = to_eye;
-    const std::size_t first = first_direction(n);
+    const std::size_t first = lattice_offset(n);
     Rays rays;
     for (int k = 0; k < n; ++k) {
       const Vec2f point = lattice_point(k, 0.7548776662466927, 0.5698402909980532);  // Roberts's R2 sequence
@@ -395,7 +388,7 @@ class Tracer {
     }
   }
   /// Where the n directions of a lattice start.
-  std::size_t first_direction(int n) {
+  std::size_t lattice_offset(int n) {
     const auto [lattice, is_new] = lattices_.try_emplace(n, directions_.size());
     for (int k = 0; is_new && k < n; ++k) directions_.push_back(around_->along(lattice_direction(k, n)));
     return lattice->second;
@@ -460,8 +453,9 @@ class Tracer {
   }
 
   void share_sun() {
-    SunShares sun = mirage::share_sun(nodes_, pencil_ ? &*pencil_ : nullptr, beside_ ? &*beside_ : nullptr,
-                                      met_points_, light_.to_sun_velo, resolution_, settings_);
+    SunShares sun = SunTracer(nodes_, pencil_ ? &*pencil_ : nullptr, beside_ ? &*beside_ : nullptr,
+                              light_.to_sun_velo, resolution_, settings_)
+                        .run(met_points_);
     result_.rays += sun.rays;
     result_.sun = std::move(sun.of_parts);
     result_.sun_share = std::move(sun.of_nodes);
@@ -569,12 +563,6 @@ class Tracer {
 };
 
 }  // namespace
-
-SunShares share_sun(const LightNodes& nodes, RayPencil* pencil, RayPencil* beside,
-                    const std::vector<std::vector<Vec3f>>& met_points, const Vec3d& to_sun, int resolution,
-                    const VisibleLightSettings& settings) {
-  return SunTracer(nodes, pencil, beside, to_sun, resolution, settings).run(met_points);
-}
 
 LightVisibility find_visibility(const TexturedMesh& placed, const Lighting& light,
                                 const LightSurroundings* surroundings, const Vec3d* eye,

@@ -21,25 +21,23 @@ struct Lighting {
 
 /// Light factor of a face (RGB): ambient + hemisphere · (1 + n̂·up)/2 + sun · max(0, n̂·l), with n the
 /// unnormalised face normal in `velo`. A face without area gets the ambient term alone.
-template <class S>
-Vec3<S> shade(const Vec3<S>& normal_velo, const Lighting& light) {
-  const S length = normal_velo.norm();
-  Vec3<S> factor = light.ambient.cast<S>();
+inline Vec3d shade(const Vec3d& normal_velo, const Lighting& light) {
+  const double length = normal_velo.norm();
+  Vec3d factor = light.ambient;
   if (!(length > 0)) return factor;
-  const Vec3<S> n = normal_velo / length;
-  factor += light.hemisphere.cast<S>() * ((1 + n.z()) / 2);
-  factor += light.sun.cast<S>() * std::max(S(0), n.dot(light.to_sun_velo.cast<S>()));
+  const Vec3d n = normal_velo / length;
+  factor += light.hemisphere * ((1 + n.z()) / 2);
+  factor += light.sun * std::max(0.0, n.dot(light.to_sun_velo));
   return factor;
 }
 
 /// d loss / d normal, given d loss / d factor.
-template <class S>
-Vec3<S> shade_vjp(const Vec3<S>& normal_velo, const Lighting& light, const Vec3<S>& d_factor) {
-  const S length = normal_velo.norm();
-  if (!(length > 0)) return Vec3<S>::Zero();
-  const Vec3<S> n = normal_velo / length, sun = light.to_sun_velo.cast<S>();
-  Vec3<S> d_n = Vec3<S>(0, 0, d_factor.dot(light.hemisphere.cast<S>()) / 2);
-  if (n.dot(sun) > 0) d_n += d_factor.dot(light.sun.cast<S>()) * sun;
+inline Vec3d shade_vjp(const Vec3d& normal_velo, const Lighting& light, const Vec3d& d_factor) {
+  const double length = normal_velo.norm();
+  if (!(length > 0)) return Vec3d::Zero();
+  const Vec3d n = normal_velo / length, sun = light.to_sun_velo;
+  Vec3d d_n = Vec3d(0, 0, d_factor.dot(light.hemisphere) / 2);
+  if (n.dot(sun) > 0) d_n += d_factor.dot(light.sun) * sun;
   return (d_n - n * n.dot(d_n)) / length;
 }
 

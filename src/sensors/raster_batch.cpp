@@ -40,10 +40,10 @@ struct RasterTape::State {
   raster::Constants constants;
   std::vector<float> texels;  ///< see Constants
   std::vector<std::size_t> texel_starts;
-  std::vector<std::int32_t> pixel_of;   ///< the kernel's order of samples
-  std::vector<int> tape_of;             ///< tile → its tape, −1 where no face is
-  std::vector<raster::TileTape> tapes;  ///< touched tiles, row by row
-  std::vector<raster::FaceSums> sums;   ///< as setup.binned
+  std::vector<std::int32_t> pixel_of;          ///< the kernel's order of samples
+  std::vector<int> tape_of;                    ///< tile → its tape, −1 where no face is
+  std::vector<raster::TileTape> tapes;         ///< touched tiles, row by row
+  std::vector<raster::FaceGradientSums> sums;  ///< as setup.binned
   std::vector<std::vector<raster::TexelGradient>> texel_gradients;  ///< by tape
   std::vector<TouchedTile> work;  ///< tiles of all jobs; in the first job's tape
 
@@ -231,7 +231,7 @@ void sum_gradient(const RasterJob& job, const RasterTape::State& state, ScreenGr
     if (state.tape_of[tile] < 0) continue;
     for (int i = setup.first[tile]; i < setup.first[tile + 1]; ++i) {
       const raster::FaceSetup& face = setup.faces[setup.binned[as_size(i)]];
-      const raster::FaceSums& sums = state.sums[as_size(i)];
+      const raster::FaceGradientSums& sums = state.sums[as_size(i)];
       const auto f = as_size(face.face);
       raster::add_face_gradient(setup, face, sums, gradient.faces[f]);
     }

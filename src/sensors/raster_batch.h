@@ -20,8 +20,8 @@ namespace mirage {
 /// Whether the kernel draws it; else the plain loop does.
 bool in_kernel(const SoftRasterSettings<double>& settings);
 
-/// One object in one window. What is pointed to stays the caller's; the VJP is given the same again, which
-/// may have moved.
+/// One object in one window. The caller owns what is pointed to. The VJP must get the same data again,
+/// possibly at other addresses.
 struct RasterJob {
   const ScreenMesh<double>* mesh = nullptr;
   const SoftRasterSettings<double>* settings = nullptr;

@@ -13,6 +13,14 @@
 #include "sensors/embree.h"
 
 namespace mirage {
+
+/// A mesh's triangles as Embree holds and owns them; null where it has no room.
+struct EmbreeTriangles {
+  float* vertices = nullptr;
+  unsigned* faces = nullptr;
+  bool complete() const { return vertices && faces; }
+};
+
 namespace {
 
 constexpr std::size_t kGrain = 2048;
@@ -116,6 +124,29 @@ void trace_row(RTCScene scene, const RayTable& rays, std::size_t row, float t_mi
   }
 }
 
+/// Puts the mesh, about `origin`, into the scene under that number.
+EmbreeTriangles attach(RTCDevice device, RTCScene scene, unsigned number, const Mesh& mesh,
+                       const Vec3d& origin) {
+  const RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+  if (!geometry) return {};
+  const EmbreeTriangles own{
+      static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                                  3 * sizeof(float), mesh.vertices.size())),
+      static_cast<unsigned*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                                     3 * sizeof(unsigned), mesh.faces.size()))};
+  if (own.complete()) {
+    for (std::size_t v = 0; v < mesh.vertices.size(); ++v)
+      for (int c = 0; c < 3; ++c)
+        own.vertices[3 * v + as_size(c)] = static_cast<float>(mesh.vertices[v][c] - origin[c]);
+    for (std::size_t f = 0; f < mesh.faces.size(); ++f)
+      for (std::size_t c = 0; c < 3; ++c) own.faces[3 * f + c] = static_cast<unsigned>(mesh.faces[f][c]);
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometryByID(scene, geometry, number);
+  }
+  rtcReleaseGeometry(geometry);
+  return own;
+}
+
 /// Nearest point of a triangle (Ericson, Real-Time Collision Detection, section 5.1.5).
 Vec3d nearest_on(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& p) {
   const Vec3d ab = b - a, ac = c - a, ap = p - a;
@@ -169,14 +200,9 @@ RTCDevice distance_device() {
 }  // namespace
 
 struct RayCaster::State {
-  struct Geometry {
-    const float* vertices = nullptr;  ///< owned by Embree
-    const unsigned* faces = nullptr;
-  };
-
   RTCScene scene = nullptr;
-  int width = 1;  ///< widest packet that the processor traces natively
-  std::vector<Geometry> geometries;
+  int width = 1;                           ///< widest packet that the processor traces natively
+  std::vector<EmbreeTriangles> triangles;  ///< of each mesh
 
   State() = default;
   State(const State&) = delete;
@@ -195,31 +221,15 @@ RayCaster::RayCaster(std::span<const Mesh> meshes, const Vec3d& origin) : state_
   state_->scene = rtcNewScene(device);
   if (!state_->scene) check(device);
   rtcSetSceneFlags(state_->scene, RTC_SCENE_FLAG_ROBUST);
-  state_->geometries.resize(meshes.size());
+  state_->triangles.resize(meshes.size());
   for (std::size_t m = 0; m < meshes.size(); ++m) {
     const Mesh& mesh = meshes[m];
     check_geometry(mesh, m);
     if (mesh.faces.empty()) continue;
-    const RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    if (!geometry) check(device);
-    auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(
-        geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.vertices.size()));
-    auto* faces = static_cast<unsigned*>(rtcSetNewGeometryBuffer(
-        geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), mesh.faces.size()));
-    if (!vertices || !faces) {
-      rtcReleaseGeometry(geometry);
-      check(device);
-      fail("no room for " + std::to_string(mesh.faces.size()) + " faces");
-    }
-    for (std::size_t v = 0; v < mesh.vertices.size(); ++v)
-      for (int c = 0; c < 3; ++c)
-        vertices[3 * v + as_size(c)] = static_cast<float>(mesh.vertices[v][c] - origin[c]);
-    for (std::size_t f = 0; f < mesh.faces.size(); ++f)
-      for (std::size_t c = 0; c < 3; ++c) faces[3 * f + c] = static_cast<unsigned>(mesh.faces[f][c]);
-    state_->geometries[m] = {vertices, faces};
-    rtcCommitGeometry(geometry);
-    rtcAttachGeometryByID(state_->scene, geometry, static_cast<unsigned>(m));
-    rtcReleaseGeometry(geometry);
+    state_->triangles[m] = attach(device, state_->scene, static_cast<unsigned>(m), mesh, origin);
+    if (state_->triangles[m].complete()) continue;
+    check(device);
+    fail("no room for " + std::to_string(mesh.faces.size()) + " faces");
   }
   // Built by one thread: the tree, and with it which of two faces a ray through their common edge meets, must
   // not depend on the thread count.
@@ -252,7 +262,7 @@ Hit RayCaster::intersect(const Ray& ray) const {
 
 Vec3f RayCaster::normal(int mesh, int face) const {
   // From the vertices: Embree's own Ng has changed its sign between major versions.
-  const State::Geometry& g = state_->geometries[as_size(mesh)];
+  const EmbreeTriangles& g = state_->triangles[as_size(mesh)];
   const unsigned* f = g.faces + 3 * as_size(face);
   const Eigen::Map<const Vec3f> a(g.vertices + 3 * f[0]), b(g.vertices + 3 * f[1]), c(g.vertices + 3 * f[2]);
   return (b - a).cross(c - a);
@@ -317,20 +327,8 @@ MeshDistance::MeshDistance(const Mesh& mesh) {
   s.turn = signed_volume(mesh) < 0 ? -1 : 1;
   const RTCDevice device = distance_device();
   s.scene = rtcNewScene(device);
-  const RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
-  auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(
-      geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.vertices.size()));
-  auto* faces = static_cast<unsigned*>(rtcSetNewGeometryBuffer(
-      geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), mesh.faces.size()));
-  if (!vertices || !faces)
+  if (!attach(device, s.scene, 0, mesh, Vec3d::Zero()).complete())
     throw Failure("mesh distance", "no memory for the mesh", "give a smaller mesh or free memory");
-  for (const Vec3d& v : mesh.vertices)
-    for (int k = 0; k < 3; ++k) *vertices++ = static_cast<float>(v[k]);
-  for (const Face& f : mesh.faces)
-    for (int v : f) *faces++ = static_cast<unsigned>(v);
-  rtcCommitGeometry(geometry);
-  rtcAttachGeometry(s.scene, geometry);
-  rtcReleaseGeometry(geometry);
   rtcCommitScene(s.scene);
   const RTCError code = rtcGetDeviceError(device);
   if (code != RTC_ERROR_NONE)
@@ -339,8 +337,6 @@ MeshDistance::MeshDistance(const Mesh& mesh) {
 }
 
 MeshDistance::~MeshDistance() = default;
-MeshDistance::MeshDistance(MeshDistance&&) noexcept = default;
-MeshDistance& MeshDistance::operator=(MeshDistance&&) noexcept = default;
 
 double MeshDistance::distance(const Vec3d& p) const {
   RTCPointQuery query;

@@ -1,4 +1,4 @@
-// Ray casting on Embree 3. A scene is static after construction; several threads may trace at once.
+// Ray casting on Embree. A scene is static after construction; several threads may trace at once.
 #pragma once
 
 #include <memory>
@@ -104,10 +104,6 @@ class MeshDistance {
   /// InputError for a mesh without faces.
   explicit MeshDistance(const Mesh& mesh);
   ~MeshDistance();
-  /// Takes the other's state.
-  MeshDistance(MeshDistance&&) noexcept;
-  /// Takes the other's state.
-  MeshDistance& operator=(MeshDistance&&) noexcept;
 
   /// Distance from p to the nearest point of any face (m, ≥ 0).
   double distance(const Vec3d& p) const;

@@ -385,8 +385,6 @@ RayPencil::RayPencil(const Mesh& mesh, const Vec3d& origin) : state_(std::make_u
 }
 
 RayPencil::~RayPencil() = default;
-RayPencil::RayPencil(RayPencil&&) noexcept = default;
-RayPencil& RayPencil::operator=(RayPencil&&) noexcept = default;
 
 void RayPencil::along(const Vec3f& direction) {
   state_->view.point = {};

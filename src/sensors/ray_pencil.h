@@ -25,10 +25,6 @@ class RayPencil {
   /// that is not finite, or a face that names none.
   RayPencil(const Mesh& mesh, const Vec3d& origin);
   ~RayPencil();
-  /// Takes the other's mesh.
-  RayPencil(RayPencil&&) noexcept;
-  /// Takes the other's mesh.
-  RayPencil& operator=(RayPencil&&) noexcept;
 
   /// Rays along `direction` (of any length but zero) from here on.
   void along(const Vec3f& direction);

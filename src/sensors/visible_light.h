@@ -89,15 +89,14 @@ struct VisibleLightSettings {
 };
 template <class Visitor, FieldsOf<VisibleLightSettings> S>
 void visit_fields(Visitor& visit, S& s) {
-  constexpr Range angle{0, Range::kMax};
   visit({.name = "directions", .range = {1, 65536}, .option = ""}, s.directions);
   visit({.name = "rough_directions", .range = {1, 65536}, .option = ""}, s.rough_directions);
   visit({.name = "bounces", .range = {0, 64}, .option = ""}, s.bounces);
   visit({.name = "sun_samples", .range = {1, 64}, .option = ""}, s.sun_samples);
-  visit({.name = "sun_angle", .range = angle, .option = ""}, s.sun_angle);
+  visit({.name = "sun_angle", .range = kNotNegative, .option = ""}, s.sun_angle);
   visit({.name = "cell", .range = {0.01, 100}, .option = ""}, s.cell);
-  visit({.name = "node_angle", .range = angle, .option = ""}, s.node_angle);
-  visit({.name = "enclosed_node_angle", .range = angle, .option = ""}, s.enclosed_node_angle);
+  visit({.name = "node_angle", .range = kNotNegative, .option = ""}, s.node_angle);
+  visit({.name = "enclosed_node_angle", .range = kNotNegative, .option = ""}, s.enclosed_node_angle);
   visit({.name = "open_below", .range = {-1, 1}, .option = ""}, s.open_below);
   visit({.name = "glossy", .option = ""}, s.glossy);
 }
@@ -188,26 +187,23 @@ LightVisibility find_visibility(const TexturedMesh& placed, const Lighting& ligh
 
 /// Light factor of every texel, or of every part of one as LightVisibility::shown has them, and what the VJP
 /// needs.
-template <class S>
 struct VisibleLight {
-  std::vector<Vec3<S>> factor;              ///< of each part, times its texel's albedo; never negative
-  std::vector<Vec3<S>> gloss;               ///< of each part, whatever the albedo
-  std::vector<std::vector<Vec3<S>>> skies;  ///< E of every node before each gathering step, less `direct`
-  std::vector<Vec3<S>> direct;              ///< of every node: the sun's own part of E
-  std::vector<Vec3<S>> albedo;              ///< of every node
-  std::vector<Vec3<S>> sky;                 ///< of every node: all light but the sun's own, before max(0, ·)
-  std::vector<S> weights;                   ///< of every reflection: n̂·towards
+  std::vector<Vec3d> factor;              ///< of each part, times its texel's albedo; never negative
+  std::vector<Vec3d> gloss;               ///< of each part, whatever the albedo
+  std::vector<std::vector<Vec3d>> skies;  ///< E of every node before each gathering step, less `direct`
+  std::vector<Vec3d> direct;              ///< of every node: the sun's own part of E
+  std::vector<Vec3d> albedo;              ///< of every node
+  std::vector<Vec3d> sky;                 ///< of every node: all light but the sun's own, before max(0, ·)
+  std::vector<double> weights;            ///< of every reflection: n̂·towards
 };
 /// `normals`: unnormalised, of the faces, `velo`; `texels`: the atlas's albedos. A face without area has the
 /// ambient term alone.
-template <class S>
-VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::vector<Vec3<S>>& texels,
-                              const Lighting& light, const LightVisibility& visibility, int bounces);
+VisibleLight visible_light(const std::vector<Vec3d>& normals, const std::vector<Vec3d>& texels,
+                           const Lighting& light, const LightVisibility& visibility, int bounces);
 /// Adds d loss / d normal and d loss / d texel, given d loss / d factor and d loss / d gloss of every part.
-template <class S>
-void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Vec3<S>>& texels,
-                       const Lighting& light, const LightVisibility& visibility, const VisibleLight<S>& at,
-                       const std::vector<Vec3<S>>& d_factor, const std::vector<Vec3<S>>& d_gloss,
-                       std::vector<Vec3<S>>& d_normals, std::vector<Vec3<S>>& d_texels);
+void visible_light_vjp(const std::vector<Vec3d>& normals, const std::vector<Vec3d>& texels,
+                       const Lighting& light, const LightVisibility& visibility, const VisibleLight& at,
+                       const std::vector<Vec3d>& d_factor, const std::vector<Vec3d>& d_gloss,
+                       std::vector<Vec3d>& d_normals, std::vector<Vec3d>& d_texels);
 
 }  // namespace mirage

@@ -113,8 +113,7 @@ std::unique_ptr<ObjectLight> light_on(const PreparedFrame& prepared, const Place
                                       const TexturedMesh& placed, const SimulationSettings& settings,
                                       const Calibration& calibration) {
   const Lighting& lighting = prepared.frame.lighting;
-  if (settings.light == LightModel::plain)
-    return plain_light(face_normals(placed.mesh), placed.atlas.resolution, lighting);
+  if (settings.light == LightModel::plain) return plain_light(placed, lighting);
   const Vec3d eye = calibration.camera_from_velo.inverse().translation();
   const std::optional<LightSurroundings> around = surroundings_of(prepared.frame, placement);
   return light_with_visibility(placed, lighting, around ? &*around : nullptr, eye,
@@ -210,7 +209,7 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placem
   target.depth_limit = ImageF(rect.width(), rect.height(), 1, std::numeric_limits<float>::infinity());
   bool occluded = false;
   bool obstructed = rect.u0 == 0 || rect.v0 == 0 || rect.u1 == camera.width || rect.v1 == camera.height;
-  const double occluder_depth = unhidden_depth(placement, calibration) - settings.occlusion_margin;
+  const double occluder_depth = occluder_depth_limit(placement, calibration) - settings.occlusion_margin;
   for (int v = 0; v < rect.height(); ++v)
     for (int u = 0; u < rect.width(); ++u) {
       for (int c = 0; c < 3; ++c) target.background.at(u, v, c) = photograph.at(rect.u0 + u, rect.v0 + v, c);

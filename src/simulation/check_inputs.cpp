@@ -36,22 +36,22 @@ void check_camera(const PinholeCamera& camera, const std::string& where) {
     throw InputError(where, "camera width, height", "not positive", "correct the calibration");
 }
 
+/// Of the numbers, the first that is not finite.
+auto first_bad(const std::vector<float>& values) {
+  return std::ranges::find_if_not(values, [](float value) { return std::isfinite(value); });
+}
+
 void check_image(const ImageF& image, const PinholeCamera& camera, const std::string& where) {
   if (image.width != camera.width || image.height != camera.height || image.channels != 3)
     throw InputError(where, "image",
                      fmt::format("is {}×{}×{}, the calibration says {}×{}×3", image.width, image.height,
                                  image.channels, camera.width, camera.height),
                      "give the photograph that belongs to the calibration");
-  const auto bad = std::find_if_not(image.data.begin(), image.data.end(),
-                                    [](float value) { return std::isfinite(value); });
+  const auto bad = first_bad(image.data);
   if (bad == image.data.end()) return;
   const auto pixel = (bad - image.data.begin()) / 3;
   throw InputError(where, fmt::format("image pixel ({}, {})", pixel % image.width, pixel / image.width),
                    kNotFinite, "repair the photograph");
-}
-
-std::string in_metres(const Vec3d& size) {
-  return fmt::format("{:.4g} × {:.4g} × {:.4g} m", size.x(), size.y(), size.z());
 }
 
 /// What to do about a mesh whose longest measure is `longest`: the units in which that is an object of 0.2 to
@@ -82,8 +82,7 @@ void check_frame(const Frame& frame) {
       throw InputError(where, fmt::format("sweep point {}", i), kNotFinite, "remove the point");
   }
   for (const Measurement& measured : frame.measurements) {
-    const auto bad = std::find_if_not(measured.data.begin(), measured.data.end(),
-                                      [](float value) { return std::isfinite(value); });
+    const auto bad = first_bad(measured.data);
     if (bad != measured.data.end())
       throw InputError(where, fmt::format("{} value {}", measured.name, bad - measured.data.begin()),
                        kNotFinite, "repair the measurement");
@@ -144,6 +143,10 @@ void check_object(const TexturedMesh& object, const std::string& where) {
     throw InputError(where, "place",
                      fmt::format("lies {:.3g} m beside its origin, which is set on the roof", outside.norm()),
                      "move the mesh to its origin");
+}
+
+std::string in_metres(const Vec3d& size) {
+  return fmt::format("{:.4g} × {:.4g} × {:.4g} m", size.x(), size.y(), size.z());
 }
 
 void warn_of_large_object(const Vec3d& size, const std::string& where) {

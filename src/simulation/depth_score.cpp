@@ -3,13 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <opencv2/imgproc.hpp>
 
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/image.h"
 #include "base/random.h"
+#include "base/schedule.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "simulation/insertion.h"
@@ -133,9 +133,9 @@ std::vector<DepthScore> score_depth(const DepthScoreOptions& options,
 
     std::vector<ImageF> dense;
     for (std::size_t b = 0; b < n; ++b) {
-      const auto start = std::chrono::steady_clock::now();
+      const Clock::time_point start = Clock::now();
       dense.push_back(backends[b]->complete(frame.image, sparse));
-      scores[b].seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+      scores[b].seconds += seconds_since(start);
     }
     Mask everywhere(truth.width, truth.height, 1, 1);
     for (std::size_t i = 0; i < truth.data.size(); ++i) {

@@ -166,14 +166,13 @@ const TexturedMesh& placed_adversary(const Simulated& simulated) {
 }
 
 std::span<const Quality> qualities() {
-  static const SimulationSettings own;
-  static const std::array<Quality, 3> all = {
-      Quality{"draft", 1e-7, 3e-3, 1e-4, 1, false, false},
-      Quality{"default", own.raster.sigma, own.raster.gamma, own.raster.dist_eps, own.supersampling,
-              own.reference, false},
-      Quality{"exact", own.raster.sigma, own.raster.gamma, own.raster.dist_eps, own.supersampling,
-              own.reference, true},
+  const auto own = [](const char* name, bool exact) {
+    const SimulationSettings settings;
+    const auto& raster = settings.raster;
+    return Quality{name, raster.sigma, raster.gamma, raster.dist_eps, settings.supersampling, exact};
   };
+  static const std::array<Quality, 3> all = {Quality{"draft", 1e-7, 3e-3, 1e-4, 1, false},
+                                             own("default", false), own("exact", true)};
   return all;
 }
 
@@ -196,7 +195,7 @@ void apply_quality(const std::string& name, SimulationSettings& settings,
   if (free("--gamma")) settings.raster.gamma = quality.gamma;
   if (free("--supersampling")) settings.supersampling = quality.supersampling;
   settings.raster.dist_eps = quality.dist_eps;
-  settings.reference = quality.reference;
+  settings.reference = false;
   settings.exact_coverage = quality.exact;
 }
 

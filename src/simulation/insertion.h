@@ -45,7 +45,6 @@ struct Quality {
   double gamma;       ///< softness of depth ordering, share of the object's depth range
   double dist_eps;    ///< coverage below which a face is skipped (cut-off)
   int supersampling;  ///< samples a pixel along each side
-  bool reference;     ///< plain loop in double in place of the fast rasteriser
   bool exact;         ///< exact areas in place of the soft rasteriser; the rest is then not looked at
 };
 

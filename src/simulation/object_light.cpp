@@ -7,12 +7,12 @@ namespace {
 
 class PlainLight : public ObjectLight {
  public:
-  PlainLight(std::vector<Vec3d> normals, int resolution, const Lighting& lighting)
-      : normals_(std::move(normals)),
-        resolution_(resolution),
-        per_face_(as_size(resolution) * as_size(resolution)),
+  PlainLight(const TexturedMesh& placed, const Lighting& lighting)
+      : normals_(face_normals(placed.mesh)),
+        resolution_(placed.atlas.resolution),
+        per_face_(placed.atlas.per_face()),
         lighting_(lighting) {
-    for (const Vec3d& normal : normals_) factors_.push_back(shade<double>(normal, lighting));
+    for (const Vec3d& normal : normals_) factors_.push_back(shade(normal, lighting));
   }
 
   TexelGrid grid() const override { return resolution_; }
@@ -31,7 +31,7 @@ class PlainLight : public ObjectLight {
         d_texels[t] += d_lit[t].cwiseProduct(factors_[f]);
         d_factor += d_lit[t].cwiseProduct(texels[t]);
       }
-      d_normals[f] += shade_vjp<double>(normals_[f], lighting_, d_factor);
+      d_normals[f] += shade_vjp(normals_[f], lighting_, d_factor);
     }
   }
 
@@ -85,15 +85,14 @@ class LightWithVisibility : public ObjectLight {
   std::vector<Vec3d> normals_;
   Lighting lighting_;
   std::size_t per_face_;
-  LightVisibility visibility_;    ///< what stands in the light's way
-  VisibleLight<double> visible_;  ///< the light of each texel
+  LightVisibility visibility_;  ///< what stands in the light's way
+  VisibleLight visible_;        ///< the light of each texel
 };
 
 }  // namespace
 
-std::unique_ptr<ObjectLight> plain_light(std::vector<Vec3d> normals, int resolution,
-                                         const Lighting& lighting) {
-  return std::make_unique<PlainLight>(std::move(normals), resolution, lighting);
+std::unique_ptr<ObjectLight> plain_light(const TexturedMesh& placed, const Lighting& lighting) {
+  return std::make_unique<PlainLight>(placed, lighting);
 }
 
 std::unique_ptr<ObjectLight> light_with_visibility(const TexturedMesh& placed, const Lighting& lighting,

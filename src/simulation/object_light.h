@@ -25,10 +25,8 @@ class ObjectLight {
                    std::vector<Vec3d>& d_normals, std::vector<Vec3d>& d_texels) const = 0;
 };
 
-/// sensors/lighting.h: one factor a face. `normals`: unnormalised, a face each, in the frame of `lighting`.
-/// `resolution`: the atlas's C.
-std::unique_ptr<ObjectLight> plain_light(std::vector<Vec3d> normals, int resolution,
-                                         const Lighting& lighting);
+/// sensors/lighting.h: one factor a face. `placed`: in the frame of `lighting`.
+std::unique_ptr<ObjectLight> plain_light(const TexturedMesh& placed, const Lighting& lighting);
 /// sensors/visible_light.h, with the visibility that `placed` has now. `around`: the vehicle under it; null
 /// for an object in free space. `eye`: the camera (`velo`).
 std::unique_ptr<ObjectLight> light_with_visibility(const TexturedMesh& placed, const Lighting& lighting,

@@ -11,6 +11,7 @@
 #include "base/types.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/recorded_light.h"
+#include "simulation/check_inputs.h"
 
 namespace mirage {
 
@@ -131,11 +132,8 @@ void warn_of_volume(const PlaceChoice& place, const Vec3d& size, const std::stri
   constexpr double kRounding = 1e-6;  // m
   if (!place.of_file() || place.in == In::roof || (size.array() <= place.volume.array() + kRounding).all())
     return;
-  const auto words = [](const Vec3d& v) {
-    return fmt::format("{:.4g} × {:.4g} × {:.4g} m", v.x(), v.y(), v.z());
-  };
   spdlog::warn("{}: {} is larger than the volume of {}, {}: hosts are checked for room for that volume only",
-               where, words(size), text_of(place), words(place.volume));
+               where, in_metres(size), text_of(place), in_metres(place.volume));
 }
 
 Box3 grown_box(const Box3& box, const Mesh& placed) {
@@ -175,7 +173,7 @@ std::optional<LightSurroundings> surroundings_of(const Frame& frame, const Place
   return around;
 }
 
-double unhidden_depth(const Placement& placement, const Calibration& calibration) {
+double occluder_depth_limit(const Placement& placement, const Calibration& calibration) {
   double nearest = std::numeric_limits<double>::infinity();
   if (placement.support == Support::roof && placement.carrier)
     for (const Vec3d& corner : corners(placement.carrier->label.box))

@@ -72,8 +72,8 @@ TexturedMesh place(const TexturedMesh& adversary, const Placement& placement);
 /// or beside it. None without a carrier: an object in free space.
 std::optional<LightSurroundings> surroundings_of(const Frame& frame, const Placement& placement);
 
-/// Planar depth (m, camera) from which on nothing that the photograph shows stands in front of the object:
-/// that of the carrier's nearest corner where it stands on it, else infinite.
-double unhidden_depth(const Placement& placement, const Calibration& calibration);
+/// Planar depth (m, camera) beyond which nothing in the photograph occludes the object: that of the nearest
+/// corner of the carrier that it stands on, else infinite.
+double occluder_depth_limit(const Placement& placement, const Calibration& calibration);
 
 }  // namespace mirage

@@ -131,8 +131,7 @@ void render_soft(const RenderScene& scene, const SceneRenderSettings& settings, 
   raster.near = std::max(kNearPlane / 2, nearest - kDepthMargin);
   raster.far = std::max(raster.near + 1, farthest + kDepthMargin);
   raster.gamma = settings.gamma.value_or(kDepthSoftness / (raster.far - raster.near));
-  std::vector<Vec3d> lit =
-      plain_light(face_normals(all.mesh), all.atlas.resolution, scene.lighting)->lit(all.atlas.texels);
+  std::vector<Vec3d> lit = plain_light(all, scene.lighting)->lit(all.atlas.texels);
   const ProjectedMesh projected = project_mesh(p_camera, all.mesh.faces, scene.camera, kNearPlane,
                                                Texture::atlas, all.atlas.resolution, std::move(lit));
   out.rgba = to_float(camera_pass({})->draw(projected.screen, raster,

@@ -82,9 +82,12 @@ struct RawScene {
   MirageSensorScene scene{};
 };
 
+}  // namespace
+
 /// A plugin with one instance. What a tape refers to lives as long as the tape.
-struct Instance {
-  Instance(fs::path of, const MirageSensorApi* table) : file(std::move(of)), api(table) {
+class PluginSensor {
+ public:
+  PluginSensor(fs::path of, const MirageSensorApi* table) : file(std::move(of)), api(table) {
     if (!api->create || !api->destroy || !api->word || !api->measure || !api->vjp || !api->release)
       throw InputError(file.string(), "mirage_sensor_api", "a function is missing", "rebuild the plugin");
     char error[kPluginErrorSize] = "";
@@ -111,9 +114,9 @@ struct Instance {
         Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(word_of_plugin->sensor_from_ego);
     if (!word.sensor_from_ego.matrix().allFinite()) throw bad("sensor_from_ego", "is not finite");
   }
-  Instance(const Instance&) = delete;
-  Instance& operator=(const Instance&) = delete;
-  ~Instance() { api->destroy(sensor); }
+  PluginSensor(const PluginSensor&) = delete;
+  PluginSensor& operator=(const PluginSensor&) = delete;
+  ~PluginSensor() { api->destroy(sensor); }
 
   std::vector<double> measure(const MirageSensorScene& scene, const MirageSensorObject* object,
                               const double* recorded, void** tape) const {
@@ -134,11 +137,13 @@ struct Instance {
   std::size_t values = 0;
 };
 
+namespace {
+
 /// One scene with an object in it.
 class SceneSensor : public SensorPass {
  public:
   /// `place`: of its measurement among the frame's.
-  SceneSensor(std::shared_ptr<const Instance> of, std::shared_ptr<const RawScene> raw, std::size_t place)
+  SceneSensor(std::shared_ptr<const PluginSensor> of, std::shared_ptr<const RawScene> raw, std::size_t place)
       : of_(std::move(of)), raw_(std::move(raw)), place_(place) {}
 
   SensorVjp draw(const PreparedFrame& prepared, const Placement& placement, const TexturedMesh& placed,
@@ -184,27 +189,9 @@ class SceneSensor : public SensorPass {
   }
 
  private:
-  std::shared_ptr<const Instance> of_;
+  std::shared_ptr<const PluginSensor> of_;
   std::shared_ptr<const RawScene> raw_;
   std::size_t place_;
-};
-
-class Sensor : public PluginSensor {
- public:
-  explicit Sensor(std::shared_ptr<const Instance> of) : of_(std::move(of)) {}
-
-  const std::string& name() const { return of_->word.name; }
-
-  std::shared_ptr<const SensorPass> record(Frame& frame, const fs::path& data) const override {
-    auto raw = std::make_shared<const RawScene>(frame, data);
-    const std::vector<double> values = of_->measure(raw->scene, nullptr, nullptr, nullptr);
-    frame.measurements.push_back(of_->word);
-    frame.measurements.back().data.assign(values.begin(), values.end());
-    return std::make_shared<const SceneSensor>(of_, std::move(raw), frame.measurements.size() - 1);
-  }
-
- private:
-  std::shared_ptr<const Instance> of_;
 };
 
 }  // namespace
@@ -216,9 +203,9 @@ std::vector<std::shared_ptr<const PluginSensor>> load_sensors(const std::string&
     const fs::path file = sensor_file(word);
     const auto* api = open_plugin<MirageSensorApi>(file, "mirage_sensor_api", "simulation/sensor_abi.h",
                                                    {MIRAGE_SENSOR_ABI});
-    auto sensor = std::make_shared<const Sensor>(std::make_shared<const Instance>(file, api));
-    if (!names.insert(sensor->name()).second)
-      throw FieldError("sensors", words, fmt::format("has two sensors called {}", sensor->name()),
+    auto sensor = std::make_shared<const PluginSensor>(file, api);
+    if (!names.insert(sensor->word.name).second)
+      throw FieldError("sensors", words, fmt::format("has two sensors called {}", sensor->word.name),
                        "name each once");
     sensors.push_back(std::move(sensor));
   }
@@ -233,7 +220,14 @@ std::vector<std::shared_ptr<const SensorPass>> record(
     const std::vector<std::shared_ptr<const PluginSensor>>& sensors, const fs::path& data, Frame& frame) {
   std::vector<std::shared_ptr<const SensorPass>> passes;
   passes.reserve(sensors.size());
-  for (const auto& sensor : sensors) passes.push_back(sensor->record(frame, data));
+  for (const auto& sensor : sensors) {
+    auto raw = std::make_shared<const RawScene>(frame, data);
+    const std::vector<double> values = sensor->measure(raw->scene, nullptr, nullptr, nullptr);
+    frame.measurements.push_back(sensor->word);
+    frame.measurements.back().data.assign(values.begin(), values.end());
+    passes.push_back(
+        std::make_shared<const SceneSensor>(sensor, std::move(raw), frame.measurements.size() - 1));
+  }
   return passes;
 }
 

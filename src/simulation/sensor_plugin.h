@@ -11,14 +11,7 @@
 namespace mirage {
 
 /// A sensor of a plugin.
-class PluginSensor {
- public:
-  virtual ~PluginSensor() = default;
-  /// Adds what it measures of the frame without an object, and gives what measures the same scene with one.
-  /// `data`: the set that the frame is of; may be empty. Failure if the plugin fails or gives a number that
-  /// is not finite.
-  virtual std::shared_ptr<const SensorPass> record(Frame& frame, const std::filesystem::path& data) const = 0;
-};
+class PluginSensor;
 
 /// Those that `words` names, joined by commas: shipped ones by their words, others by their files (*.so);
 /// none for "". InputError, naming it, for an unknown word, for a file that is no such plugin, and for two
@@ -28,8 +21,9 @@ std::vector<std::shared_ptr<const PluginSensor>> load_sensors(const std::string&
 /// Whether a word names a sensor that ships.
 bool is_shipped_sensor(const std::string& word);
 
-/// Adds what these sensors measure of the whole frame, in their order. PreparedFrame::measured_by is to hold
-/// the result, so that insertions pass through them.
+/// Adds what these sensors measure of the whole frame, in their order, and gives what measures the same scene
+/// with an object: PreparedFrame::measured_by is to hold it. `data`: the set that the frame is of; may be
+/// empty. Failure if a plugin fails or gives a number that is not finite.
 std::vector<std::shared_ptr<const SensorPass>> record(
     const std::vector<std::shared_ptr<const PluginSensor>>& sensors, const std::filesystem::path& data,
     Frame& frame);

@@ -17,8 +17,8 @@
 
 namespace mirage {
 
-/// What the derivative of returns knows: how those that there are move; and that they come and go
-/// (adversary_lidar.h).
+/// What the gradient of returns covers. fixed: how existing returns move. silhouette: also that returns
+/// appear and vanish (adversary_lidar.h).
 enum class LidarGradient { fixed, silhouette };
 constexpr auto words_of(LidarGradient) {
   return std::to_array<const char*>({"fixed", "silhouette"});

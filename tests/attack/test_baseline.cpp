@@ -183,12 +183,12 @@ TEST(Buildable, TheStartStandsFlat) {
   EXPECT_GT(report.min_thickness, 0.05);
   EXPECT_EQ(report.printable, 1.0);
   EXPECT_TRUE(report.watertight);
-  EXPECT_EQ(to_json(report), (nlohmann::json{{"intersecting_pairs", 0},
-                                             {"min_thickness_m", report.min_thickness},
-                                             {"base_vertices", report.base_vertices},
-                                             {"base_area_m2", report.base_area},
-                                             {"watertight", true},
-                                             {"texels_in_print_range", 1.0}}));
+  EXPECT_EQ(fields_json(report), (nlohmann::json{{"intersecting_pairs", 0},
+                                                 {"min_thickness_m", report.min_thickness},
+                                                 {"base_vertices", report.base_vertices},
+                                                 {"base_area_m2", report.base_area},
+                                                 {"watertight", true},
+                                                 {"texels_in_print_range", 1.0}}));
   // The plain start stands on a point.
   EXPECT_EQ(buildable_report(initial_adversary(), settings).base_area, 0.0);
 }

@@ -186,12 +186,12 @@ TEST(Comparison, APartsPIsOfItsOwnClusters) {
   int clusters = 0;
   for (const ComparedPart& part : result.parts) {
     if (part.by != "range") continue;
-    clusters += part.clusters;
-    EXPECT_EQ(part.clusters, part.vehicles) << part.name;
+    clusters += part.clusters.count;
+    EXPECT_EQ(part.clusters.count, part.vehicles) << part.name;
   }
   EXPECT_EQ(clusters, 40);
   for (std::size_t i = 1; i < result.parts.size(); ++i)
-    own.push_back(p_value(result.parts[i].difference, result.parts[i].clusters));
+    own.push_back(p_value(result.parts[i].difference, result.parts[i].clusters.count));
   const std::vector<double> adjusted = holm(own);
   for (std::size_t i = 1; i < result.parts.size(); ++i)
     EXPECT_DOUBLE_EQ(result.parts[i].p, adjusted[i - 1]) << result.parts[i].name;

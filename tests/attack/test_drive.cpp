@@ -61,7 +61,7 @@ TEST(VehicleDrive, GapsAndConfirmationOfAHandMadeDrive) {
   ASSERT_TRUE(of.confirmed);
   EXPECT_NEAR(of.confirmed->seconds, 0.4, 1e-9);
   EXPECT_NEAR(of.confirmed->metres, 36, 1e-9);
-  EXPECT_NEAR(*of.confirmed->to_collision, 3.4, 1e-9);
+  EXPECT_NEAR(*of.confirmed->time_to_collision, 3.4, 1e-9);
   EXPECT_NEAR(of.confirmed->reserve[0], 34 - 12.5, 1e-9);
   EXPECT_NEAR(of.confirmed->reserve[1], 34 - 100 / 12.0, 1e-9);
   EXPECT_NEAR(of.confirmed->reserve[2], 34 - 6.25, 1e-9);
@@ -108,7 +108,7 @@ TEST(VehicleDrive, WhatGoesAwayHasNoCollisionAndKeepsItsDistance) {
   VehicleDrive drive = vehicle("fff", "fff");
   for (DriveFrame& frame : drive.frames) frame.closing = -3;
   const DriveOutcome of = outcome_of(drive, DriveVersion::random);
-  EXPECT_FALSE(of.confirmed->to_collision);
+  EXPECT_FALSE(of.confirmed->time_to_collision);
   EXPECT_NEAR(of.confirmed->reserve[0], 38, 1e-9);
 }
 

@@ -181,7 +181,7 @@ TEST(FalsePositives, DistributionsHaveKnownBinsAndQuantiles) {
   EXPECT_EQ(d.p90, 1000);
   const Distribution none = distribution({}, {0, 1});
   EXPECT_THAT(none.counts, testing::ElementsAre(0));
-  EXPECT_EQ(none.median, 0);
+  EXPECT_EQ(none.median, std::nullopt);
 }
 
 Frame frame_with_host() {

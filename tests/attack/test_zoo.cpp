@@ -46,7 +46,7 @@ TEST(Zoo, ResampledTexelsAreMeansOfWhatTheyCover) {
 TEST(Zoo, FilesSayWhatTheyAreAndComeBackBitForBit) {
   test::TemporaryFolder folder;
   const TexturedMesh mesh = random_adversary(3);
-  write_object(folder / "a.glb", mesh, {{"name", "a"}, {"licence", "Apache-2.0"}});
+  write_adversary(folder / "a.glb", mesh, {{"name", "a"}, {"licence", "Apache-2.0"}});
   EXPECT_THAT(read_file(folder / "a.glb"), testing::HasSubstr("\"copyright\":\"Apache-2.0\""));
   const auto objects = read_objects({folder / "a.glb"});
   EXPECT_EQ(objects.at(0).mesh.mesh.vertices, mesh.mesh.vertices);

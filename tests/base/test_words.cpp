@@ -20,16 +20,16 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 
 TEST(Words, SlipsAreCountedAsTheyAreMade) {
-  EXPECT_EQ(slips_between("attack", "attack"), 0);
-  EXPECT_EQ(slips_between("atack", "attack"), 1);    // one left out
-  EXPECT_EQ(slips_between("attacck", "attack"), 1);  // one too many
-  EXPECT_EQ(slips_between("attaxk", "attack"), 1);   // another
-  EXPECT_EQ(slips_between("atatck", "attack"), 1);   // two swapped
-  EXPECT_EQ(slips_between("min_veiw", "min-view"), 1);
-  EXPECT_EQ(slips_between("Fusion", "fusion"), 0);
-  EXPECT_EQ(slips_between("", "abc"), 3);
-  EXPECT_EQ(slips_between("kitten", "sitting"), 3);
-  EXPECT_EQ(slips_between("ca", "abc"), 3);  // swapped letters stay together: optimal string alignment
+  EXPECT_EQ(edit_distance("attack", "attack"), 0);
+  EXPECT_EQ(edit_distance("atack", "attack"), 1);    // one left out
+  EXPECT_EQ(edit_distance("attacck", "attack"), 1);  // one too many
+  EXPECT_EQ(edit_distance("attaxk", "attack"), 1);   // another
+  EXPECT_EQ(edit_distance("atatck", "attack"), 1);   // two swapped
+  EXPECT_EQ(edit_distance("min_veiw", "min-view"), 1);
+  EXPECT_EQ(edit_distance("Fusion", "fusion"), 0);
+  EXPECT_EQ(edit_distance("", "abc"), 3);
+  EXPECT_EQ(edit_distance("kitten", "sitting"), 3);
+  EXPECT_EQ(edit_distance("ca", "abc"), 3);  // swapped letters stay together: optimal string alignment
 }
 
 TEST(Words, OnlyWhatIsNearIsMeant) {

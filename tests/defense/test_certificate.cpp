@@ -200,8 +200,8 @@ TEST(Certificate, IsForCarsThatAreFoundWithoutWhatStandsOnTheirRoof) {
       EXPECT_EQ(shares.clean70.value, 1);
       EXPECT_EQ(shares.control70.value, on_roof ? 1 : 0);
       EXPECT_EQ(shares.covered, 1);
-      EXPECT_EQ(shares.known70.value, on_roof ? 0 : 1) << shares.size;
-      EXPECT_EQ(shares.lattice70.value, on_roof ? 0 : 1) << shares.size;
+      EXPECT_EQ(shares.bands[0].known70.certified.value, on_roof ? 0 : 1) << shares.size;
+      EXPECT_EQ(shares.bands[0].lattice70.certified.value, on_roof ? 0 : 1) << shares.size;
     }
     const nlohmann::json json = to_json(result, settings);
     EXPECT_EQ(json.at("sizes").size(), 2u);

@@ -20,6 +20,17 @@ BevBox car(double x, double y = 0) {
 Detection found(const BevBox& box, double logit) {
   return {box, logit};
 }
+TruthBox at_level(const ObjectBoxes& boxes, Difficulty difficulty, double distance = 0) {
+  TruthBox truth = boxes;
+  truth.difficulty = difficulty;
+  truth.distance = distance;
+  return truth;
+}
+std::vector<std::size_t> labels_of(const TruthBoxes& truth) {
+  std::vector<std::size_t> labels;
+  for (const TruthBox& box : truth.boxes) labels.push_back(box.label);
+  return labels;
+}
 
 TEST(Suppress, KeepsTheBestOfOverlappingBoxesAndAllOthers) {
   const auto kept =
@@ -84,7 +95,7 @@ TEST(AveragePrecision, BoxesOfOneVehicleAreDrawnTogether) {
   const Interval apart = average_precision_interval(frames, 0.5);
   EXPECT_EQ(clusters_of(frames).count, 100);
   EXPECT_EQ(clusters_of(frames).by, "frame");
-  for (std::size_t i = 0; i < frames.size(); ++i) frames[i].truth.tracks = {static_cast<int>(i / 10)};
+  for (std::size_t i = 0; i < frames.size(); ++i) frames[i].truth.boxes[0].track = static_cast<int>(i / 10);
   const Interval together = average_precision_interval(frames, 0.5);
   EXPECT_DOUBLE_EQ(together.value, apart.value);
   EXPECT_NEAR(together.low, 0.37, 0.05);  // Wilson with t of 9 degrees
@@ -92,7 +103,7 @@ TEST(AveragePrecision, BoxesOfOneVehicleAreDrawnTogether) {
   EXPECT_EQ(clusters_of(frames).count, 10);
   EXPECT_EQ(clusters_of(frames).by, "vehicle");
   // Without an identity a box stays with its frame.
-  for (std::size_t i = 0; i < frames.size(); ++i) frames[i].truth.tracks = {-1};
+  for (std::size_t i = 0; i < frames.size(); ++i) frames[i].truth.boxes[0].track = -1;
   EXPECT_DOUBLE_EQ(average_precision_interval(frames, 0.5).low, apart.low);
 }
 
@@ -150,7 +161,7 @@ TEST(AveragePrecision, FalseAlarmsAreDrawnWithTheirFrame) {
   // frames with an alarm are drawn beside them.
   std::vector<ScoredFrame> frames(40, {{found(car(10), 1)}, {{car(10)}, {}, {}}});
   for (std::size_t i = 0; i < frames.size(); ++i) {
-    frames[i].truth.tracks = {static_cast<int>(i % 10)};
+    frames[i].truth.boxes[0].track = static_cast<int>(i % 10);
     if (i % 2 == 0) frames[i].detections.push_back(found(car(40), 2));
   }
   const Interval interval = average_precision_interval(frames, 0.5);
@@ -158,7 +169,7 @@ TEST(AveragePrecision, FalseAlarmsAreDrawnWithTheirFrame) {
   EXPECT_LT(interval.low, interval.value);
   EXPECT_GT(interval.high, interval.value);
   // A single vehicle leaves nothing to draw from.
-  for (ScoredFrame& frame : frames) frame.truth.tracks = {7};
+  for (ScoredFrame& frame : frames) frame.truth.boxes[0].track = 7;
   EXPECT_EQ(average_precision_interval(frames, 0.5).low, 0);
   EXPECT_EQ(average_precision_interval(frames, 0.5).high, 1);
 }
@@ -230,11 +241,10 @@ TEST(Suppress, InThePictureCarsBehindEachOtherStay) {
 ScoredFrame picture_frame(std::vector<Detection> detections) {
   GroundTruth truth;
   truth.space.boxes = {car(10)};  // of no consequence
-  truth.picture.boxes = {in_picture(0, 110), in_picture(200, 37), in_picture(400, 26)};
+  truth.picture.boxes = {at_level(in_picture(0, 110), Difficulty::easy, 10),
+                         at_level(in_picture(200, 37), Difficulty::moderate, 30),
+                         at_level(in_picture(400, 26), Difficulty::hard, 60)};
   truth.picture.ignore = {PictureBox{600, 80, 800, 200}};
-  truth.picture.labels = {0, 1, 2};
-  truth.picture.difficulty = {Difficulty::easy, Difficulty::moderate, Difficulty::hard};
-  truth.picture.distance = {10, 30, 60};
   return scored(std::move(detections), truth, 720, kInPicture);
 }
 
@@ -307,7 +317,7 @@ TEST(GroundTruth, AppliesItsRules) {
   frame.labels.push_back(good);
   frame.labels[8].type = "Misc";  // background, like the pedestrian
   const GroundTruth truth = ground_truth(frame, {0, 50, -25, 25});
-  EXPECT_EQ(truth.space.labels, (std::vector<std::size_t>{0, 7}));
+  EXPECT_EQ(labels_of(truth.space), (std::vector<std::size_t>{0, 7}));
   EXPECT_EQ(truth.space.boxes.size(), 2u);
   EXPECT_EQ(truth.space.ignore.size(), 5u);
 }
@@ -341,11 +351,11 @@ TEST(PictureTruth, CarsCountWhateverTheirDistanceAndReturns) {
   labels[7].type = "Pedestrian";
   labels[8].truncated = 0.6;
   const TruthBoxes truth = picture_truth(labels);
-  EXPECT_EQ(truth.labels, std::vector<std::size_t>{0});
+  EXPECT_EQ(labels_of(truth), std::vector<std::size_t>{0});
   ASSERT_EQ(truth.boxes.size(), 1u);
   EXPECT_EQ(truth.boxes[0].picture.bottom, 125);
-  EXPECT_EQ(truth.difficulty, std::vector<Difficulty>{Difficulty::hard});
-  EXPECT_DOUBLE_EQ(truth.distance[0], 130);
+  EXPECT_EQ(truth.boxes[0].difficulty, Difficulty::hard);
+  EXPECT_DOUBLE_EQ(truth.boxes[0].distance, 130);
   EXPECT_EQ(truth.ignore.size(), 7u);  // all but the pedestrian
   EXPECT_TRUE(truth.look_alikes.empty());
   labels[7].type = "Misc";
@@ -401,7 +411,7 @@ TEST(PictureTruth, IsOfTheCamerasThatTheDetectorLooksAt) {
   EXPECT_TRUE(first.ignore.empty());
   can.reads = {"BACK", "radar"};
   const TruthBoxes both = ground_truth(frame, {-50, 50, -25, 25}, can).picture;
-  EXPECT_EQ(both.labels, (std::vector<std::size_t>{0, 2}));
+  EXPECT_EQ(labels_of(both), (std::vector<std::size_t>{0, 2}));
   ASSERT_EQ(both.boxes.size(), 2u);
   EXPECT_EQ(both.boxes[0].camera, 0);
   EXPECT_EQ(both.boxes[1].picture.right, 40);
@@ -424,8 +434,10 @@ TEST(Difficulty, FollowsKittisLimits) {
 
 /// Three cars, one a level, at 10, 30 and 50 m.
 std::vector<ScoredFrame> three_levels(std::vector<Detection> detections) {
-  TruthBoxes truth{{car(10), car(30), car(50)}, {}, {}};
-  truth.difficulty = {Difficulty::easy, Difficulty::moderate, Difficulty::hard};
+  const TruthBoxes truth{{at_level(car(10), Difficulty::easy), at_level(car(30), Difficulty::moderate),
+                          at_level(car(50), Difficulty::hard)},
+                         {},
+                         {}};
   return {{std::move(detections), truth, 700}};
 }
 
@@ -451,7 +463,7 @@ TEST(Strata, RangesSplitBoxesAndFalseAlarms) {
 
 TEST(Strata, ADetectionAcrossTheEdgeStillFindsItsCar) {
   const std::vector<ScoredFrame> frames = {
-      {{found(car(20.1), 1)}, {{car(19.9)}, {}, {}, {Difficulty::easy}}}};
+      {{found(car(20.1), 1)}, {{at_level(car(19.9), Difficulty::easy)}, {}, {}}}};
   EXPECT_DOUBLE_EQ(average_precision(frames, 0.7, {"", 0, 20}).average_precision, 1);
 }
 

@@ -175,7 +175,7 @@ TEST_F(GroundTruthSampling, ACutOutIsTheCarAndNothingElse) {
   for (const LidarPoint& p : exact.points) of_car += p.reflectance == 0.5f;  // mesh 2
   EXPECT_EQ(of_car, exact.points.size());
   EXPECT_GT(exact.points.size(), 300u);
-  const auto pixels = std::accumulate(exact.mask.begin(), exact.mask.end(), 0);
+  const auto pixels = std::accumulate(exact.mask.data.begin(), exact.mask.data.end(), 0);
   EXPECT_GT(pixels, 0.5 * exact.rect.width() * exact.rect.height());
   // Without the points' owners the box decides; only the lowest 0.1 m is missing.
   const CutOut by_box = cut({wall(40, 0, 1, 60), block(15, 2)}, false);
@@ -227,10 +227,11 @@ TEST_F(GroundTruthSampling, ThePicturesTruthHasThePastedCar) {
   ASSERT_TRUE(paste(pasted, cut_out, unit));
   EXPECT_EQ(pasted.picture_key, 0u);
   const TruthBoxes& truth = pasted.truth.picture;
-  EXPECT_EQ(truth.labels, (std::vector<std::size_t>{0, TruthBoxes::kPasted}));
   ASSERT_EQ(truth.boxes.size(), 2u);
+  EXPECT_EQ(truth.boxes[0].label, 0u);
+  EXPECT_EQ(truth.boxes[1].label, TruthBox::kPasted);
   EXPECT_EQ(truth.boxes[1].picture.right, 60);
-  EXPECT_EQ(truth.distance.size(), 2u);
+  EXPECT_DOUBLE_EQ(truth.boxes[1].distance, horizontal_distance(cut_out.box.bev));
   ASSERT_EQ(truth.ignore.size(), 1u);
   EXPECT_EQ(truth.ignore[0].picture.right, 58);
 

@@ -186,7 +186,7 @@ TEST(Reliance, ShippedDetectorsSeeWhatTheyClaim) {
     options.weights = entry.path();
     if (end != std::string::npos && stem.substr(end + 1) == kCeiling) options.defense = kTrainedCeiling;
     const auto detector = load_detector(options);
-    if (!reads_picture(*detector)) continue;
+    if (!detector->capabilities().reads_image) continue;
     ++cameras;
     const nlohmann::json claim = claims.value(stem, nlohmann::json({{"uses_picture", false}}));
     if (claims.contains(stem)) {

@@ -361,7 +361,7 @@ const fs = require('fs'), validator = require(process.argv[2] + '/node_modules/g
 
 TEST(Gltf, ForeignFileIsReadAsAPlainMesh) {
   GltfBuilder gltf;
-  const int position = gltf.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1}, 3, true);
+  const int position = gltf.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1}, 3);
   const std::vector<std::uint16_t> indices = {0, 1, 2, 0, 2, 3};
   const int index = gltf.add("accessors", {{"bufferView", gltf.add_view(indices)},
                                            {"componentType", 5123},
@@ -420,7 +420,7 @@ TEST(Gltf, BadReferencesNameTheField) {
   const auto with = [](const nlohmann::json& exact) {
     GltfBuilder gltf;
     gltf.add_view(std::vector<double>(9, 0.5));
-    const int position = gltf.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, 3, true);
+    const int position = gltf.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, 3);
     nlohmann::json primitive = {{"attributes", {{"POSITION", position}}}};
     const int mesh = gltf.add(
         "meshes", {{"primitives", nlohmann::json::array({primitive})}, {"extras", {{"mirage", exact}}}});

@@ -230,7 +230,7 @@ TEST(GltfValues, StripsAndFansAreWoundAsTheFormatHasIt) {
   const std::vector<float> around = {0, 0, 0, 1, 0, 0, 1, 0, -1, 0, 0, -1};
   for (const auto& [mode, corners] : {std::pair{5, places}, std::pair{6, around}}) {
     GltfBuilder gltf;
-    const nlohmann::json primitive = {{"attributes", {{"POSITION", gltf.add_floats(corners, 3, true)}}},
+    const nlohmann::json primitive = {{"attributes", {{"POSITION", gltf.add_floats(corners, 3)}}},
                                       {"mode", mode}};
     gltf.add_node({{"mesh", gltf.add("meshes", {{"primitives", nlohmann::json::array({primitive})}})}});
     write_file(folder / "square.glb", gltf.glb());

@@ -501,8 +501,8 @@ TEST(Classes, AreHostsAndHaveToBeFoundAsAsked) {
     const auto held = store.get("000000");
     for (const Host& host : find_hosts(store, "000000", region, {}, 0.1))
       hosts.push_back(label_of(held->frame, host.id).type);
-    for (const std::size_t label : ground_truth(held->frame, region).space.labels)
-      found.push_back(held->frame.labels[label].type);
+    for (const TruthBox& box : ground_truth(held->frame, region).space.boxes)
+      found.push_back(held->frame.labels[box.label].type);
     EXPECT_EQ(hosts, found);
     return hosts;
   };

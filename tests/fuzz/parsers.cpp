@@ -171,7 +171,7 @@ void detections(const fs::path& file) {
 }
 
 void tracks(const fs::path& file) {
-  const auto all = read_tracks(file.parent_path().parent_path().parent_path(), file.stem());
+  const auto all = open_data_set(file.parent_path().parent_path().parent_path())->tracks(file.stem());
   for (const int track : *all) demand(track >= -1, "an identity below -1");
 }
 

@@ -91,17 +91,17 @@ TEST(FrameRecord, SeveralCamerasComeBackAsTheyWereWritten) {
   EXPECT_EQ(again.existing, 2);
   EXPECT_EQ(again.cars, sum.cars);
   EXPECT_EQ(again.others, sum.others);
-  const std::string hash = frame_hash(folder.path(), "000000"),
-                    whole = frame_hash(folder.path(), "000000", Cameras::all);
+  const std::string hash = open_data_set(folder.path())->hash("000000"),
+                    whole = open_data_set(folder.path(), Cameras::all)->hash("000000");
   const fs::path about = folder / "training/cameras/000000.json",
                  picture = folder / "training/cameras/CAM_BACK/000000.png";
   fs::copy_file(folder / "training/cameras/CAM_LEFT/000000.png", picture,
                 fs::copy_options::overwrite_existing);
   EXPECT_FALSE(is_as_recorded(folder.path(), "000000", Truth::all));
-  EXPECT_EQ(frame_hash(folder.path(), "000000"), hash);
-  EXPECT_NE(frame_hash(folder.path(), "000000", Cameras::all), whole);
+  EXPECT_EQ(open_data_set(folder.path())->hash("000000"), hash);
+  EXPECT_NE(open_data_set(folder.path(), Cameras::all)->hash("000000"), whole);
   EXPECT_EQ(make().written, 1);
-  EXPECT_EQ(frame_hash(folder.path(), "000000", Cameras::all), whole);
+  EXPECT_EQ(open_data_set(folder.path(), Cameras::all)->hash("000000"), whole);
   std::string text = read_file(about);
   text.replace(text.find("camera_from_velo"), 16, "camera_from_Velo");
   write_file(about, text);

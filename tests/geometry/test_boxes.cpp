@@ -187,7 +187,7 @@ Vec3d area(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
 /// Every triangle is wound as the polygon, and together they have its area: neither overlaps nor gaps, where
 /// none is turned the other way.
 void expect_covers(const std::vector<Vec3d>& polygon, const Vec3d& whole) {
-  const auto triangles = cut_polygon(polygon);
+  const auto triangles = triangulate_polygon(polygon);
   ASSERT_EQ(triangles.size(), polygon.size() - 2);
   Vec3d sum = Vec3d::Zero();
   std::set<int> used;
@@ -254,14 +254,14 @@ TEST(CutPolygon, WhatHasNoTrianglesIsCutAllTheSame) {
   const std::vector<Vec3d> point(7, Vec3d(1, 2, 3)), line = {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {3, 0, 0}};
   const std::vector<Vec3d> bow = {{0, 0, 0}, {1, 1, 0}, {1, 0, 0}, {0, 1, 0}, {0.5, 3, 0}};
   for (const auto& polygon : {point, line, bow}) {
-    const auto triangles = cut_polygon(polygon);
+    const auto triangles = triangulate_polygon(polygon);
     EXPECT_EQ(triangles.size(), polygon.size() - 2);
     for (const auto& triangle : triangles) {
       EXPECT_NE(triangle[0], triangle[1]);
       for (const int corner : triangle) EXPECT_TRUE(corner >= 0 && corner < static_cast<int>(polygon.size()));
     }
   }
-  EXPECT_TRUE(cut_polygon(std::vector<Vec3d>(2, Vec3d::Zero())).empty());
+  EXPECT_TRUE(triangulate_polygon(std::vector<Vec3d>(2, Vec3d::Zero())).empty());
 }
 
 }  // namespace

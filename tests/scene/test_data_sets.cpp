@@ -140,7 +140,7 @@ TEST_P(DataSets, GivesTheFrameThatWasWritten) {
 TEST_P(DataSets, TellsVehiclesApart) {
   std::vector<int> all;
   for (const std::string& id : GetParam().ids) {
-    const auto tracks = read_tracks(folder_.path(), id);
+    const auto tracks = open_data_set(folder_.path())->tracks(id);
     all.insert(all.end(), tracks.value().begin(), tracks.value().end());
   }
   std::sort(all.begin(), all.end());
@@ -150,17 +150,17 @@ TEST_P(DataSets, TellsVehiclesApart) {
 }
 
 TEST_P(DataSets, HashTellsOfWhatChanged) {
-  const std::string id = GetParam().ids[0], before = frame_hash(folder_.path(), id);
-  EXPECT_EQ(frame_hash(folder_.path(), id), before);
+  const std::string id = GetParam().ids[0], before = open_data_set(folder_.path())->hash(id);
+  EXPECT_EQ(open_data_set(folder_.path())->hash(id), before);
   std::vector<Frame> edited = frames();
   edited[0].labels.at(0).box.bev.x += 0.5;
   TemporaryFolder other;
   GetParam().write(other.path(), edited);
-  EXPECT_NE(frame_hash(other.path(), id), before);
+  EXPECT_NE(open_data_set(other.path())->hash(id), before);
   edited = frames();
   edited[0].sweep.pop_back();
   GetParam().write(other.path(), edited);
-  EXPECT_NE(frame_hash(other.path(), id), before);
+  EXPECT_NE(open_data_set(other.path())->hash(id), before);
 }
 
 TEST_P(DataSets, MissingAndDamagedFilesAreNamed) {
@@ -224,7 +224,7 @@ TEST(KittiTracking, SequencesWithoutANumberHaveVehiclesOfTheirOwn) {
   }
   std::set<int> groups;
   for (const char* id : {"0000_000000", "alpha_000000", "beta_000000"})
-    groups.insert(read_tracks(folder.path(), id)->front());
+    groups.insert(open_data_set(folder.path())->tracks(id)->front());
   EXPECT_EQ(groups.size(), 3u);
 }
 
@@ -352,13 +352,13 @@ TEST(NuScenes, AllCamerasWithTheLabelsThatOnlyTheySee) {
     EXPECT_EQ(label.left, box->left);
     EXPECT_FALSE(projected_label(label.type, label.box, first.calibration));
   }
-  EXPECT_EQ(read_tracks(folder.path(), "sample0", Cameras::all)->size(), all.labels.size());
+  EXPECT_EQ(open_data_set(folder.path(), Cameras::all)->tracks("sample0")->size(), all.labels.size());
 }
 
 TEST(NuScenes, OtherCamerasCountWhereTheyAreAskedFor) {
   const TemporaryFolder folder;
   test::write_nuscenes(folder.path(), {test::surround_frame(test::small_rig(), 5, 0)});
-  const auto hash = [&](Cameras cameras) { return frame_hash(folder.path(), "sample0", cameras); };
+  const auto hash = [&](Cameras cameras) { return open_data_set(folder.path(), cameras)->hash("sample0"); };
   const std::string first = hash(Cameras::first), all = hash(Cameras::all);
   EXPECT_NE(first, all);
   EXPECT_EQ(hash(Cameras::all), all);
@@ -368,7 +368,7 @@ TEST(NuScenes, OtherCamerasCountWhereTheyAreAskedFor) {
   EXPECT_NE(hash(Cameras::all), all);
   std::filesystem::remove(picture);
   EXPECT_NO_THROW(read_frame(folder.path(), "sample0"));
-  EXPECT_EQ(read_tracks(folder.path(), "sample0")->size(),
+  EXPECT_EQ(open_data_set(folder.path())->tracks("sample0")->size(),
             read_frame(folder.path(), "sample0").labels.size());
   EXPECT_THAT(error_text<InputError>([&] { read_frame(folder.path(), "sample0", Cameras::all); }),
               AllOf(HasSubstr("CAM_FRONT_LEFT/0.png"), HasSubstr("--cameras first"), Not(HasSubstr("\n"))));

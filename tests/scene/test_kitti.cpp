@@ -393,10 +393,10 @@ TEST_F(Kitti, PicturesMayBeJpegsAndFramesWithoutLabels) {
   const Frame frame = read_frame(folder_.path(), "000042");
   EXPECT_FALSE(frame.labelled);
   EXPECT_TRUE(frame.labels.empty());
-  const std::string unlabelled = frame_hash(folder_.path(), "000042");
+  const std::string unlabelled = open_data_set(folder_.path())->hash("000042");
   write_file(file("label_2/000042.txt"), "");
   EXPECT_TRUE(read_frame(folder_.path(), "000042").labelled);
-  EXPECT_NE(frame_hash(folder_.path(), "000042"), unlabelled);
+  EXPECT_NE(open_data_set(folder_.path())->hash("000042"), unlabelled);
   std::filesystem::remove_all(file("label_2"));
   std::filesystem::rename(folder_ / "training", folder_ / "testing");
   EXPECT_EQ(read_frame(folder_.path(), "000042").sweep.size(), 50u);
@@ -416,7 +416,7 @@ TEST_F(Kitti, GivenLabelsStandForMissingOnes) {
   EXPECT_EQ(frame.sweep.size(), whole.sweep.size());
   EXPECT_EQ(frame.image.data, whole.image.data);
   EXPECT_EQ(data_rig(given), "xenith");
-  EXPECT_NE(frame_hash(given, "000042"), frame_hash(folder_.path(), "000042"));
+  EXPECT_NE(open_data_set(given)->hash("000042"), open_data_set(folder_.path())->hash("000042"));
   write_file(given / "labels.json", R"({"data": "/nowhere"})");
   EXPECT_THAT(error_text<InputError>([&] { list_frames(given); }),
               AllOf(HasSubstr("labels.json"), HasSubstr("/nowhere")));
@@ -442,7 +442,7 @@ TEST(NoLayout, SaysWhatIsThereAndWhatIsMeant) {
 
 TEST_F(Kitti, IdentitiesAreReadWhereTheyAreKnown) {
   for (const Label& label : read_frame(folder_.path(), "000042").labels) EXPECT_EQ(label.track, -1);
-  EXPECT_FALSE(read_tracks(folder_.path(), "000042"));
+  EXPECT_FALSE(open_data_set(folder_.path())->tracks("000042"));
   Frame frame = small_frame();
   for (std::size_t i = 0; i + 1 < frame.labels.size(); ++i)
     frame.labels[i].track = static_cast<int>(1000 + i);
@@ -450,7 +450,7 @@ TEST_F(Kitti, IdentitiesAreReadWhereTheyAreKnown) {
   const Frame after = read_frame(folder_.path(), "000042");
   for (std::size_t i = 0; i < frame.labels.size(); ++i)
     EXPECT_EQ(after.labels[i].track, frame.labels[i].track) << i;
-  EXPECT_EQ(read_tracks(folder_.path(), "000042")->size(), frame.labels.size());
+  EXPECT_EQ(open_data_set(folder_.path())->tracks("000042")->size(), frame.labels.size());
 }
 
 TEST_F(Kitti, BrokenIdentities) {

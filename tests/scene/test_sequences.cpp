@@ -10,7 +10,6 @@
 #include "base/files.h"
 #include "base/sizes.h"
 #include "base/types.h"
-#include "scene/data/kitti_drives.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/data/layouts.h"
 #include "scene/data/read_frames.h"
@@ -292,19 +291,19 @@ TEST(Between, SweepsOfNuScenesAreFramesWithBoxesOnTheWay) {
 TEST(Moments, AreOfAFramesContent) {
   TemporaryFolder folder;
   write_raw_drive(folder.path());
-  const std::string id = list_frames(folder.path()).at(1), before = frame_hash(folder.path(), id);
+  const std::string id = list_frames(folder.path()).at(1), before = open_data_set(folder.path())->hash(id);
   const auto drive = folder / "2011_09_26_drive_0001_sync";
   const auto stamps = drive / "velodyne_points/timestamps.txt", pose = drive / "oxts/data/0000000001.txt";
   const std::string times = read_file(stamps), row = read_file(pose);
   std::string late = times;
   late.replace(late.find("59.100000000"), 12, "59.150000000");
   write_file(stamps, late);
-  EXPECT_NE(frame_hash(folder.path(), id), before);
+  EXPECT_NE(open_data_set(folder.path())->hash(id), before);
   write_file(stamps, times);
   write_file(pose, read_file(drive / "oxts/data/0000000002.txt"));
-  EXPECT_NE(frame_hash(folder.path(), id), before);
+  EXPECT_NE(open_data_set(folder.path())->hash(id), before);
   write_file(pose, row);
-  EXPECT_EQ(frame_hash(folder.path(), id), before);
+  EXPECT_EQ(open_data_set(folder.path())->hash(id), before);
 }
 
 // "A few frames of a data set are a data set, too."

@@ -66,7 +66,7 @@ TEST_P(UnitFinderTest, FindsTheUnitOfItsSweeps) {
   for (std::size_t b = 0; b < truth.beams.size(); b += GetParam().every) kept.push_back(truth.beams[b]);
   truth.beams = kept;
   const std::vector<Sweep> sweeps = sweeps_of(truth, GetParam().anywhere);
-  const FoundUnit found = find_unit(sweeps, "here");
+  const LidarFit found = find_unit(sweeps, "here");
   EXPECT_EQ(found.lidar.beams.size(), beams_seen(sweeps, truth));
   EXPECT_GE(found.on_rays, 0.99);
   EXPECT_NEAR(found.lidar.azimuth_step, truth.azimuth_step, 0.01 * truth.azimuth_step);
@@ -104,7 +104,7 @@ TEST(UnitFinder, AUnitThatMovesWithinItsSweepIsFound) {
     sweeps.push_back(test::walled_sweep(truth, metres, 0.3 * metres, motion, true));
     roughen(sweeps.back(), 1);
   }
-  const FoundUnit found = find_unit(sweeps, "here");
+  const LidarFit found = find_unit(sweeps, "here");
   EXPECT_EQ(found.lidar.beams.size(), 32u);
   EXPECT_GE(found.on_rays, 0.99);
   EXPECT_LT(found.firings, 1.02 * truth.azimuth_count());
@@ -127,7 +127,7 @@ TEST(UnitFinder, OtherSweepsOfRealFramesGiveTheSameUnit) {
     std::vector<Sweep> sweeps;
     for (std::size_t i = 0; i < 3; ++i)
       sweeps.push_back(set->sweep(ids[(first + i * ids.size() / 3) % ids.size()]));
-    const FoundUnit found = find_unit(sweeps, "here");
+    const LidarFit found = find_unit(sweeps, "here");
     EXPECT_EQ(found.lidar.beams.size(), 64u) << first;
     EXPECT_GE(found.on_rays, 0.99) << first;
     EXPECT_NEAR(found.lidar.encoder_step, 0.09 * kDegree, 1e-4 * kDegree) << first;
@@ -141,7 +141,7 @@ TEST(UnitFinder, PointsInAnyOrderWillDo) {
   for (Sweep& sweep : sweeps)
     for (std::size_t i = sweep.size(); i-- > 1;)
       std::swap(sweep[i], sweep[as_size(random.below(static_cast<int>(i) + 1))]);
-  const FoundUnit found = find_unit(sweeps, "here");
+  const LidarFit found = find_unit(sweeps, "here");
   EXPECT_GE(found.on_rays, 0.99);
 }
 

@@ -269,7 +269,7 @@ TEST(LidarEffects, WordsNameThem) {
   const Vec2d none = Vec2d::Zero(), beam(3e-3, 1e-3);
   const LidarEffects ideal = parse_lidar_effects("ideal", beam);
   EXPECT_EQ(ideal.range_sigma, 0);
-  EXPECT_FALSE(ideal.diverging() || ideal.moving());
+  EXPECT_FALSE(ideal.has_divergence() || ideal.moving());
   const LidarEffects real = parse_lidar_effects("unit", beam), sweeps = generated_sweep_effects();
   EXPECT_EQ(real.range_sigma, sweeps.range_sigma);
   EXPECT_EQ(real.drop_out, sweeps.drop_out);

@@ -44,7 +44,7 @@ TexturedMesh texels_as_faces(const TexturedMesh& mesh) {
   return parts;
 }
 
-VisibleLight<double> light_of(const TexturedMesh& mesh, const Lighting& light,
+VisibleLight light_of(const TexturedMesh& mesh, const Lighting& light,
                               const LightSurroundings* around, const VisibleLightSettings& settings = {}) {
   return visible_light(face_normals(mesh.mesh), mesh.atlas.texels, light,
                        find_visibility(mesh, light, around, nullptr, settings), settings.bounces);
@@ -81,7 +81,7 @@ TEST(VisibleLight, AConvexObjectInFreeSpaceHasThePlainLight) {
   const auto lit = light_of(convex, light, nullptr);
   const auto normals = face_normals(convex.mesh);
   for (std::size_t t = 0; t < lit.factor.size(); ++t)
-    ASSERT_LT((lit.factor[t] - shade<double>(normals[t / 25], light)).norm(), 1e-6) << t;
+    ASSERT_LT((lit.factor[t] - shade(normals[t / 25], light)).norm(), 1e-6) << t;
 }
 
 /// What stands beside the object hides sky and sun, and shines as bright as it is painted.

@@ -285,7 +285,7 @@ TEST(Resume, TheRulesOfAnEvaluationAreCompared) {
                      {"plane", "bev"},
                      {"placement", text_of(own.placement)},
                      {"placed", to_json(own.placement)},
-                     {"simulation", to_json(own.simulation)},
+                     {"simulation", fields_json(own.simulation)},
                      {"provenance",
                       {{"inputs", {{"run", "this run"}}},
                        {"settings", {{"expect", "colour,shape"}, {"sun", "frame"}, {"cameras", "first"}}}}}};

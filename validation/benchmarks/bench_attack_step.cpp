@@ -3,6 +3,7 @@
 // weights, KITTI's rig, CPU time of one thread.
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "attack/attack_step.h"
 #include "attack/evaluation.h"
@@ -52,27 +53,25 @@ struct Street {
   }
 };
 
+/// Vertices, then texels.
+Eigen::VectorXd flat(const AdversaryGradient& gradient) {
+  Eigen::VectorXd all(3 * static_cast<Eigen::Index>(gradient.vertices.size() + gradient.texels.size()));
+  Eigen::Index at = 0;
+  for (const auto* list : {&gradient.vertices, &gradient.texels})
+    for (const Vec3d& v : *list) all.segment<3>(std::exchange(at, at + 3)) = v;
+  return all;
+}
+
 /// Norm of a − b over the norm of b.
 double difference(const AdversaryGradient& a, const AdversaryGradient& b) {
-  double apart = 0, norm = 0;
-  const auto add = [&](const std::vector<Vec3d>& x, const std::vector<Vec3d>& y) {
-    for (std::size_t i = 0; i < x.size(); ++i)
-      apart += (x[i] - y[i]).squaredNorm(), norm += y[i].squaredNorm();
-  };
-  add(a.vertices, b.vertices);
-  add(a.texels, b.texels);
-  return norm > 0 ? std::sqrt(apart / norm) : std::sqrt(apart);
+  const Eigen::VectorXd reference = flat(b);
+  const double apart = (flat(a) - reference).norm(), norm = reference.norm();
+  return norm > 0 ? apart / norm : apart;
 }
 
 double cosine(const AdversaryGradient& a, const AdversaryGradient& b) {
-  double product = 0, aa = 0, bb = 0;
-  const auto add = [&](const std::vector<Vec3d>& x, const std::vector<Vec3d>& y) {
-    for (std::size_t i = 0; i < x.size(); ++i)
-      product += x[i].dot(y[i]), aa += x[i].squaredNorm(), bb += y[i].squaredNorm();
-  };
-  add(a.vertices, b.vertices);
-  add(a.texels, b.texels);
-  return product / std::sqrt(std::max(aa * bb, 1e-300));
+  const Eigen::VectorXd x = flat(a), y = flat(b);
+  return x.dot(y) / std::sqrt(std::max(x.squaredNorm() * y.squaredNorm(), 1e-300));
 }
 
 std::unique_ptr<Detector> variant_of(const std::string& name, int clean_memory_mb, const char* precision,

@@ -145,21 +145,12 @@ void depth_ip_basic_ms(benchmark::State& state) {
   const ImageF sparse = sparse_depth(frame.sweep, frame.calibration);
   for (auto _ : state) benchmark::DoNotOptimize(complete_depth(sparse));
 }
-void insertion_ms(benchmark::State& state) {
-  insertion(state, 5e-7, 2);
-}
-void insertion_at_1e_5(benchmark::State& state) {
-  insertion(state, 1e-5, 1);
-}
-void insertion_at_1e_4(benchmark::State& state) {
-  insertion(state, 1e-4, 1);
-}
 void median_of_nine(benchmark::internal::Benchmark* plain) {
   plain->Repetitions(9)->ReportAggregatesOnly(true)->Unit(benchmark::kMillisecond);
 }
-BENCHMARK(insertion_ms)->Apply(median_of_nine);
-BENCHMARK(insertion_at_1e_5)->Name("insertion_ms_10m_sigma_1e-5")->Apply(median_of_nine);
-BENCHMARK(insertion_at_1e_4)->Name("insertion_ms_10m_sigma_1e-4")->Apply(median_of_nine);
+BENCHMARK_CAPTURE(insertion, standard, 5e-7, 2)->Name("insertion_ms")->Apply(median_of_nine);
+BENCHMARK_CAPTURE(insertion, at_1e_5, 1e-5, 1)->Name("insertion_ms_10m_sigma_1e-5")->Apply(median_of_nine);
+BENCHMARK_CAPTURE(insertion, at_1e_4, 1e-4, 1)->Name("insertion_ms_10m_sigma_1e-4")->Apply(median_of_nine);
 BENCHMARK(depth_ip_basic_ms)->Apply(median_of_nine);
 
 }  // namespace

@@ -239,9 +239,9 @@ constexpr int kPencilRounds = 21, kDirections = 32;
 constexpr std::size_t kRays = 250;  // along each direction
 
 /// With an icosphere's faces, crumpled.
-void compare(int subdivisions) {
+void ray_pencil(benchmark::State& state) {
   RandomStream random(1, "bench pencil");
-  Mesh mesh = icosphere(subdivisions);
+  Mesh mesh = icosphere(static_cast<int>(state.range(0)));
   for (Vec3d& v : mesh.vertices) v *= random.uniform(0.3, 1);
   std::vector<Vec3f> directions, starts;
   for (int k = 0; k < kDirections; ++k)
@@ -254,33 +254,31 @@ void compare(int subdivisions) {
     starts.push_back(((corner(0) + corner(1) + corner(2)) * (1.0001 / 3)).cast<float>());
   }
   Rounds rounds;
-  for (int round = 0; round < kPencilRounds; ++round) {
-    rounds.time("embree", [&] {
-      const RayCaster caster(std::span(&mesh, 1));
-      RayTable rays(1, kRays * kDirections);
-      for (std::size_t i = 0; i < rays.columns; ++i) rays.set(0, i, starts[i % kRays], directions[i / kRays]);
-      HitTable hits;
-      caster.intersect(rays, 0, 1e30f, hits);
-      benchmark::DoNotOptimize(hits.face.data());
-    });
-    rounds.time("pencil", [&] {
-      RayPencil rays(mesh, Vec3d::Zero());
-      std::vector<RayPencil::Met> met(kRays);
-      for (const Vec3f& direction : directions) {
-        rays.along(direction);
-        rays.intersect(starts, met);
-        benchmark::DoNotOptimize(met.data());
-      }
-    });
-  }
+  for (auto _ : state)
+    for (int round = 0; round < kPencilRounds; ++round) {
+      rounds.time("embree", [&] {
+        const RayCaster caster(std::span(&mesh, 1));
+        RayTable rays(1, kRays * kDirections);
+        for (std::size_t i = 0; i < rays.columns; ++i)
+          rays.set(0, i, starts[i % kRays], directions[i / kRays]);
+        HitTable hits;
+        caster.intersect(rays, 0, 1e30f, hits);
+        benchmark::DoNotOptimize(hits.face.data());
+      });
+      rounds.time("pencil", [&] {
+        RayPencil rays(mesh, Vec3d::Zero());
+        std::vector<RayPencil::Met> met(kRays);
+        for (const Vec3f& direction : directions) {
+          rays.along(direction);
+          rays.intersect(starts, met);
+          benchmark::DoNotOptimize(met.data());
+        }
+      });
+    }
   const double per_ray = 1e6 / (static_cast<double>(kRays) * kDirections);
   figures()[fmt::format("ray_pencil_{}_faces_ns", mesh.faces.size())] = per_ray * rounds["pencil"];
   figures()[fmt::format("embree_over_pencil_{}_faces", mesh.faces.size())] =
       rounds["embree"] / rounds["pencil"];
-}
-
-void ray_pencil(benchmark::State& state) {
-  while (state.KeepRunning()) compare(static_cast<int>(state.range(0)));
 }
 ONCE(BENCHMARK(ray_pencil)->Arg(2)->Arg(3)->Arg(4));
 

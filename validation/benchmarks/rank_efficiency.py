@@ -43,8 +43,7 @@ class Run:
         if self.process.wait() != 0:
             sys.exit(f"{' '.join(self.process.args)} ended with {self.process.returncode}; its line stands above")
         took = time.monotonic() - self.started
-        with open(os.path.join(self.out, "result.json"), encoding="utf-8") as file:
-            return json.load(file).get("seconds_per_iteration", took)
+        return atomic.read_json(self.out, "result.json").get("seconds_per_iteration", took)
 
 
 def measure(words, rounds, same):

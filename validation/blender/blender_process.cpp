@@ -241,7 +241,7 @@ void CyclesRenderer::start(std::size_t index) {
   fs::create_directories(worker.scratch);
 }
 
-CyclesRenderer::Worker& CyclesRenderer::take() {
+CyclesRenderer::Lease CyclesRenderer::take() {
   std::unique_lock lock(mutex_);
   for (;;) {
     for (const bool running : {true, false})  // one that waits rather than one that has to start
@@ -251,25 +251,18 @@ CyclesRenderer::Worker& CyclesRenderer::take() {
         worker.busy = true;
         ++drawn_;
         lock.unlock();
-        if (running) return worker;
-        try {
-          start(i);
-        } catch (...) {
-          give(worker);
-          throw;
-        }
-        return worker;
+        Lease lease(&worker, [this](Worker* used) {
+          {
+            const std::scoped_lock free(mutex_);
+            used->busy = false;
+          }
+          given_.notify_one();
+        });
+        if (!running) start(i);
+        return lease;
       }
     given_.wait(lock);
   }
-}
-
-void CyclesRenderer::give(Worker& worker) {
-  {
-    const std::scoped_lock lock(mutex_);
-    worker.busy = false;
-  }
-  given_.notify_one();
 }
 
 ObjectRenderer::Window CyclesRenderer::draw(const HostInWorld& host, const TexturedMesh& adversary,
@@ -283,21 +276,15 @@ ObjectRenderer::Window CyclesRenderer::draw(const HostInWorld& host, const Textu
   Window window{full_rect(simulated, frame.image), {}};
   window.picture = crop(frame.image, window.rect);
   const ImageF visible = visible_share(scene, window.rect);
-  Worker& worker = take();
-  Rendered rendered;
-  try {
-    scene.scratch = worker.scratch;
-    scene.glb = worker.scratch / "scene.glb";
-    write_scene(scene.glb, file);
-    RenderJob job = job_for(scene, window.rect);
-    job.effects = full_effects();
-    job.threads = std::max(1, thread_count() / static_cast<int>(workers_.size()));
-    rendered = worker.blender->render(job);
-  } catch (...) {
-    give(worker);
-    throw;
-  }
-  give(worker);
+  Lease worker = take();
+  scene.scratch = worker->scratch;
+  scene.glb = worker->scratch / "scene.glb";
+  write_scene(scene.glb, file);
+  RenderJob job = job_for(scene, window.rect);
+  job.effects = full_effects();
+  job.threads = std::max(1, thread_count() / static_cast<int>(workers_.size()));
+  const Rendered rendered = worker->blender->render(job);
+  worker.reset();
   composite(rendered, visible, window.picture);
   return window;
 }

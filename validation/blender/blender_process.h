@@ -3,6 +3,7 @@
 
 #include <condition_variable>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -109,9 +110,10 @@ class CyclesRenderer : public ObjectRenderer {
     std::unique_ptr<ReferenceRenderer> blender;  ///< null until it is wanted
     bool busy = false;
   };
+  /// Of a worker for one picture; it is free again when this ends.
+  using Lease = std::unique_ptr<Worker, std::function<void(Worker*)>>;
   void start(std::size_t index);
-  Worker& take();
-  void give(Worker& worker);
+  Lease take();
 
   Settings settings_;
   ReferenceIdentity reference_;

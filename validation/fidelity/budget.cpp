@@ -6,6 +6,7 @@
 #include <limits>
 #include <numeric>
 
+#include "base/json_fields.h"
 #include "base/random.h"
 #include "base/sizes.h"
 #include "validation/fidelity/ladders.h"
@@ -70,14 +71,14 @@ std::vector<BudgetScene> read_scenes(const std::vector<VehicleResult>& vehicles,
     }
     double light_weight = 0;  // the features' renders are paid for whatever is chosen
     for (const LightRungResult& rung : ladder.light)
-      if (feature_rungs().contains(rung.effect)) light_weight += rung.seconds;
+      if (kFeatureRungs.contains(rung.effect)) light_weight += rung.seconds;
     for (const LightRungResult& rung : ladder.light) {
       if (kNotOffered.contains(rung.effect)) continue;
       rungs.push_back(rung.effect);
       scene.errors.push_back(of == BudgetOf::radiance ? std::max(0.0, signed_root(rung.error.drawn))
                                                       : std::abs(rung.outcome->score - seen.cycles.score));
       scene.alone.push_back(rung.seconds);
-      scene.seconds.push_back(light_weight + (feature_rungs().contains(rung.effect) ? 0 : rung.seconds));
+      scene.seconds.push_back(light_weight + (kFeatureRungs.contains(rung.effect) ? 0 : rung.seconds));
     }
     scene.seconds_full = ladder.reference.seconds;
     scene.error_full = of == BudgetOf::radiance ? ladder.reference.noise : 0;
@@ -195,28 +196,6 @@ BudgetTest test_rule(const BudgetReport& report, const std::vector<BudgetScene>&
   return test;
 }
 
-json way_figures(const BudgetWay& way) {
-  return {{"within", to_json(way.within)}, {"seconds", way.seconds}, {"chosen", way.chosen}};
-}
-
-json test_figures(const BudgetTest& test) {
-  json out = way_figures(test.ruled);
-  out.update({{"frames", test.frames},
-              {"vehicles", test.vehicles},
-              {"kept", test.kept},
-              {"saved", test.saved},
-              {"fixed", way_figures(test.fixed)},
-              {"oracle", way_figures(test.oracle)}});
-  out["oracle"]["saved"] = test.saved_by_oracle;
-  return out;
-}
-
-json choice_figures(const BudgetChoice& choice) {
-  return {{"name", choice.name},     {"frame", choice.frame},     {"group", choice.group},
-          {"fold", choice.fold},     {"chosen", choice.chosen},   {"error", choice.error},
-          {"within", choice.within}, {"seconds", choice.seconds}, {"seconds_fixed", choice.seconds_fixed}};
-}
-
 }  // namespace
 
 BudgetRule::BudgetRule(const std::vector<BudgetScene>& calibration, double budget, double confidence)
@@ -227,7 +206,7 @@ BudgetRule::BudgetRule(const std::vector<BudgetScene>& calibration, double budge
   const Predictions left_out = left_out_predictions(calibration, groups);
   fit_rungs(calibration, left_out);
   calibrate(calibration, groups, left_out, confidence);
-  try_one_for_all(calibration, groups, left_out, confidence);
+  try_single_rung(calibration, groups, left_out, confidence);
 }
 
 void BudgetRule::standardise(const std::vector<BudgetScene>& calibration) {
@@ -291,7 +270,7 @@ void BudgetRule::calibrate(const std::vector<BudgetScene>& calibration, const Gr
   }
 }
 
-void BudgetRule::try_one_for_all(const std::vector<BudgetScene>& calibration, const Groups& groups,
+void BudgetRule::try_single_rung(const std::vector<BudgetScene>& calibration, const Groups& groups,
                                  const Predictions& left_out, double confidence) {
   const auto n = static_cast<double>(calibration.size());
   double least = 0;  // what the rule costs
@@ -325,12 +304,11 @@ BudgetRule::Rung BudgetRule::fit(const std::vector<const BudgetScene*>& scenes, 
   for (const BudgetScene* scene : scenes) {
     const std::vector<double> z = standardised(scene->features);
     Eigen::VectorXd x(size);
-    x(0) = 1;
-    for (Eigen::Index k = 1; k < size; ++k) x(k) = z[as_size(k) - 1];
+    x << 1, Eigen::Map<const Eigen::VectorXd>(z.data(), size - 1);
     normal += x * x.transpose();
     right += logarithm(scene->errors[rung]) * x;
   }
-  for (Eigen::Index k = 1; k < size; ++k) normal(k, k) += kRidge;
+  normal.diagonal().tail(size - 1).array() += kRidge;
   if (scenes.empty()) normal(0, 0) = 1;  // nothing left when the only group is left out: predicts log 1
   const Eigen::VectorXd solved = normal.ldlt().solve(right);
   Rung result;
@@ -358,15 +336,14 @@ int BudgetRule::choose(const std::vector<double>& features) const {
 }
 
 json to_json(const BudgetRule& rule) {
-  auto rungs = json::array();
-  for (const BudgetRule::Rung& rung : rule.rungs_)
-    rungs.push_back(
-        {{"seconds", rung.seconds}, {"spread", rung.spread}, {"coefficients", rung.coefficients}});
+  auto rungs = list_json(rule.rungs_, [](const BudgetRule::Rung& rung) -> json {
+    return {{"seconds", rung.seconds}, {"spread", rung.spread}, {"coefficients", rung.coefficients}};
+  });
   return {{"lambda", std::isfinite(rule.lambda_) ? json(rule.lambda_) : json()},
           {"always", rule.always_ ? json(*rule.always_) : json()},
           {"feature_mean", rule.mean_},
           {"feature_scale", rule.scale_},
-          {"rungs", rungs}};
+          {"rungs", std::move(rungs)}};
 }
 
 std::map<std::string, std::string> linked_frames(const std::map<std::string, std::set<int>>& tracks) {
@@ -413,9 +390,9 @@ json to_json(const BudgetReport& report) {
   }
   out.update(to_json(report.test->rule));
   for (std::size_t r = 0; r < report.rungs.size(); ++r) out["rungs"][r]["name"] = report.rungs[r];
-  out["test"] = test_figures(*report.test);
-  auto& scenes = out["scenes"] = json::array();
-  for (const BudgetChoice& choice : report.test->scenes) scenes.push_back(choice_figures(choice));
+  out["test"] = fields_json(*report.test);
+  out["test"]["oracle"]["saved"] = report.test->saved_by_oracle;
+  out["scenes"] = list_json(report.test->scenes, fields_json<BudgetChoice>);
   return out;
 }
 

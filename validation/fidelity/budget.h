@@ -78,7 +78,7 @@ class BudgetRule {
   void fit_rungs(const std::vector<BudgetScene>& calibration, const Predictions& left_out);
   void calibrate(const std::vector<BudgetScene>& calibration, const Groups& groups,
                  const Predictions& left_out, double confidence);
-  void try_one_for_all(const std::vector<BudgetScene>& calibration, const Groups& groups,
+  void try_single_rung(const std::vector<BudgetScene>& calibration, const Groups& groups,
                        const Predictions& left_out, double confidence);
   std::vector<double> standardised(const std::vector<double>& features) const;
   /// Coefficients alone.
@@ -115,6 +115,10 @@ struct BudgetWay {
   double seconds = 0;                 ///< mean of a scene
   std::map<std::string, int> chosen;  ///< how often each rung, "reference" among them
 };
+template <class Visitor, FieldsOf<BudgetWay> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "within", s.within, "seconds", s.seconds, "chosen", s.chosen);
+}
 
 /// What the rule that was fitted without a scene's group takes for it.
 struct BudgetChoice {
@@ -125,6 +129,14 @@ struct BudgetChoice {
   bool within = false;
   double seconds = 0, seconds_fixed = 0;  ///< of the rule, and of BudgetTest::fixed
 };
+template <class Visitor, FieldsOf<BudgetChoice> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "name", .plain = true}, s.name);
+  visit({.name = "frame", .plain = true}, s.frame);
+  visit({.name = "group", .plain = true}, s.group);
+  visit_named(visit, "fold", s.fold, "chosen", s.chosen, "error", s.error, "within", s.within, "seconds",
+              s.seconds, "seconds_fixed", s.seconds_fixed);
+}
 
 struct BudgetTest {
   BudgetRule rule;  ///< from all scenes, for others to use
@@ -138,6 +150,13 @@ struct BudgetTest {
   double saved = 0, saved_by_oracle = 0;  ///< shares of fixed's time
   std::vector<BudgetChoice> scenes = {};  ///< by fold
 };
+/// Without the rule, `scenes` and `saved_by_oracle`.
+template <class Visitor, FieldsOf<BudgetTest> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_fields(visit, s.ruled);
+  visit_named(visit, "frames", s.frames, "vehicles", s.vehicles, "kept", s.kept, "saved", s.saved, "fixed",
+              s.fixed, "oracle", s.oracle);
+}
 
 struct BudgetReport {
   BudgetSettings settings;

@@ -43,8 +43,7 @@ void check_depth(ReferenceRenderer& renderer, const HostScene& scene, MatchedLig
   for (int v = 0; v < depth.height; ++v)
     for (int u = 0; u < depth.width; ++u) {
       if (of.raster_mask.at(u, v) < 0.5f || of.cycles_mask.at(u, v) < 0.5f || !(depth.at(u, v) > 0)) continue;
-      const Vec3d towards((u + of.rect.u0 - drawn.camera.cx) / drawn.camera.fx,
-                          (v + of.rect.v0 - drawn.camera.cy) / drawn.camera.fy, 1);
+      const Vec3d towards = drawn.camera.unproject(u + of.rect.u0, v + of.rect.v0, 1);
       rays.push_back({velo_from_camera.translation(), velo_from_camera.linear() * towards.normalized()});
       expected.emplace_back(depth.at(u, v), 1 / towards.norm());
     }
@@ -73,8 +72,7 @@ std::vector<Recipe> recipes(int samples) {
   using Surroundings = RenderEffects::Surroundings;
   const auto none = Surroundings::none;
   const auto unseen = Surroundings::unseen;
-  const RenderEffects all{
-      .shadows = true, .sky = true, .bounces = 4, .specular = true, .surroundings = unseen};
+  const RenderEffects all = full_effects(unseen);
   RenderEffects painted = all, clear = all;
   painted.paint = true;
   clear.clear_sky = true;
@@ -437,12 +435,9 @@ std::vector<LidarRung> lidar_ladder(const HostScene& scene) {
   motion.yaw_rate = all.yaw_rate;
   std::map<RayKey, Vec3d> reference;
   std::vector<LidarRung> ladder;
-  for (auto& [name, effects] : std::vector<std::pair<std::string, LidarEffects>>{{"ideal", ideal},
-                                                                                 {"noise", noise},
-                                                                                 {"drop-out", drop_out},
-                                                                                 {"divergence", divergence},
-                                                                                 {"motion", motion},
-                                                                                 {"all", all}}) {
+  for (const auto& [name, effects] :
+       {std::pair("ideal", ideal), std::pair("noise", noise), std::pair("drop-out", drop_out),
+        std::pair("divergence", divergence), std::pair("motion", motion), std::pair("all", all)}) {
     SimulationSettings settings = scene.simulation;
     settings.lidar_effects = effects;
     settings.lidar_effects.seed = scene.seed;
@@ -470,11 +465,6 @@ std::vector<LidarRung> lidar_ladder(const HostScene& scene) {
     ladder.push_back(std::move(rung));
   }
   return ladder;
-}
-
-const std::set<std::string>& feature_rungs() {
-  static const std::set<std::string> rungs = {"hard", "soft", "visible light"};
-  return rungs;
 }
 
 std::map<std::string, double> scene_features(const HostScene& scene, const Simulated& simulated) {

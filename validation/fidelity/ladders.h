@@ -89,9 +89,9 @@ struct LightLadder {
 LightLadder light_ladder(ReferenceRenderer& renderer, const HostScene& scene, const FullLight& full);
 
 /// The raster rungs that scene_features draws.
-const std::set<std::string>& feature_rungs();
+inline const std::set<std::string> kFeatureRungs = {"hard", "soft", "visible light"};
 
-// What of a scene tells, for milliseconds, which effects of light it needs (budget.h).
+// Features of a scene that predict, in milliseconds, which effects of light it needs (budget.h).
 
 /// By name: the sun's elevation (rad), its azimuth against the camera (cosine; 1: it stands behind the
 /// camera) and against the vehicle's heading, its share of the light, the roof's height over the road (m),

@@ -156,89 +156,12 @@ VerdictGroup group(const Vehicles& vehicles) {
           cycles.score / n};
 }
 
-VerdictFlip flip_of(const VehicleResult& vehicle, bool held_back) {
+VerdictFlip flip_of(const VehicleResult& vehicle, const std::string& split) {
   const SeenResult& seen = *vehicle.seen;
-  VerdictFlip flip{vehicle.name, vehicle.host.frame, held_back, seen.range, seen.raster, seen.cycles, {}};
+  VerdictFlip flip{vehicle.name, vehicle.host.frame, split, seen.range, seen.raster, seen.cycles, {}};
   for (const char* name : {"attacked", "cycles", "raster_crop", "cycles_crop", "difference"})
     if (const auto file = seen.pictures.find(name); file != seen.pictures.end()) flip.pictures.insert(*file);
   return flip;
-}
-
-// The verdict as result.json has it.
-
-using nlohmann::json;
-
-json share_figures(const SuccessShares& shares) {
-  return {
-      {"fn_asr", to_json(shares.fn_asr)}, {"fp_asr", to_json(shares.fp_asr)}, {"asr", to_json(shares.asr)}};
-}
-
-json success_figures(const Success& success) {
-  json out = share_figures(success);
-  out.update({{"vehicles", success.vehicles}, {"mean_score", success.mean_score}});
-  return out;
-}
-
-template <class Key>
-json compared_figures(const std::vector<Compared<Key>>& all) {
-  return list_json(all, [](const Compared<Key>& entry) {
-    json out = success_figures(entry);
-    out.update(fields_json(entry.key));
-    if (entry.difference)
-      out.update(
-          {{"difference", to_json(*entry.difference)}, {"told", to_string(classify(*entry.difference))}});
-    out.update({{"flips", entry.flips},
-                {"mean_delta_logit", entry.mean_delta_logit},
-                {"mean_delta_score", entry.mean_delta_score}});
-    return out;
-  });
-}
-
-json group_figures(const VerdictGroup& group) {
-  auto variants = list_json(group.variants, [](const VerdictVariant& variant) {
-    json out = success_figures(variant);
-    out["name"] = variant.name;
-    return out;
-  });
-  return {{"frames", group.frames},
-          {"vehicles", group.vehicles},
-          {"clusters", to_json(group.clusters)},
-          {"variants", std::move(variants)},
-          {"arms", compared_figures(group.conditions)},
-          {"difference", share_figures(group.difference)},
-          {"told", to_string(classify(group.difference.asr))},
-          {"agree", group.agree},
-          {"score_correlation", group.score_correlation ? json(*group.score_correlation) : json()},
-          {"score_mean_difference", group.score_mean_difference}};
-}
-
-const char* split(bool held_back) {
-  return held_back ? "test" : "train";
-}
-
-json pair_figures(const ScorePair& pair) {
-  return {{"name", pair.name},         {"frame", pair.frame},  {"split", split(pair.held_back)},
-          {"detected", pair.detected}, {"clean", pair.clean},  {"soft", pair.soft},
-          {"hard", pair.hard},         {"cycles", pair.cycles}};
-}
-
-json flip_figures(const VerdictFlip& flip) {
-  const auto word = [](const OutcomeResult& outcome) { return outcome.hidden ? "hidden" : "found"; };
-  return {{"name", flip.name},
-          {"frame", flip.frame},
-          {"split", split(flip.held_back)},
-          {"range", flip.range},
-          {"from", word(flip.soft)},
-          {"to", word(flip.cycles)},
-          {"soft_iou", flip.soft.iou},
-          {"soft_score", flip.soft.score},
-          {"cycles_iou", flip.cycles.iou},
-          {"cycles_score", flip.cycles.score},
-          {"pictures", flip.pictures}};
-}
-
-json truth(const std::optional<bool>& known) {
-  return known ? json(*known) : json();
 }
 
 /// Over the entries that have a value; none where no entry has.
@@ -420,82 +343,18 @@ void add(FooledSummary& sum, const SeenResult& seen) {
   sum.fooled_cycles += seen.cycles.fooled();
 }
 
-// The summary as result.json has it.
-
-json change_figures(const MeanChange& change) {
-  json out = {
-      {"mae", change.mae}, {"relative", change.relative}, {"ssim", change.ssim}, {"flip", change.flip}};
-  if (change.psnr) out["psnr"] = *change.psnr;
-  return out;
-}
-
-json error_figures(const PooledError& error) {
-  return {{"error_plain", error.plain},          {"floor", error.floor},
-          {"error_drawn", error.drawn},          {"error_unbiased", error.unbiased.value},
-          {"interval", to_json(error.unbiased)}, {"interval_over", to_word(error.over)}};
-}
-
-json rung_figures(const RungSummary& rung) {
-  json out = {{"effect", rung.effect},
-              {"vehicles", rung.vehicles},
-              {"detected", rung.detected},
-              {"hidden", rung.hidden},
-              {"false_positive", rung.false_positive},
-              {"fn_asr", rung.fn_asr},
-              {"asr", rung.asr},
-              {"mean_score", rung.mean_score},
-              {"score_change", rung.score_change},
-              {"seconds", rung.seconds}};
-  if (rung.logit) out["logit"] = *rung.logit;
-  return out;
-}
-
-json light_figures(const LightRungSummary& rung) {
-  json out = rung_figures(rung);
-  out.update(change_figures(rung.change));
-  out.update(error_figures(rung.error));
-  out.update({{"crop", change_figures(rung.crop)}, {"to_full", change_figures(rung.to_full)}});
-  if (!rung.group.empty()) out["group"] = rung.group;
-  if (!rung.base.empty()) out["base"] = rung.base;
-  return out;
-}
-
-json lidar_figures(const LidarRungSummary& rung) {
-  json out = rung_figures(rung);
-  out.update({{"returns", rung.returns}, {"changed", rung.changed}, {"returns_change", rung.returns_change}});
-  return out;
-}
-
-json full_figures(const FullSummary& full) {
-  json out = change_figures(full.change);
-  out["seconds"] = full.seconds;
-  if (full.error) out.update(error_figures(*full.error));
-  return out;
-}
-
-json matched_figures(const MatchedSummary& m) {
-  json out = fields_json<MatchedResult>(m);
-  out.update({{"mask_iou_worst", m.mask_iou_worst}, {"pixels", m.mask_either}});
-  return out;
-}
+using nlohmann::json;
 
 /// What a camera's picture alone tells.
 json camera_figures(const CameraSummary& of) {
-  json out = matched_figures(of.matched);
+  json out = fields_json(of.matched);
   for (const char* key : {"range_error_m", "hit_disagreements", "rays", "returns"}) out.erase(key);
   out.update({{"camera", of.camera}, {"vehicles", of.vehicles}});
   return out;
 }
 
-json fooled_figures(const FooledSummary& fooled) {
-  return {{"detected_clean", fooled.detected_clean},
-          {"hidden_raster", fooled.hidden_raster},
-          {"hidden_cycles", fooled.hidden_cycles},
-          {"hidden_both", fooled.hidden_both},
-          {"fn_asr_raster", fooled.share(fooled.hidden_raster)},
-          {"fn_asr_cycles", fooled.share(fooled.hidden_cycles)},
-          {"asr_raster", fooled.share(fooled.fooled_raster)},
-          {"asr_cycles", fooled.share(fooled.fooled_cycles)}};
+json truth(const std::optional<bool>& known) {
+  return known ? json(*known) : json();
 }
 
 }  // namespace
@@ -525,12 +384,13 @@ Verdict verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::
     if (!vehicle.seen) continue;
     const SeenResult& seen = *vehicle.seen;
     const bool tested = test_frames.contains(vehicle.host.frame);
-    result.pairs.push_back({vehicle.name, vehicle.host.frame, tested, seen.detected, seen.clean.score,
+    const std::string split = tested ? "test" : "train";
+    result.pairs.push_back({vehicle.name, vehicle.host.frame, split, seen.detected, seen.clean.score,
                             seen.raster.score, seen.hard.score, seen.cycles.score});
     if (!seen.detected) continue;
     all.push_back(&vehicle);
     if (tested) held_back.push_back(&vehicle);
-    if (seen.raster.hidden != seen.cycles.hidden) result.flips.push_back(flip_of(vehicle, tested));
+    if (seen.raster.hidden != seen.cycles.hidden) result.flips.push_back(flip_of(vehicle, split));
   }
   result.held_back = group(held_back);
   result.all = group(all);
@@ -539,18 +399,17 @@ Verdict verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::
 }
 
 json to_json(const Verdict& verdict) {
-  return {{"confidence", kConfidence},
-          {"held_back", group_figures(verdict.held_back)},
-          {"all", group_figures(verdict.all)},
-          {"pairs", list_json(verdict.pairs, pair_figures)},
-          {"flips", list_json(verdict.flips, flip_figures)},
-          {"of", &verdict.judged() == &verdict.held_back ? "held_back" : "all"},
-          {"arms", compared_figures(verdict.judged().conditions)},
-          {"controls", compared_figures(verdict.controls)},
-          {"vacuous",
-           {{"image", truth(verdict.vacuous(Channel::image))},
-            {"lidar", truth(verdict.vacuous(Channel::lidar))},
-            {"bound", kMinDeltaLogit}}}};
+  json out = {{"confidence", kConfidence},
+              {"of", &verdict.judged() == &verdict.held_back ? "held_back" : "all"},
+              {"vacuous",
+               {{"image", truth(verdict.vacuous(Channel::image))},
+                {"lidar", truth(verdict.vacuous(Channel::lidar))},
+                {"bound", kMinDeltaLogit}}}};
+  JsonWriter fields;
+  visit_named(fields, "held_back", verdict.held_back, "all", verdict.all, "pairs", verdict.pairs, "flips",
+              verdict.flips, "arms", verdict.judged().conditions, "controls", verdict.controls);
+  out.update(fields.json);
+  return out;
 }
 
 std::vector<Target> targets_of(const ValidationSummary& summary) {
@@ -601,23 +460,15 @@ ValidationSummary summarize_vehicles(const std::vector<VehicleResult>& all,
 }
 
 json to_json(const ValidationSummary& summary) {
-  auto light = json::array(), lidar = json::array();
-  for (const LightRungSummary& rung : summary.ladder) light.push_back(light_figures(rung));
-  for (const LidarRungSummary& rung : summary.lidar_ladder) lidar.push_back(lidar_figures(rung));
-  json out = {{"frames", summary.frames},
-              {"test_frames", summary.test_frames},
-              {"vehicles", summary.vehicles},
-              {"rooftops", to_json(summary.rooftops)},
-              {"matched", matched_figures(summary.matched)},
-              {"full", full_figures(summary.full)},
-              {"noise", summary.noise},
-              {"samples_used", {{"least", summary.least_samples}, {"most", summary.most_samples}}},
-              {"ladder", light},
-              {"lidar_ladder", lidar},
-              {"attack", fooled_figures(summary.attack)},
-              {"attack_train", fooled_figures(summary.attack_train)}};
-  if (!summary.cameras.empty()) out["cameras"] = list_json(summary.cameras, camera_figures);
-  return out;
+  JsonWriter fields;
+  visit_named(fields, "frames", summary.frames, "test_frames", summary.test_frames, "vehicles",
+              summary.vehicles, "matched", summary.matched, "full", summary.full, "noise", summary.noise,
+              "ladder", summary.ladder, "lidar_ladder", summary.lidar_ladder, "attack", summary.attack,
+              "attack_train", summary.attack_train);
+  fields.derived("rooftops", to_json(summary.rooftops));
+  fields.derived("samples_used", json{{"least", summary.least_samples}, {"most", summary.most_samples}});
+  if (!summary.cameras.empty()) fields.derived("cameras", list_json(summary.cameras, camera_figures));
+  return std::move(fields.json);
 }
 
 }  // namespace mirage

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "base/fields.h"
 #include "base/intervals.h"
 #include "frames/hosts.h"
 #include "validation/fidelity/vehicle_result.h"
@@ -22,10 +23,19 @@ namespace mirage {
 struct SuccessShares {
   Interval fn_asr, fp_asr, asr;
 };
+template <class Visitor, FieldsOf<SuccessShares> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "fn_asr", s.fn_asr, "fp_asr", s.fp_asr, "asr", s.asr);
+}
 struct Success : SuccessShares {
   int vehicles = 0;
   double mean_score = 0;
 };
+template <class Visitor, FieldsOf<Success> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_fields(visit, as_base<SuccessShares>(s));
+  visit_named(visit, "vehicles", s.vehicles, "mean_score", s.mean_score);
+}
 
 /// The object as attacked ("soft") and with hard edges, in the picture of a rung of the ladder (over the
 /// vehicles that have one), and in full Cycles.
@@ -34,6 +44,11 @@ struct VerdictVariant : Success {
   VariantKind kind = VariantKind::soft;
   std::string name;  ///< the kind's, or the rung's effect
 };
+template <class Visitor, FieldsOf<VerdictVariant> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_fields(visit, as_base<Success>(s));
+  visit({.name = "name"}, s.name);
+}
 
 /// What is looked at (VerdictCondition, VerdictControl) against the first condition, as the attack was
 /// learned, on the same vehicles.
@@ -44,6 +59,17 @@ struct Compared : Success {
   int flips = 0;                       ///< how many end otherwise, hidden or with a false positive
   double mean_delta_logit = 0, mean_delta_score = 0;  ///< of |Δ|
 };
+template <class Visitor, class Key>
+void visit_fields(Visitor& visit, const Compared<Key>& s) {
+  visit_fields(visit, as_base<Success>(s));
+  visit_fields(visit, s.key);
+  if (s.difference) {
+    visit({.name = "difference"}, *s.difference);
+    visit.derived("told", to_word(classify(*s.difference)));
+  }
+  visit_named(visit, "flips", s.flips, "mean_delta_logit", s.mean_delta_logit, "mean_delta_score",
+              s.mean_delta_score);
+}
 
 /// A set of vehicles found without the adversary.
 struct VerdictGroup {
@@ -56,22 +82,46 @@ struct VerdictGroup {
   std::optional<double> score_correlation;  ///< of the same two; none where one does not vary
   double score_mean_difference = 0;         ///< of |Δ|
 };
+template <class Visitor, FieldsOf<VerdictGroup> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "frames", s.frames, "vehicles", s.vehicles, "variants", s.variants, "arms", s.conditions,
+              "difference", s.difference, "agree", s.agree, "score_correlation", s.score_correlation,
+              "score_mean_difference", s.score_mean_difference);
+  visit.derived("clusters", to_json(s.clusters));
+  visit.derived("told", to_word(classify(s.difference.asr)));
+}
 
 /// The scores on a vehicle, found without the adversary or not; 0: no detection there.
 struct ScorePair {
-  std::string name, frame;
-  bool held_back = false, detected = false;
+  std::string name, frame, split;  ///< split: "test" if it was held back, else "train"
+  bool detected = false;
   double clean = 0, soft = 0, hard = 0, cycles = 0;
 };
+template <class Visitor, FieldsOf<ScorePair> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "name", .plain = true}, s.name);
+  visit({.name = "frame", .plain = true}, s.frame);
+  visit_named(visit, "split", s.split, "detected", s.detected, "clean", s.clean, "soft", s.soft, "hard",
+              s.hard, "cycles", s.cycles);
+}
 
 /// A vehicle that is hidden under one of soft and cycles and found under the other.
 struct VerdictFlip {
-  std::string name, frame;
-  bool held_back = false;
-  double range = 0;  ///< m
+  std::string name, frame, split;  ///< as of a ScorePair
+  double range = 0;                ///< m
   OutcomeResult soft, cycles;
   std::map<std::string, std::string> pictures;  ///< files, relative to OUT
 };
+template <class Visitor, FieldsOf<VerdictFlip> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "name", .plain = true}, s.name);
+  visit({.name = "frame", .plain = true}, s.frame);
+  visit_named(visit, "split", s.split, "range", s.range, "soft_iou", s.soft.iou, "soft_score", s.soft.score,
+              "cycles_iou", s.cycles.iou, "cycles_score", s.cycles.score);
+  visit.derived("from", s.soft.hidden ? "hidden" : "found");
+  visit.derived("to", s.cycles.hidden ? "hidden" : "found");
+  visit({.name = "pictures", .plain = true}, s.pictures);
+}
 
 struct Verdict {
   VerdictGroup held_back, all;
@@ -94,10 +144,8 @@ struct Verdict {
 Verdict verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::string>& test_frames);
 
 /// {confidence, held_back, all, pairs, flips, of, arms, controls, vacuous}: the structs' fields by name, with
-///   difference: of a group {fn_asr, fp_asr, asr}; of a condition or a control one interval, none of the
-///   first condition; told: what a difference of asr says (base/intervals.h); pairs, flips: with split,
-///   "test" or "train"; flips with from and to, "hidden" or "found"; of: "held_back" or "all", the judged
-///   group, whose arms stand here again; vacuous: {image, lidar, bound}.
+///   told: what a difference of asr says (base/intervals.h); of: "held_back" or "all", the judged group,
+///   whose arms stand here again; vacuous: {image, lidar, bound}.
 nlohmann::json to_json(const Verdict& verdict);
 
 /// Rasteriser and rays against the reference's, light for light (MatchedResult), over the vehicles: errors
@@ -105,6 +153,11 @@ nlohmann::json to_json(const Verdict& verdict);
 struct MatchedSummary : MatchedResult {
   double mask_iou_worst = 1;  ///< of a vehicle
 };
+template <class Visitor, FieldsOf<MatchedSummary> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_fields(visit, as_base<MatchedResult>(s));
+  visit_named(visit, "mask_iou_worst", s.mask_iou_worst, "pixels", s.mask_either);
+}
 
 /// The same of one camera of frames with several; without rays of the LiDAR.
 struct CameraSummary {
@@ -120,6 +173,11 @@ struct Target {
   double bound = 0;
   std::optional<bool> met;  ///< none where nothing was measured: no pixel, no ray, no return
 };
+template <class Visitor, FieldsOf<Target> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "place", s.place, "target", s.bound, "met", s.met);
+  if (!s.camera.empty()) visit({.name = "camera", .plain = true}, s.camera);
+}
 
 /// Means of a Change (ladders.h). `psnr`: of the pictures that differ; none where all are equal, or
 /// where it is not measured.
@@ -127,6 +185,11 @@ struct MeanChange {
   double mae = 0, relative = 0, ssim = 0, flip = 0;
   std::optional<double> psnr;
 };
+template <class Visitor, FieldsOf<MeanChange> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "mae", s.mae, "relative", s.relative, "ssim", s.ssim, "flip", s.flip);
+  if (s.psnr) visit({.name = "psnr"}, *s.psnr);
+}
 
 /// What an interval is drawn over.
 enum class IntervalBasis { pixels, vehicles, clusters };
@@ -142,6 +205,11 @@ struct PooledError {
   Interval unbiased;
   IntervalBasis over = IntervalBasis::pixels;
 };
+template <class Visitor, FieldsOf<PooledError> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "error_plain", s.plain, "floor", s.floor, "error_drawn", s.drawn, "error_unbiased",
+              s.unbiased.value, "interval", s.unbiased, "interval_over", s.over);
+}
 
 /// The rasteriser's picture against full Cycles.
 struct FullSummary {
@@ -149,6 +217,12 @@ struct FullSummary {
   double seconds = 0;                ///< of Cycles' picture
   std::optional<PooledError> error;  ///< none without vehicles
 };
+template <class Visitor, FieldsOf<FullSummary> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_fields(visit, s.change);
+  visit({.name = "seconds"}, s.seconds);
+  visit.among("error_plain", s.error);
+}
 
 /// A rung over the vehicles that have it. What the detector says is of those found without the adversary;
 /// `score_change` is the mean |Δ| from its score of the rasteriser's picture.
@@ -159,16 +233,35 @@ struct RungSummary {
   double seconds = 0;
   std::optional<double> logit;  ///< mean; none where `detected` is 0
 };
+template <class Visitor, FieldsOf<RungSummary> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "effect", s.effect, "vehicles", s.vehicles, "detected", s.detected, "hidden", s.hidden,
+              "false_positive", s.false_positive, "fn_asr", s.fn_asr, "asr", s.asr, "mean_score",
+              s.mean_score, "score_change", s.score_change, "seconds", s.seconds);
+  if (s.logit) visit({.name = "logit"}, *s.logit);
+}
 /// Of the ladder of light (LightRungResult).
 struct LightRungSummary : RungSummary {
   std::string group, base;
   MeanChange change, crop, to_full;
   PooledError error;
 };
+template <class Visitor, FieldsOf<LightRungSummary> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_fields(visit, as_base<RungSummary>(s));
+  visit_fields(visit, s.change);
+  visit_fields(visit, s.error);
+  visit_named(visit, "group", s.group, "base", s.base, "crop", s.crop, "to_full", s.to_full);
+}
 /// Of the LiDAR's (LidarRungResult).
 struct LidarRungSummary : RungSummary {
   double returns = 0, changed = 0, returns_change = 0;
 };
+template <class Visitor, FieldsOf<LidarRungSummary> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_fields(visit, as_base<RungSummary>(s));
+  visit_named(visit, "returns", s.returns, "changed", s.changed, "returns_change", s.returns_change);
+}
 
 /// How many vehicles the adversary fools, drawn by the rasteriser and by Cycles.
 struct FooledSummary {
@@ -177,6 +270,15 @@ struct FooledSummary {
   /// Of those found without the adversary, in [0, 1].
   double share(int count) const { return count / (detected_clean > 0 ? double(detected_clean) : 1); }
 };
+template <class Visitor, FieldsOf<FooledSummary> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_named(visit, "detected_clean", s.detected_clean, "hidden_raster", s.hidden_raster, "hidden_cycles",
+              s.hidden_cycles, "hidden_both", s.hidden_both);
+  visit.derived("fn_asr_raster", s.share(s.hidden_raster));
+  visit.derived("fn_asr_cycles", s.share(s.hidden_cycles));
+  visit.derived("asr_raster", s.share(s.fooled_raster));
+  visit.derived("asr_cycles", s.share(s.fooled_cycles));
+}
 
 /// Over the vehicles that show anything of the object.
 struct ValidationSummary {
@@ -199,8 +301,7 @@ std::vector<Target> targets_of(const ValidationSummary& summary);
 ValidationSummary summarize_vehicles(const std::vector<VehicleResult>& vehicles,
                                      const std::set<std::string>& test_frames);
 
-/// As result.json has it (src/README.md): an error's figures stand among the rung's, beside those of its
-/// change.
+/// As result.json has it (src/README.md): the fields by name, `cameras` only if there are some.
 nlohmann::json to_json(const ValidationSummary& summary);
 
 }  // namespace mirage

@@ -65,18 +65,11 @@ void require_result(fs::path& file, const char* key, const std::string& command)
         "give --" + std::string(command == "evaluate" ? "evaluation" : command) + " the folder of one");
 }
 
-/// Of a result.json that mirage wrote: what it was made of; empty where it does not say.
-json provenance_of(const fs::path& file) {
+/// The run that a result.json of mirage is of, by content; empty where it tells none.
+std::string run_of(const fs::path& file) {
   const json result = read_json(file);
-  const json provenance = result.value("provenance", json::object());
-  return provenance.is_object() ? provenance : json::object();
-}
-
-/// The run that a result is of, by content; empty where it tells none.
-std::string run_of(const json& provenance) {
-  const json inputs = provenance.value("inputs", json::object());
-  const json run = inputs.is_object() ? inputs.value("run", json()) : json();
-  return run.is_string() ? run.get<std::string>() : "";
+  const json::json_pointer run("/provenance/inputs/run");
+  return result.contains(run) && result.at(run).is_string() ? result.at(run).get<std::string>() : "";
 }
 
 /// Complains now of an evaluation whose object is not `run`'s, for the page calls it this object. Of another
@@ -85,13 +78,13 @@ void require_same_run(const ValidationSettings& settings) {
   const std::string own = settings.provenance->input("run");  // of the command's option; none in a library
   if (own.empty()) return;
   if (!settings.evaluation.empty())
-    if (const std::string theirs = run_of(provenance_of(settings.evaluation)); theirs != own)
+    if (const std::string theirs = run_of(settings.evaluation); theirs != own)
       throw InputError(settings.evaluation.string(), "provenance.inputs.run",
                        theirs.empty() ? "is missing: this is of objects that are not from a run (--mesh)"
                                       : "is of another run than " + settings.run.string(),
                        "give --evaluation what mirage evaluate --run " + settings.run.string() + " wrote");
   if (settings.tradeoff.empty()) return;
-  if (const std::string theirs = run_of(provenance_of(settings.tradeoff)); !theirs.empty() && theirs != own)
+  if (const std::string theirs = run_of(settings.tradeoff); !theirs.empty() && theirs != own)
     spdlog::warn("{}: the trade-off was measured on another run's object", settings.tradeoff.string());
 }
 
@@ -107,7 +100,7 @@ json varied_by(const json& words) {
 /// The rules by which a result of `mirage evaluate` or this validation was made, by the names that a reader
 /// knows them by; what a result does not say is left out. `result`: result.json of mirage evaluate, or what
 /// of this validation stands under the same keys.
-std::vector<std::pair<std::string, json>> rules_of(const json& result) {
+std::vector<std::pair<std::string, json>> comparable_settings(const json& result) {
   std::vector<std::pair<std::string, json>> rules;
   const auto add = [&](const std::string& name, const char* place) {
     const json::json_pointer pointer(place);
@@ -135,16 +128,16 @@ std::vector<std::pair<std::string, json>> rules_of(const json& result) {
 }
 
 /// In what the evaluation was made otherwise than this validation: "detector: lidar there, fusion here".
-/// `own`: as rules_of() takes it.
+/// `own`: as comparable_settings() takes it.
 std::vector<std::string> evaluation_differences(const fs::path& evaluation, const json& own) {
   std::vector<std::string> differences;
   if (evaluation.empty()) return differences;
-  const auto theirs = rules_of(read_json(evaluation));
+  const auto theirs = comparable_settings(read_json(evaluation));
   const auto told = [](const json& value) {
     return value.is_string() ? value.get<std::string>() : value.dump();
   };
   bool other_place = false;
-  for (const auto& rule : rules_of(own)) {
+  for (const auto& rule : comparable_settings(own)) {
     const auto& [name, here] = rule;
     const auto there = std::find_if(theirs.begin(), theirs.end(),
                                     [&](const auto& entry) { return entry.first == rule.first; });
@@ -183,7 +176,7 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
     std::string& key = keys[hosts[i].frame];
     if (key.empty())
       key = content_hash(validation_key(settings, context.run, hosts[i].frame, context.renderer.identity()) +
-                         to_json(context.learned).dump() + version);
+                         fields_json(context.learned).dump() + version);
     const fs::path file = settings.out / "hosts" / (name + ".json");
     std::optional<VehicleResult>& result = results[i];
     if (!said_by.empty()) result = stored_result(settings.out, file, key, has_ladder[i]);
@@ -382,7 +375,7 @@ Validation validate(const ValidationSettings& requested, const StartReference& s
                             {"plane", detectors.front()->capabilities().matching().name()},
                             {"placement", text_of(run.settings.placement)},
                             {"placed", to_json(run.settings.placement)},
-                            {"simulation", to_json(learned)}});
+                            {"simulation", fields_json(learned)}});
   return validation;
 }
 
@@ -394,7 +387,7 @@ std::string headline(const Validation& validation) {
                         100 * condition->asr.value, 100 * condition->asr.low, 100 * condition->asr.high,
                         sees ? "in Cycles " : "");
     if (condition->difference)
-      words += "; against what was learned: " + to_string(classify(*condition->difference));
+      words += std::string("; against what was learned: ") + to_word(classify(*condition->difference));
   }
   const std::vector<Target> targets = targets_of(validation.summary);
   const auto count = [&](std::optional<bool> met) {
@@ -408,21 +401,16 @@ std::string headline(const Validation& validation) {
 
 json to_json(const Validation& validation) {
   json out = to_json(validation.summary);
-  auto losses = list_json(validation.losses, [](const auto& lost) -> json {
-    const auto& [vehicle, loss] = lost;
-    return {{"job", loss.job}, {"how", loss.how}, {"attempt", loss.attempt}, {"vehicle", vehicle}};
+  auto losses = list_json(validation.losses, [](const auto& lost) {
+    json entry = fields_json(lost.second);
+    entry["vehicle"] = lost.first;
+    return entry;
   });
   auto failed = list_json(validation.failed, [](const AbandonedVehicle& vehicle) -> json {
     return {{"name", vehicle.name}, {"problem", vehicle.problem}};
   });
   if (validation.budget) out["budget"] = to_json(*validation.budget);
-  const std::vector<Target> targets = targets_of(validation.summary);
-  out["targets"] = list_json(targets, [](const Target& target) -> json {
-    json entry = {
-        {"place", target.place}, {"target", target.bound}, {"met", target.met ? json(*target.met) : json()}};
-    if (!target.camera.empty()) entry["camera"] = target.camera;
-    return entry;
-  });
+  out["targets"] = list_json(targets_of(validation.summary), fields_json<Target>);
   out["headline"] = headline(validation);
   const auto& conditions = validation.verdict.judged().conditions;
   const auto* nearest = validation.verdict.nearest_to_reality(validation.reliance.uses_picture());

@@ -61,9 +61,9 @@ std::string headline(const Validation& validation);
 /// result.json (src/README.md): the summary's fields among its own.
 nlohmann::json to_json(const Validation& validation);
 
-/// What the kept result of a vehicle of that frame is made of, as a hash (base/provenance.h); one of another
-/// key is made again. `settings`: with the run's detector, `run`: with what is asked for in its settings,
-/// InputError if a file of them can't be read.
+/// A hash of all that a vehicle's stored result depends on (base/provenance.h); one with another key is
+/// recomputed. `settings`: with the run's detector, `run`: with what is asked for in its settings, InputError
+/// if a file of them can't be read.
 std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& frame,
                            const ReferenceIdentity& reference);
 

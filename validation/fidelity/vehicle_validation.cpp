@@ -66,14 +66,12 @@ struct ViewResponse {
 
 ViewResponse evaluate_view(Detector& detector, const SensorView& view, const ObjectBoxes& host,
                            const EvaluationSettings& settings) {
-  const std::vector<Detection> proposals =
+  std::vector<Detection> proposals =
       detector.forward(view, std::min(kFaintScore, settings.score_threshold), false);
-  ViewResponse response;
-  response.logit = matching_proposal(proposals, host, settings.matching).logit;
-  std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(response.found),
-               [&](const Detection& proposal) { return proposal.score() > settings.score_threshold; });
-  response.found = suppress(std::move(response.found), settings.matching);
-  return response;
+  const double logit = matching_proposal(proposals, host, settings.matching).logit;
+  std::erase_if(proposals,
+                [&](const Detection& proposal) { return !(proposal.score() > settings.score_threshold); });
+  return {suppress(std::move(proposals), settings.matching), logit};
 }
 
 /// A look judged.
@@ -97,7 +95,8 @@ json bev_json(const PreparedFrame& prepared, const Label& host, const Simulated&
     const LidarPoint& p = simulated.sweep[i];
     if (near_host(p.x, p.y)) (i < first ? measured : added).push_back({millimetres(p.x), millimetres(p.y)});
   }
-  for (const BevBox& box : ground_truth_boxes(prepared.frame)) truth.push_back(box_json(box));
+  for (const Label& label : prepared.frame.labels)
+    if (is_road_user(label) && has_box(label)) truth.push_back(box_json(label.box.bev));
   return {{"host", box_json(host.box.bev)},
           {"reach", kBevReach},
           {"points", measured},
@@ -167,6 +166,29 @@ std::vector<std::size_t> cameras_seeing(const Simulated& simulated, const Label&
   return cameras;
 }
 
+/// With the object; they live as long as `simulated`.
+Pictures pictures_of(const Simulated& simulated) {
+  Pictures pictures = {&simulated.image};
+  for (const CameraSight& other : simulated.others)
+    pictures.push_back(other.image.empty() ? nullptr : &other.image);
+  return pictures;
+}
+
+/// `photograph` with noise in the place of what its `camera` saw, as far as its silhouette covers each pixel.
+ImageF noise_in_place(const CameraSight& seen, const ImageF& photograph, std::uint64_t seed,
+                      std::size_t camera) {
+  ImageF image = photograph;
+  RandomStream random(seed, "noise in the object's place", camera);
+  for (int v = seen.rect.v0; v < seen.rect.v1; ++v)
+    for (int u = seen.rect.u0; u < seen.rect.u1; ++u) {
+      const double covered = rgba_at(seen, u, v, 3);
+      for (int c = 0; c < image.channels; ++c)
+        image.at(u, v, c) =
+            static_cast<float>((1 - covered) * image.at(u, v, c) + covered * random.uniform());
+    }
+  return image;
+}
+
 /// The ladders of light (in one camera) and LiDAR, each rung with what the detector makes of it, and the
 /// features by which a budget chooses (budget.h).
 template <class Outcome>
@@ -192,27 +214,6 @@ LadderResult ladders(ReferenceRenderer& renderer, const DrawnView& at, const Sim
 }
 
 }  // namespace
-
-Pictures pictures_of(const Simulated& simulated) {
-  Pictures pictures = {&simulated.image};
-  for (const CameraSight& other : simulated.others)
-    pictures.push_back(other.image.empty() ? nullptr : &other.image);
-  return pictures;
-}
-
-ImageF noise_in_place(const CameraSight& seen, const ImageF& photograph, std::uint64_t seed,
-                      std::size_t camera) {
-  ImageF image = photograph;
-  RandomStream random(seed, "noise in the object's place", camera);
-  for (int v = seen.rect.v0; v < seen.rect.v1; ++v)
-    for (int u = seen.rect.u0; u < seen.rect.u1; ++u) {
-      const double covered = rgba_at(seen, u, v, 3);
-      for (int c = 0; c < image.channels; ++c)
-        image.at(u, v, c) =
-            static_cast<float>((1 - covered) * image.at(u, v, c) + covered * random.uniform());
-    }
-  return image;
-}
 
 VerdictResults evaluate_conditions(const HostScene& scene, const Simulated& attacked,
                                    const Simulated& learned, const Pictures& cycles,

@@ -35,7 +35,7 @@ struct ValidationSettings {
   BudgetOf budget_of = BudgetOf::radiance;
   double budget_confidence = 0.9;  ///< share of unseen scenes that are to be within the budget
   bool sign_off = false;           ///< write a page to sign beside the report, too
-  /// What the workshop makes of the object, drawn for each vehicle as by `mirage evaluate --expect` of the
+  /// Manufacturing tolerances of the object, drawn for each vehicle as by `mirage evaluate --expect` of the
   /// same seed: words of parse_expectation that require_built takes.
   std::string expect = "none";
   std::uint64_t seed = 0;
@@ -50,8 +50,6 @@ struct ValidationSettings {
 
 /// The frame's picture in each of its cameras, by their numbers; null: as recorded.
 using Pictures = std::vector<const ImageF*>;
-/// With the object; they live as long as `simulated`.
-Pictures pictures_of(const Simulated& simulated);
 
 /// What the detector makes of pictures of the frame and a sweep.
 using ViewEvaluator = std::function<OutcomeResult(const Pictures& pictures, const Sweep& sweep)>;
@@ -69,10 +67,6 @@ using ViewEvaluator = std::function<OutcomeResult(const Pictures& pictures, cons
 VerdictResults evaluate_conditions(const HostScene& scene, const Simulated& attacked,
                                    const Simulated& learned, const Pictures& cycles,
                                    const ViewEvaluator& evaluate);
-
-/// `photograph` with noise in the place of what its `camera` saw, as far as its silhouette covers each pixel.
-ImageF noise_in_place(const CameraSight& seen, const ImageF& photograph, std::uint64_t seed,
-                      std::size_t camera = 0);
 
 // Finds out about one vehicle everything that `mirage validate` says of it.
 

@@ -3,14 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <iterator>
-#include <sstream>
 #include <stdexcept>
 
 #include "attack/objective.h"
 #include "base/config.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/names.h"
 #include "detection/detector_settings.h"
 
 namespace mirage::paper {
@@ -204,8 +203,8 @@ class CaseList {
 using Strings = std::vector<std::string>;
 
 Strings words_in(const std::string& text) {
-  std::istringstream words(text);
-  return {std::istream_iterator<std::string>(words), {}};
+  const auto words = split(text, " ");
+  return {words.begin(), words.end()};
 }
 
 /// Whether what a defence (a word of --defense, or several) does is about the picture. It is not: adversarial

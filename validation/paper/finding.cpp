@@ -11,6 +11,8 @@
 #include "attack/host_outcome.h"
 #include "base/config.h"
 #include "base/files.h"
+#include "base/json_fields.h"
+#include "base/names.h"
 #include "base/sizes.h"
 
 namespace mirage::paper {
@@ -62,15 +64,13 @@ json comparison_json(const Comparison& comparison) {
 }
 
 json check_json(const Check& check) {
-  json comparisons = json::array();
-  for (const Comparison& comparison : check.comparisons) comparisons.push_back(comparison_json(comparison));
   return {{"rig", check.rig},
           {"verdict", to_string(check.verdict)},
           {"sentence", check.sentence},
           {"why", check.why},
           {"vehicles", check.vehicles},
           {"vehicles_needed", check.vehicles_needed ? json(*check.vehicles_needed) : json()},
-          {"comparisons", comparisons}};
+          {"comparisons", list_json(check.comparisons, comparison_json)}};
 }
 
 Verdict verdict_of(const Check& check) {
@@ -102,10 +102,10 @@ void settle_check(Check& check) {
     std::string list;
     for (const Comparison& c : check.comparisons)
       list += fmt::format("{}{}: {}", list.empty() ? "" : ", ", c.what,
-                          same(c) ? to_string(DifferenceVerdict::same) : to_string(c.verdict));
+                          same(c) ? to_word(DifferenceVerdict::same) : to_string(c.verdict));
     check.sentence += "; " + list;
   } else if (same(check.comparisons.front())) {
-    check.sentence += "; " + to_string(DifferenceVerdict::same);
+    check.sentence += std::string("; ") + to_word(DifferenceVerdict::same);
   }
   for (const Comparison& c : check.comparisons)
     if (!check.few && c.verdict == Verdict::open && judge(c.claim, c.difference) != Verdict::open)
@@ -133,6 +133,34 @@ void settle_check(Check& check) {
   check.sentence += fmt::format("; it would take about {} vehicles", with_thousands(*check.vehicles_needed));
 }
 
+/// Corrects the comparisons of these findings as one family, and says what follows: verdicts of the checks,
+/// and in their sentences which of several comparisons tell what, what the correction leaves open, and how
+/// many vehicles it would take.
+void settle(std::vector<Finding>& findings) {
+  std::vector<Comparison*> family;
+  for (Finding& finding : findings)
+    for (Check& check : finding.checks)
+      if (!check.few)
+        for (Comparison& c : check.comparisons) family.push_back(&c);
+  correct(family);
+  for (Finding& finding : findings)
+    for (Check& check : finding.checks) settle_check(check);
+}
+
+/// A check of a claim about images. Where one of the detectors that were attacked does not use its picture,
+/// nothing can be told, and its note stands in place of all sentences.
+Check about_images(Check check, const std::vector<const Outcomes*>& attacked) {
+  for (const Outcomes* outcomes : attacked)
+    if (const std::string note = outcomes->note(); !note.empty()) {
+      check.verdict = Verdict::open;
+      check.sentence = note;
+      check.why.clear();
+      check.comparisons.clear();
+      break;
+    }
+  return check;
+}
+
 // The findings of findings.toml: which evaluations each compares, and what it says of them.
 
 using Variables = std::map<std::string, std::string>;
@@ -147,16 +175,10 @@ std::string filled(std::string text, const Variables& variables) {
   return text;
 }
 
-std::vector<std::string> parted(const std::string& text, const std::string& by) {
-  std::vector<std::string> parts{""};
-  for (std::size_t at = 0; at < text.size();)
-    if (text.compare(at, by.size(), by) == 0) {
-      parts.emplace_back();
-      at += by.size();
-    } else {
-      parts.back() += text[at++];
-    }
-  return parts;
+/// The parts between any of the characters `by`; none is empty.
+std::vector<std::string> parted(const std::string& text, const char* by) {
+  const auto parts = split(text, by);
+  return {parts.begin(), parts.end()};
 }
 
 /// Every combination of an entry of each list.
@@ -210,8 +232,7 @@ class Checked {
     Check check = paper::check(text("place"), used_, std::move(comparisons_), sentence, why);
     if (finding_.contains("further")) add_further(check, finding_.at("further"));
     std::vector<const Outcomes*> seeing;
-    for (const std::string& name : parted(text("images"), " "))
-      if (!name.empty()) seeing.push_back(meshes_.at(name));
+    for (const std::string& name : parted(text("images"), " ")) seeing.push_back(meshes_.at(name));
     return about_images(std::move(check), seeing);
   }
 
@@ -528,29 +549,6 @@ Check check(const std::string& where, const std::vector<const Outcomes*>& used,
   return check;
 }
 
-Check about_images(Check check, const std::vector<const Outcomes*>& attacked) {
-  for (const Outcomes* outcomes : attacked)
-    if (const std::string note = outcomes->note(); !note.empty()) {
-      check.verdict = Verdict::open;
-      check.sentence = note;
-      check.why.clear();
-      check.comparisons.clear();
-      break;
-    }
-  return check;
-}
-
-void settle(std::vector<Finding>& findings) {
-  std::vector<Comparison*> family;
-  for (Finding& finding : findings)
-    for (Check& check : finding.checks)
-      if (!check.few)
-        for (Comparison& c : check.comparisons) family.push_back(&c);
-  correct(family);
-  for (Finding& finding : findings)
-    for (Check& check : finding.checks) settle_check(check);
-}
-
 std::string overall(const Finding& finding) {
   const auto any = [&](Verdict verdict) {
     return std::any_of(finding.checks.begin(), finding.checks.end(),
@@ -564,10 +562,10 @@ std::string overall(const Finding& finding) {
 }
 
 json to_json(const Finding& finding) {
-  json checks = json::array();
-  for (const Check& check : finding.checks) checks.push_back(check_json(check));
-  return {
-      {"name", finding.name}, {"claim", finding.claim}, {"verdict", overall(finding)}, {"checks", checks}};
+  return {{"name", finding.name},
+          {"claim", finding.claim},
+          {"verdict", overall(finding)},
+          {"checks", list_json(finding.checks, check_json)}};
 }
 
 std::vector<Finding> findings(const Evidence& evidence) {

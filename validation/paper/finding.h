@@ -5,8 +5,8 @@
 //     cannot be told   the bound lies within
 // more: bound 0. no_less ("at least as much", non-inferiority; Schuirmann, 1987): bound −kMargin, so that a
 // loss smaller than the margin is no less. no_help: the mirror of no_less, "a defence takes off less than
-// kMargin". What is more is no less, and what helps by less than the margin is more and of no help: both are
-// said.
+// kMargin". So `more` implies `no_less`, and a gain smaller than the margin is both `more` and `no_help`.
+// Both are reported.
 //
 // A run asks some thirty such questions, of which one or two would be told by chance. Their p-values are
 // corrected together (Holm, Scandinavian Journal of Statistics 6, 1979), the paper's findings as one family,
@@ -103,15 +103,6 @@ std::string percent(const Interval& share);
 /// A check with its comparisons, of those evaluations; too few vehicles leave it open.
 Check check(const std::string& where, const std::vector<const Outcomes*>& used,
             std::vector<Comparison> comparisons, std::string sentence, std::string why = "");
-
-/// A check of a claim about images. Where one of the detectors that were attacked does not use its picture,
-/// nothing can be told, and its note stands in place of all sentences.
-Check about_images(Check check, const std::vector<const Outcomes*>& attacked);
-
-/// Corrects the comparisons of these findings as one family, and says what follows: verdicts of the checks,
-/// and in their sentences which of several comparisons tell what, what the correction leaves open, and how
-/// many vehicles it would take.
-void settle(std::vector<Finding>& findings);
 
 /// All of findings.toml, on every rig whose evaluations are there, settled by families.
 std::vector<Finding> findings(const Evidence& evidence);

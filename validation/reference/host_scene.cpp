@@ -175,12 +175,8 @@ void saturate(ImageF& image) {
   for (float& value : image.data) value = std::clamp(value, 0.0f, 1.0f);
 }
 
-RenderEffects full_effects() {
-  return {.shadows = true,
-          .sky = true,
-          .bounces = 4,
-          .specular = true,
-          .surroundings = RenderEffects::Surroundings::catcher};
+RenderEffects full_effects(RenderEffects::Surroundings surroundings) {
+  return {.shadows = true, .sky = true, .bounces = 4, .specular = true, .surroundings = surroundings};
 }
 
 }  // namespace mirage

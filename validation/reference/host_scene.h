@@ -66,8 +66,8 @@ RenderedHalves render_halves(ReferenceRenderer& renderer, RenderJob job, std::ui
 ImageF coverage_of(const RenderedHalves& rendered, const ImageF& visible);
 /// Each half over the photograph's window, not clamped, and without the shadow that the object casts.
 Halves over(const RenderedHalves& rendered, const ImageF& visible, const ImageF& photograph);
-/// Everything: sun with shadows, occluded sky, 4 bounces, specular, shadow on host and road.
-RenderEffects full_effects();
+/// Everything: sun with shadows, occluded sky, 4 bounces, specular; by default the shadow on host and road.
+RenderEffects full_effects(RenderEffects::Surroundings surroundings = RenderEffects::Surroundings::catcher);
 
 /// foreground + (1 − α) background · shadow, in linear light, onto `picture` (the photograph's window).
 /// `visible` scales the object; where it is hidden (something of the photograph is in front) there is no

@@ -32,12 +32,15 @@ def write(path, data):
         os.close(folder)
 
 
+def read_json(*path):
+    """Of a file by the parts of its path."""
+    with open(os.path.join(*path), encoding="utf-8") as file:
+        return json.load(file)
+
+
 def add_figures(path, figures):
     """Into a JSON object of figures by name, which other benchmarks wrote or nobody yet."""
-    known = {}
-    if os.path.exists(path):
-        with open(path, encoding="utf-8") as file:
-            known = json.load(file)
+    known = read_json(path) if os.path.exists(path) else {}
     write(path, json.dumps({**known, **figures}, indent=1))
 
 

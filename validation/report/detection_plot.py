@@ -6,7 +6,6 @@ Reads DIR/precision_recall.json; writes DIR/precision_recall.png and .svg. Ends 
 matplotlib is missing.
 """
 
-import json
 import os
 import sys
 
@@ -51,8 +50,7 @@ def draw(axes, curves, names, overlap):
 
 
 def main(folder):
-    with open(os.path.join(folder, "precision_recall.json"), encoding="utf-8") as file:
-        data = json.load(file)
+    data = atomic.read_json(folder, "precision_recall.json")
     curves = {curve["name"]: curve for curve in data["curves"]}
     figure, grid = plt.subplots(2, 2, figsize=(9, 7.4), sharex=True, sharey=True)
     for row, (overlap, label) in enumerate((("iou50", "overlap 0.5"), ("iou70", "overlap 0.7"))):

@@ -6,7 +6,6 @@ Reads DIR/data/pictures.json and the images, points and feature maps that it nam
 DIR/false_positives_HOST.png and DIR/features_HOST.png. Ends with status 3, silently, when matplotlib is missing.
 """
 
-import json
 import os
 import sys
 
@@ -272,8 +271,7 @@ def save(figure, path):
 
 def main(out):
     folder = os.path.join(out, "data")
-    with open(os.path.join(folder, "pictures.json"), encoding="utf-8") as file:
-        data = json.load(file)
+    data = atomic.read_json(folder, "pictures.json")
     draw = {"hidden": hidden, "false_positives": false_positives, "features": features}
     for host in data["hosts"]:
         for kind in host["pictures"]:

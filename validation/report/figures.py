@@ -2,7 +2,6 @@
 page names for every figure the file and the place that it was read from. Nothing is judged here."""
 
 import csv
-import json
 import math
 import os
 
@@ -46,11 +45,6 @@ FORMATS = {
     "f3": lambda v: f"{v:.3f}", "f2": lambda v: f"{v:.2f}", "f1": lambda v: f"{v:.1f}",
     "um": lambda v: f"{1e6 * v:.1f}", "g3": lambda v: charts.short(v, 3), "g2": lambda v: charts.short(v, 2), "text": str,
 }
-
-
-def read_json(path):
-    with open(path, encoding="utf-8") as file:
-        return json.load(file)
 
 
 def templates(*folders):

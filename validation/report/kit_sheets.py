@@ -247,8 +247,7 @@ def plate(vertices, faces, path, name):
 
 
 def main(folder):
-    with open(os.path.join(folder, "object.json"), encoding="utf-8") as file:
-        told = json.load(file)
+    told = atomic.read_json(folder, "object.json")
     vertices, faces = numpy.array(told["vertices"], float), numpy.array(told["faces"], int)
     paper = SHEETS[told["sheet"]]
     size = numpy.array(paper) - 2 * MARGIN

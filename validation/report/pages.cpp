@@ -11,6 +11,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image.h"
+#include "base/json_fields.h"
 #include "base/logging.h"
 #include "base/sizes.h"
 #include "detection/average_precision.h"
@@ -230,10 +231,9 @@ std::vector<std::size_t> spread_over_frames(const std::vector<HostOutcome>& host
 
 std::vector<std::string> plot_precision_recall(std::span<const ScoredStratum> parts, const std::string& title,
                                                const std::filesystem::path& out) {
-  nlohmann::json curves = nlohmann::json::array();
-  for (const ScoredStratum& part : parts)
-    curves.push_back(
-        {{"name", part.stratum.name}, {"iou50", curve_json(part.at50)}, {"iou70", curve_json(part.at70)}});
+  auto curves = list_json(parts, [](const ScoredStratum& part) -> json {
+    return {{"name", part.stratum.name}, {"iou50", curve_json(part.at50)}, {"iou70", curve_json(part.at70)}};
+  });
   write_json(out / "precision_recall.json", {{"title", title}, {"curves", curves}});
   if (std::string why; run_script("validation/report/detection_plot.py", out, &why) != 0) {
     spdlog::warn("no precision-recall plot: {} (the curves are in {})", reason(why),
@@ -279,7 +279,7 @@ std::vector<std::string> draw_evaluation_pictures(const RunEvaluation& evaluatio
                 {"victim", to_word(evaluation.target_run.settings.placement.victim)},
                 {"hosts", json::array()}};
   const auto contains = [](const std::vector<std::size_t>& list, std::size_t i) {
-    return std::find(list.begin(), list.end(), i) != list.end();
+    return std::ranges::find(list, i) != list.end();
   };
   std::vector<std::string> names;
   for (const std::size_t i : all) {

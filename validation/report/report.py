@@ -182,12 +182,12 @@ def main():
     parser.add_argument("--sign-off", action="store_true")
     options = parser.parse_args()
     folder = options.validation
-    result = figures.read_json(os.path.join(folder, "result.json"))
-    hosts = [figures.read_json(os.path.join(folder, "hosts", name + ".json")) for name in result["hosts"]]
+    result = atomic.read_json(folder, "result.json")
+    hosts = [atomic.read_json(folder, "hosts", name + ".json") for name in result["hosts"]]
     hosts = [host for host in hosts if "matched" in host]
     result = figures.gather(result, hosts, figures.loss_curve(os.path.join(options.run, "loss.csv")),
-                            figures.read_json(options.evaluation) if options.evaluation else None,
-                            figures.read_json(options.tradeoff) if options.tradeoff else None)
+                            atomic.read_json(options.evaluation) if options.evaluation else None,
+                            atomic.read_json(options.tradeoff) if options.tradeoff else None)
     environment = figures.templates(HERE)
     text = page(environment, result, hosts, folder, model_uri(os.path.join(options.run, "adversary.glb")),
                 viewer_script(options.viewer), figures.origin_function(hosts, options.evaluation, options.tradeoff))

@@ -11,8 +11,8 @@ another OUT. All meshes are judged by the
 same arms (validation/fidelity/vehicle_validation.h): default quality, plain light, Cycles with S samples; and "own" by `mirage evaluate`, the
 rasteriser that the mesh was learned by (of Cycles' the one whose gradient it took). Prints a table and writes
 OUT/attack_light.json. A seed splits the frames anew; shares are of the held-back vehicles that were found clean, pooled
-over seeds, with 95 % percentile intervals by bootstrap over frames. "kept": success in Cycles with realistic returns over
-that before its own rasteriser. "logit": how far the vehicle's logit falls in Cycles with realistic
+over seeds, with 95 % percentile intervals by bootstrap over frames. "difference": success in Cycles with realistic
+returns less that before its own rasteriser, on the same vehicles. "logit": how far the vehicle's logit falls in Cycles with realistic
 returns from that of the photograph without the object (the verdict's control); it tells meshes apart where no outcome
 does. Differences to plain, of success and of logit, are on the same vehicles, drawn together.
 """
@@ -115,8 +115,7 @@ def main():
                    "seconds_per_step": seconds / steps if steps else None, "arms": {}}
             for arm in ARMS:
                 row["arms"][" ".join(arm)] = interval({key: of[arm] for key, of in pooled[light].items()})
-            first, last = (row["arms"][" ".join(arm)][0] for arm in (ARMS[0], ARMS[-1]))
-            row["kept"] = last / first if first else None
+            row["difference"] = interval({key: of[ARMS[-1]] - of[ARMS[0]] for key, of in pooled[light].items()})
             row["logit"] = interval({key: of["logit"] for key, of in pooled[light].items()})
             if light != "plain" and "plain" in pooled:
                 plain = pooled["plain"]
@@ -126,13 +125,13 @@ def main():
             table.append(row)
             (options.out / "attack_light.json").write_text(json.dumps({**kept.origin(result), "rows": table}, indent=1) + "\n")
     print("| detector, learned under | vehicles | s a step |", " | ".join(", ".join(arm) for arm in ARMS),
-          "| kept | over plain | logit | over plain |")
+          "| difference | over plain | logit | over plain |")
     print("|---" * (7 + len(ARMS)) + "|")
     for row in table:
         step = "" if row["seconds_per_step"] is None else f"{row['seconds_per_step']:.2f}"
         print("|", f"{row['detector']}, {row['light']} | {row['vehicles']} | {step} |",
               " | ".join(shown(of) for of in row["arms"].values()), "|",
-              "–" if row["kept"] is None else f"{100 * row['kept']:.0f} %", "|",
+              shown(row["difference"]), "|",
               shown(row["over_plain"]) if "over_plain" in row else "", "|", shown(row["logit"], 1, 2), "|",
               shown(row["logit_over_plain"], 1, 2) if "over_plain" in row else "", "|")
 

@@ -121,8 +121,7 @@ struct Reference {
 Reference render_reference(ReferenceRenderer& renderer, const HostScene& scene, const PixelRect& rect,
                            const ImageF& photograph) {
   RenderJob job = job_for(scene, rect);
-  job.effects = full_effects();
-  job.effects.surroundings = RenderEffects::Surroundings::unseen;
+  job.effects = full_effects(RenderEffects::Surroundings::unseen);
   const RenderedHalves rendered = render_halves(renderer, job, scene.seed, RenderStream::reference);
   Reference reference{over(rendered, {}, photograph), {}, coverage_of(rendered, {})};
   reference.mean = reference.halves.mean();
@@ -130,17 +129,6 @@ Reference render_reference(ReferenceRenderer& renderer, const HostScene& scene, 
       std::ranges::count_if(reference.mask.data, [](float covered) { return covered > 0.5f; }));
   reference.radiance = mean_of(reference.mean, reference.mask);
   return reference;
-}
-
-/// The window as one of the variants draws it.
-ImageF draw(const HostScene& scene, const Variant& variant, const PixelRect& rect, const ImageF& photograph) {
-  const Simulated simulated = simulate_host(scene, variant.settings);
-  ImageF ours = photograph;
-  for (int v = 0; v < ours.height; ++v)
-    for (int u = 0; u < ours.width; ++u)
-      for (int c = 0; c < 3; ++c)
-        ours.at(u, v, c) = static_cast<float>(rgba_at(simulated, rect.u0 + u, rect.v0 + v, c));
-  return ours;
 }
 
 /// Of one variant on one vehicle; all but the squares in scene-linear radiance.
@@ -174,7 +162,7 @@ nlohmann::json measure(ReferenceRenderer& renderer, const PreparedFrame& frame, 
       {"radiance", reference.radiance},
       {"noise", mean_absolute_error(reference.halves.first, reference.halves.second, reference.mask) / 2}};
   for (const Variant& variant : list) {
-    const ImageF ours = draw(scene, variant, first.rect, photograph);
+    const ImageF ours = radiance_of(simulate_host(scene, variant.settings), prepared.frame.image, first.rect);
     result["variants"][variant.name] = errors_of(ours, reference);
     if (variant.name == "visible" || variant.name == "plain")
       write_srgb(out / (name + "_" + variant.name + ".png"), ours);

@@ -8,7 +8,6 @@ Ends with status 3, silently, when matplotlib is missing.
 
 import html
 import io
-import json
 import os
 import sys
 
@@ -191,8 +190,7 @@ def page(data, svg):
 
 
 def main(folder):
-    with open(os.path.join(folder, "tradeoff.json"), encoding="utf-8") as file:
-        data = json.load(file)
+    data = atomic.read_json(folder, "tradeoff.json")
     atomic.write(os.path.join(folder, "tradeoff.html"), page(data, plot(data, folder)))
 
 

@@ -101,6 +101,24 @@ struct Met {
   FaceReturn<double> hit;  ///< not with Arithmetic::embree
 };
 
+/// Ranges of two ways to trace, compared.
+struct RangeErrors {
+  double sum = 0, largest = 0;
+  std::size_t both = 0;  ///< rays that hit in both
+
+  void add(double own, double reference) {
+    const double error = std::abs(own - reference);
+    sum += error;
+    largest = std::max(largest, error);
+    ++both;
+  }
+  std::map<std::string, double> figures(double disagreements) const {
+    return {{"range_error_m", both > 0 ? sum / static_cast<double>(both) : 0},
+            {"range_max_m", largest},
+            {"disagreements", disagreements}};
+  }
+};
+
 class Study {
  public:
   Study(const PreparedFrame& prepared, const TexturedMesh& placed, const SimulationSettings& settings)
@@ -186,8 +204,8 @@ class Study {
   /// Every ray takes the range of the nearest traced one of its beam.
   std::map<std::string, double> compare(const std::vector<std::size_t>& sampled,
                                         const std::vector<Met>& met) const {
-    double sum = 0, largest = 0;
-    int both = 0, disagreed = 0;
+    RangeErrors errors;
+    int disagreed = 0;
     std::size_t at = 0;
     for (std::size_t i = 0; i < sent_.size(); ++i) {
       while (at + 1 < sampled.size() && sent_[sampled[at + 1]].beam == sent_[i].beam &&
@@ -196,17 +214,10 @@ class Study {
         ++at;
       while (at + 1 < sampled.size() && sent_[sampled[at]].beam != sent_[i].beam) ++at;
       const bool here = met[at].face >= 0, there = reference_[i].face >= 0;
-      if (here && there) {
-        const double error = std::abs(met[at].range - reference_[i].range);
-        sum += error;
-        largest = std::max(largest, error);
-        ++both;
-      }
+      if (here && there) errors.add(met[at].range, reference_[i].range);
       disagreed += here != there;
     }
-    return {{"range_error_m", both > 0 ? sum / both : 0},
-            {"range_max_m", largest},
-            {"disagreements", static_cast<double>(disagreed) / hits_}};
+    return errors.figures(static_cast<double>(disagreed) / hits_);
   }
 
   static std::size_t distance(std::size_t a, std::size_t b) { return a > b ? a - b : b - a; }
@@ -258,23 +269,14 @@ std::vector<TradeoffPoint> beams(const PreparedFrame& prepared, const TexturedMe
     return draw_in_lidar(prepared, placed, how, result);
   };
   const auto narrow = ranges(insert(thin)), cone = ranges(insert(wide));
-  double sum = 0, largest = 0;
-  std::size_t both = 0;
-  for (const auto& [place, range] : cone) {
-    const auto other = narrow.find(place);
-    if (other == narrow.end()) continue;
-    ++both;
-    const double error = std::abs(other->second - range);
-    sum += error;
-    largest = std::max(largest, error);
-  }
+  RangeErrors errors;
+  for (const auto& [place, range] : cone)
+    if (const auto other = narrow.find(place); other != narrow.end()) errors.add(other->second, range);
   TradeoffPoint ray{"lidar", "beam", "one thin ray", {{"rays_a_beam", 1}}},
       rays{"lidar", "beam", "cone of 19 rays", {{"rays_a_beam", beam_pattern(wide.lidar_effects).size()}}};
-  ray.errors = {{"range_error_m", both > 0 ? sum / static_cast<double>(both) : 0},
-                {"range_max_m", largest},
-                {"disagreements", static_cast<double>(cone.size() + narrow.size() - 2 * both) /
-                                      std::max<double>(1, static_cast<double>(cone.size()))}};
-  rays.errors = {{"range_error_m", 0}, {"range_max_m", 0}, {"disagreements", 0}};
+  ray.errors = errors.figures(static_cast<double>(cone.size() + narrow.size() - 2 * errors.both) /
+                              std::max<double>(1, static_cast<double>(cone.size())));
+  rays.errors = RangeErrors().figures(0);
   time_beside(
       rays, repeats, [&] { insert(thin); }, [&] { insert(wide); });
   ray.ms = ray.baseline_ms = rays.baseline_ms;
@@ -318,8 +320,8 @@ CameraStudy::CameraStudy(const PreparedFrame& prepared, const Placement& placeme
   }
   differences_ = finite_differences(kStep);
   self_cosine_ = agreement(finite_differences(kStep / 2), differences_).cosine;
-  sharp_ = draw({"", "", sharp(baseline_, settings.sharp_samples)}, placed_, true).gradient;
-  hard_ = draw({"", "", hard_render(baseline_, settings.reference_samples, false)}, placed_, true).gradient;
+  sharp_ = draw(sharp(baseline_, settings.sharp_samples)).gradient;
+  hard_ = draw(hard_render(baseline_, settings.reference_samples, false)).gradient;
   sharp_agreement_ = agreement(along_directions(sharp_.vertices), differences_);
 }
 
@@ -376,17 +378,16 @@ void CameraStudy::make_mask(const Simulated& reference) {
     }
 }
 
-CameraStudy::Drawing CameraStudy::draw(const CameraVariant& variant, const TexturedMesh& placed,
-                                       bool with_gradient) const {
-  const PreparedFrame& prepared = shrunk(variant.shrink);
-  const bool small = variant.shrink != 1;
+CameraStudy::Drawing CameraStudy::draw(const SimulationSettings& simulation, int shrink) const {
+  const PreparedFrame& prepared = shrunk(shrink);
+  const bool small = shrink != 1;
   Simulated result;
-  const CameraTape tape = draw_in_camera(prepared, placement_, placed, variant.simulation, result);
+  const CameraTape tape = draw_in_camera(prepared, placement_, placed_, simulation, result);
   Drawing drawing;
   const ImageF& photograph = prepared.frame.image;
   if (small) {
     drawing.image = prepared_.frame.image;
-    enlarge(result.rect, variant.shrink, photograph.width, photograph.height, drawing.image.width,
+    enlarge(result.rect, shrink, photograph.width, photograph.height, drawing.image.width,
             drawing.image.height, [&](int u, int v, int x, int y, float weight) {
               for (int c = 0; c < 3; ++c)
                 drawing.image.at(u, v, c) += weight * (result.image.at(x, y, c) - photograph.at(x, y, c));
@@ -394,26 +395,25 @@ CameraStudy::Drawing CameraStudy::draw(const CameraVariant& variant, const Textu
   } else {
     drawing.image = std::move(result.image);
   }
-  if (!with_gradient) return drawing;
-  std::vector<Vec3d> d_vertices(placed.mesh.vertices.size(), Vec3d::Zero()),
-      d_texels(placed.atlas.texels.size(), Vec3d::Zero());
+  std::vector<Vec3d> d_vertices(placed_.mesh.vertices.size(), Vec3d::Zero()),
+      d_texels(placed_.atlas.texels.size(), Vec3d::Zero());
   ImageF d_small;
   if (small) {
     d_small = ImageF(photograph.width, photograph.height, 3);
-    enlarge(result.rect, variant.shrink, photograph.width, photograph.height, upstream_.width,
-            upstream_.height, [&](int u, int v, int x, int y, float weight) {
+    enlarge(result.rect, shrink, photograph.width, photograph.height, upstream_.width, upstream_.height,
+            [&](int u, int v, int x, int y, float weight) {
               for (int c = 0; c < 3; ++c) d_small.at(x, y, c) += weight * upstream_.at(u, v, c);
             });
   }
-  draw_in_camera_vjp(tape, placed, prepared.frame.calibration, result, (small ? d_small : upstream_).data,
+  draw_in_camera_vjp(tape, placed_, prepared.frame.calibration, result, (small ? d_small : upstream_).data,
                      d_vertices, d_texels);
   drawing.gradient = {flat(d_vertices), flat(d_texels)};
   return drawing;
 }
 
-double CameraStudy::loss(const CameraVariant& variant, const TexturedMesh& placed) const {
+double CameraStudy::loss(const SimulationSettings& simulation, const TexturedMesh& placed) const {
   Simulated result;
-  draw_in_camera(prepared_, placement_, placed, variant.simulation, result);
+  draw_in_camera(prepared_, placement_, placed, simulation, result);
   const PixelRect& rect = result.rect;
   double sum = 0;
   for (int v = rect.v0; v < rect.v1; ++v)
@@ -425,7 +425,7 @@ double CameraStudy::loss(const CameraVariant& variant, const TexturedMesh& place
 }
 
 std::vector<double> CameraStudy::finite_differences(double step) const {
-  const CameraVariant hard{"", "", hard_render(baseline_, settings_.reference_samples, false)};
+  const SimulationSettings hard = hard_render(baseline_, settings_.reference_samples, false);
   std::vector<double> differences(directions_.size());
   parallel_for(directions_.size(), [&](std::size_t k) {
     const auto at = [&](double move) {
@@ -440,7 +440,7 @@ std::vector<double> CameraStudy::finite_differences(double step) const {
 }
 
 std::map<std::string, double> CameraStudy::errors(const CameraVariant& variant) const {
-  const Drawing drawing = draw(variant, placed_, true);
+  const Drawing drawing = draw(variant.simulation, variant.shrink);
   const ImageF own = crop(drawing.image, rect_);
   const Agreement differences = agreement(along_directions(drawing.gradient.vertices), differences_),
                   sharply = agreement(drawing.gradient.vertices, sharp_.vertices),
@@ -459,9 +459,8 @@ std::map<std::string, double> CameraStudy::errors(const CameraVariant& variant) 
 
 void CameraStudy::time(const CameraVariant& variant, TradeoffPoint& point) const {
   constexpr double kLong = 200;  // ms
-  const CameraVariant baseline{"", "", baseline_};
   time_beside(
-      point, settings_.repeats, [&] { draw(baseline, placed_, true); }, [&] { draw(variant, placed_, true); },
+      point, settings_.repeats, [&] { draw(baseline_); }, [&] { draw(variant.simulation, variant.shrink); },
       kLong);
 }
 

@@ -58,8 +58,9 @@ class CameraStudy {
     ImageF image;  ///< the whole photograph with the object
     Gradient gradient;
   };
-  Drawing draw(const CameraVariant& variant, const TexturedMesh& placed, bool with_gradient) const;
-  double loss(const CameraVariant& variant, const TexturedMesh& placed) const;
+  /// `shrink`: as a CameraVariant has it.
+  Drawing draw(const SimulationSettings& simulation, int shrink = 1) const;
+  double loss(const SimulationSettings& simulation, const TexturedMesh& placed) const;
   std::vector<double> finite_differences(double step) const;
   std::vector<double> along_directions(const std::vector<double>& gradient) const;
   void make_upstream(const PixelRect& rect);

@@ -25,12 +25,6 @@ std::vector<double> with(std::vector<double> values, double own) {
   return values;
 }
 
-bool same(const SimulationSettings& a, const SimulationSettings& b) {
-  return a.raster.sigma == b.raster.sigma && a.raster.gamma == b.raster.gamma &&
-         a.raster.dist_eps == b.raster.dist_eps && a.supersampling == b.supersampling &&
-         a.reference == b.reference && a.exact_coverage == b.exact_coverage;
-}
-
 std::string grid_label(const SimulationSettings& s) {
   if (s.exact_coverage) return "exact areas";
   return fmt::format("σ {:g}, γ {:g}, cut-off {:g}, {}×{} samples", s.raster.sigma, s.raster.gamma,
@@ -117,9 +111,8 @@ std::vector<CameraVariant> grid_variants(const SimulationSettings& baseline) {
   std::vector<CameraVariant> all;
   const auto add = [&](const SimulationSettings& simulation) {
     if (simulation.reference) return;
-    for (const CameraVariant& other : all)
-      if (same(other.simulation, simulation)) return;
-    all.push_back({"grid", grid_label(simulation), simulation});
+    const CameraVariant variant{"grid", grid_label(simulation), simulation};
+    if (std::ranges::find(all, settings_json(variant), settings_json) == all.end()) all.push_back(variant);
   };
   for (double sigma : with({1e-8, 3e-8, 1e-7, 2e-6}, baseline.raster.sigma))
     for (double gamma : with({1e-3, 3e-3, 3e-2}, baseline.raster.gamma))

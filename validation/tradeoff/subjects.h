@@ -22,7 +22,7 @@ struct TradeoffSettings {
   std::filesystem::path run, out;  ///< run: whose adversary and hosts; empty: a random mesh on any car
   TrustRun trust = TrustRun::no;   ///< whether code that the run names may be loaded
   int hosts = 8, frames = 12, repeats = 5;
-  int reference_samples = 16, sharp_samples = 8, directions = 24;  ///< of CameraStudySettings
+  int reference_samples = 16, sharp_samples = 8, directions = 24;  ///< of CameraStudy
   bool grid = true;  ///< the joint grid of σ, γ, cut-off and samples: recommendations need it
   int depth_frames = 6, detector_hosts = 4;
   bool cycles = false;

@@ -87,18 +87,12 @@ struct Way {
   bool raster = false;
 };
 
-RenderEffects all_effects() {
-  RenderEffects effects = full_effects();
-  effects.surroundings = RenderEffects::Surroundings::unseen;
-  return effects;
-}
+constexpr auto kUnseen = RenderEffects::Surroundings::unseen;
 
 std::vector<Way> ways(int reference_samples) {
   constexpr int kRungSamples = 64;
   std::vector<Way> list = {{"rung", "rasteriser", {}, 0, true}, {"rung", "matched light", {}, kRungSamples}};
-  RenderEffects effects;
-  effects.surroundings = RenderEffects::Surroundings::unseen;
-  effects.shadows = true;
+  RenderEffects effects{.shadows = true, .surroundings = kUnseen};
   list.push_back({"rung", "+ shadows", effects, kRungSamples});
   effects.sky = true;
   list.push_back({"rung", "+ occluded sky", effects, kRungSamples});
@@ -106,9 +100,9 @@ std::vector<Way> ways(int reference_samples) {
   list.push_back({"rung", "+ 1 bounce", effects, kRungSamples});
   effects.bounces = 4;
   list.push_back({"rung", "+ 4 bounces", effects, kRungSamples});
-  list.push_back({"rung", "+ specular (all)", all_effects(), kRungSamples});
+  list.push_back({"rung", "+ specular (all)", full_effects(kUnseen), kRungSamples});
   for (int samples = 1; samples < reference_samples; samples *= 4)
-    list.push_back({"samples", fmt::format("{} samples", samples), all_effects(), samples});
+    list.push_back({"samples", fmt::format("{} samples", samples), full_effects(kUnseen), samples});
   return list;
 }
 
@@ -159,16 +153,12 @@ nlohmann::json reference_json(const TradeoffResult& result) {
   return json;
 }
 
-struct DepthPoints {
-  std::vector<TradeoffPoint> points;  ///< group "depth", axis "back_end"
-  std::string reference;              ///< in words; empty if nothing was scored
-};
-
-/// Every back-end that can be loaded on the data set's first settings.depth_frames frames (0: none), against
-/// true depth where all of them have it, else on a fifth of the returns, held back. Times are wall-clock, of
-/// one thread. Errors of score_depth.
-DepthPoints depth_points(const TradeoffSettings& settings, const TexturedMesh& adversary) {
-  if (settings.depth_frames == 0) return {};
+/// Adds points of group "depth", axis "back_end": every back-end that can be loaded on the data set's first
+/// settings.depth_frames frames (0: none), against true depth where all of them have it, else on a fifth of
+/// the returns, held back. Times are wall-clock, of one thread. Errors of score_depth.
+void add_depth_points(TradeoffResult& result, const TexturedMesh& adversary) {
+  const TradeoffSettings& settings = result.settings;
+  if (settings.depth_frames == 0) return;
   std::vector<std::unique_ptr<DepthCompletion>> backends;
   for (const char* name : {"ip-basic", "ip-basic-bilateral", "ip-basic-multiscale",
                            "ip-basic-multiscale-bilateral", "ip-basic-extrapolated", "guided"}) {
@@ -190,7 +180,7 @@ DepthPoints depth_points(const TradeoffSettings& settings, const TexturedMesh& a
     return std::filesystem::exists(true_depth_file(settings.source.data, id));
   });
   options.hidden = truth ? 0 : 0.2;
-  DepthPoints out{{}, truth ? "true depth" : "a fifth of the returns, held back"};
+  result.depth_reference = truth ? "true depth" : "a fifth of the returns, held back";
   Progress progress("depth completion", ids.size(), settings.quiet);
   const OneThread bound;
   const auto scores = score_depth(options, backends, adversary,
@@ -207,9 +197,8 @@ DepthPoints depth_points(const TradeoffSettings& settings, const TexturedMesh& a
       point.errors["wrongly_kept"] = static_cast<double>(score.roof.wrongly_kept) / pixels;
       point.errors["wrongly_dropped"] = static_cast<double>(score.roof.wrongly_dropped) / pixels;
     }
-    out.points.push_back(std::move(point));
+    result.points.push_back(std::move(point));
   }
-  return out;
 }
 
 /// Every face in the mean of its colours: what the gradient would be without a texture that moves.
@@ -225,20 +214,16 @@ TexturedMesh in_plain_faces(TexturedMesh textured) {
   return textured;
 }
 
-struct SensorPoints {
-  std::vector<TradeoffPoint> points;  ///< groups "camera" and "lidar", in this order
-  CameraReference reference;
-};
-
-/// Draws and traces every host in every way (subjects.h, sensor_studies.h), one thread at a time. Off the
-/// grid the camera's points also have the gradient of the adversary with each face in the mean of its
-/// colours, "plain_faces_cosine" and "plain_faces_norm". Interrupted between drawings.
-SensorPoints sensor_points(const TradeoffSettings& settings, const Subjects& subjects, FrameStore& store) {
+/// Adds the reference and the points of groups "camera" and "lidar": draws and traces every host in every way
+/// (subjects.h, sensor_studies.h), one thread at a time. Off the grid the camera's points also have the
+/// gradient of the adversary with each face in the mean of its colours, "plain_faces_cosine" and
+/// "plain_faces_norm". Interrupted between drawings.
+void add_sensor_points(TradeoffResult& result, const Subjects& subjects, FrameStore& store) {
+  const TradeoffSettings& settings = result.settings;
   const SimulationSettings baseline;
   std::vector<CameraVariant> variants = axis_variants(baseline);
   if (settings.grid)
     for (CameraVariant& variant : grid_variants(baseline)) variants.push_back(std::move(variant));
-  SensorPoints out;
   std::vector<std::vector<TradeoffPoint>> camera(variants.size()), lidar;  // by setting and host
   Progress progress("trade-off", subjects.hosts.size() * (variants.size() + 2), settings.quiet);
   std::size_t done = 0;
@@ -250,10 +235,10 @@ SensorPoints sensor_points(const TradeoffSettings& settings, const Subjects& sub
     const CameraStudy study(prepared, placement, placed, settings),
         plain(prepared, placement, in_plain_faces(placed), settings);
     const double n = static_cast<double>(subjects.hosts.size());
-    out.reference.self_cosine += study.self_cosine() / n;
-    out.reference.sharp.cosine += study.sharp_agreement().cosine / n;
-    out.reference.sharp.norm += study.sharp_agreement().norm / n;
-    out.reference.pixels.push_back(study.pixels());
+    result.reference.self_cosine += study.self_cosine() / n;
+    result.reference.sharp.cosine += study.sharp_agreement().cosine / n;
+    result.reference.sharp.norm += study.sharp_agreement().norm / n;
+    result.reference.pixels.push_back(study.pixels());
     progress.update(++done, host_name(id));
     const OneThread bound;
     for (std::size_t i = 0; i < variants.size(); ++i) {
@@ -276,8 +261,7 @@ SensorPoints sensor_points(const TradeoffSettings& settings, const Subjects& sub
     progress.update(++done, host_name(id) + " LiDAR");
   }
   for (const auto* settings_of : {&camera, &lidar})
-    for (const std::vector<TradeoffPoint>& hosts : *settings_of) out.points.push_back(mean_over(hosts));
-  return out;
+    for (const std::vector<TradeoffPoint>& hosts : *settings_of) result.points.push_back(mean_over(hosts));
 }
 
 std::vector<TradeoffPoint> pass_points(const TradeoffSettings& settings, const Subjects& subjects,
@@ -341,13 +325,12 @@ std::vector<TradeoffPoint> cycles_points(const TradeoffSettings& settings, const
     const Simulated drawn = draw();
     job.rect = grown(drawn.rect, 4, photograph);
     job.samples = settings.cycles_samples;
-    job.effects = all_effects();
+    job.effects = full_effects(kUnseen);
     const Rendered reference = renderer->render(job);
     ++job.seed;  // of what is compared with it, so that noise of one seed does not cancel
     const ImageF background = crop(photograph, job.rect), right = over(reference, background);
     const ImageF mask = alpha_mask(reference.rgba);
-    const double mean = mean_absolute_error(right, ImageF(right.width, right.height, 3), mask);
-    const double share = 1.0 / static_cast<double>(hosts.size());
+    const double mean = mean_of(right, mask), share = 1.0 / static_cast<double>(hosts.size());
     for (std::size_t i = 0; i < list.size(); ++i) {
       ImageF picture;
       double ms = 0;
@@ -534,11 +517,9 @@ nlohmann::json to_json(const Recommendation& advice) {
 
 nlohmann::json to_json(const TradeoffResult& result) {
   const TradeoffSettings& asked = result.settings;
-  nlohmann::json hosts = nlohmann::json::array();
-  for (const HostId& id : result.hosts) hosts.push_back(host_name(id));
   nlohmann::json json = {{"frames", result.frames},
                          {"vehicles", result.hosts.size()},
-                         {"hosts", hosts},
+                         {"hosts", list_json(result.hosts, host_name)},
                          {"pixels", result.reference.pixels},
                          {"seed", asked.seed},
                          {"repeats", asked.repeats},
@@ -582,15 +563,11 @@ TradeoffResult tradeoff(const TradeoffSettings& requested, const StartReference&
   for (const HostId& id : subjects.hosts) frames.insert(id.frame);
   result.frames = frames.size();
 
-  SensorPoints sensors = sensor_points(settings, subjects, store);
-  result.points = std::move(sensors.points);
-  result.reference = std::move(sensors.reference);
+  add_sensor_points(result, subjects, store);
+  add_depth_points(result, subjects.adversary);
   const auto append = [&](std::vector<TradeoffPoint> more) {
     std::move(more.begin(), more.end(), std::back_inserter(result.points));
   };
-  DepthPoints depth = depth_points(settings, subjects.adversary);
-  result.depth_reference = depth.reference;
-  append(std::move(depth.points));
   append(pass_points(settings, subjects, store));
   if (settings.cycles) append(cycles_points(settings, subjects, store, start));
   mark_fronts(result.points);

@@ -6,7 +6,6 @@ object, each cropped around the vehicle with its box as the detector left it; be
 coasting, lost. 10 frames a second; smaller or coarser until it has at most LIMIT bytes."""
 
 import io
-import json
 import math
 import os
 import sys
@@ -161,8 +160,7 @@ def encoded(frames, kind, durations, quality):
 
 
 def draw(folder):
-    with open(os.path.join(folder, "animation.json"), encoding="utf-8") as file:
-        told = json.load(file)
+    told = atomic.read_json(folder, "animation.json")
     strip, kind = told["vehicle"]["strip"], os.path.splitext(told["file"])[1]
     chosen = part_of(strip, "attacked")
     with Image.open(os.path.join(folder, told["frames"][0]["photo"])) as image:

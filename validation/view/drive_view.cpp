@@ -87,7 +87,7 @@ std::vector<ViewDetections> shown_of(const JsonFields& vehicle, DriveVersion ver
 
 /// What the drive was asked for in place of its run's settings. A folder of somebody else's may name code:
 /// that is loaded for a user who trusts it.
-Overrides asked_of(const fs::path& file, const JsonFields& result, TrustRun trust) {
+Overrides overrides_of(const fs::path& file, const JsonFields& result, TrustRun trust) {
   const JsonFields stored = result.object("asked");
   Overrides overrides;
   for (const std::string& name : stored.names()) overrides[name] = stored.text(name);
@@ -171,7 +171,7 @@ DriveView::DriveView(const DriveChoice& choice) {
   const Run learned = object_of(file, result, choice);  // on its own data set
   run_ = learned;
   object_ = fs::weakly_canonical(object_file(result, choice)).stem();
-  Overrides overrides = asked_of(file, result, choice.trust);
+  Overrides overrides = overrides_of(file, result, choice.trust);
   overrides["data"] = choice.data.empty() ? provenance.text("data") : choice.data.string();
   override_settings(run_, overrides, provenance.counter("seed"), true);
 

@@ -134,7 +134,7 @@ class Attacker {
 };
 
 /// What the page counts and filters by.
-std::string became(const json& outcome) {
+std::string outcome_word(const json& outcome) {
   if (!outcome.contains("detected")) return "";
   if (!outcome.at("detected").get<bool>()) return "unfound";
   return outcome.at("hidden").get<bool>() ? "hidden" : "found";
@@ -161,7 +161,7 @@ std::string element(const std::string& id, const std::string& type, const std::s
 }
 
 /// JSON that may stand in a script element.
-std::string harmless(const json& value) {
+std::string escape_for_script(const json& value) {
   std::string text = json_text(value);
   for (std::size_t at = 0; (at = text.find('<', at)) != std::string::npos; at += 6)
     text.replace(at, 1, "\\u003c");
@@ -277,7 +277,7 @@ json make_view(const ViewSettings& requested) {
       json& of_frame = attacks.emplace_back(json::array());
       for (const ViewAttack& attack : views[i].attacks) {
         if (attack.outcome.at("learned_on").get<bool>()) ++trained_on;
-        of_frame.push_back(became(attack.outcome));
+        of_frame.push_back(outcome_word(attack.outcome));
         if (of_frame.back() == "hidden") ++hidden;
       }
     }
@@ -312,7 +312,8 @@ json make_view(const ViewSettings& requested) {
                 {"kept", kept},
                 {"megabytes",
                  std::round(static_cast<double>(before.size() + frames.size() + after.size()) / 1e5) / 10}};
-  const std::string page = before + element("about", "application/json", harmless(about)) + frames + after;
+  const std::string page =
+      before + element("about", "application/json", escape_for_script(about)) + frames + after;
   write_file(settings.page, page);
   if (animation) animation->write(*drive);
   json result = {{"page", settings.page.string()},

@@ -1,7 +1,6 @@
 // The C interface of depth completion (scene/depth/depth_abi.h). No exception leaves a function of this file.
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <span>
@@ -15,16 +14,12 @@
 
 namespace mirage::guided {
 
-struct Options {
-  std::uint64_t seed = 0;
-  int threads = 1;  ///< samples of a training step at once; completing one picture uses one
-};
-
 /// Errors leave as std::exception; the C interface turns them into one line.
 class GuidedCompletion {
  public:
-  /// `weights`: a file written by save(), or nullptr for fresh weights drawn from the seed.
-  GuidedCompletion(const Options& options, const char* weights);
+  /// `threads`: samples of a training step at once; completing one picture uses one. `weights`: a file
+  /// written by save(), or nullptr for fresh weights drawn from the seed.
+  GuidedCompletion(std::uint64_t seed, int threads, const char* weights);
 
   void complete(const MirageDepthInput& input, float* dense);
   /// Total, depth and presence loss.
@@ -35,7 +30,7 @@ class GuidedCompletion {
  private:
   void load(const std::string& file);
 
-  Options options_;
+  int threads_;
   Network network_{nullptr};
   torch::optim::AdamW optimiser_;
 };
@@ -55,8 +50,8 @@ void check_shape(const MirageDepthInput& input) {
     throw std::runtime_error("no picture or no sparse depth; give both, of the same size");
 }
 
-Network make_network(const Options& options) {
-  torch::manual_seed(options.seed);
+Network make_network(std::uint64_t seed) {
+  torch::manual_seed(seed);
   return Network();
 }
 
@@ -65,10 +60,8 @@ using Functions = CFunctions<GuidedCompletion>;
 void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
   return Functions::made(error, error_size, [&] {
     const auto json = nlohmann::json::parse(options_json ? options_json : "{}");
-    Options options;
-    options.seed = json.value("seed", std::uint64_t{0});
-    options.threads = json.value("threads", 1);
-    return std::make_unique<GuidedCompletion>(options, weights);
+    return std::make_unique<GuidedCompletion>(json.value("seed", std::uint64_t{0}), json.value("threads", 1),
+                                              weights);
   });
 }
 
@@ -81,9 +74,9 @@ const MirageDepthApi kApi = {MIRAGE_DEPTH_ABI,      "guided",       create, Func
 
 }  // namespace
 
-GuidedCompletion::GuidedCompletion(const Options& options, const char* weights)
-    : options_(options),
-      network_(make_network(options)),
+GuidedCompletion::GuidedCompletion(std::uint64_t seed, int threads, const char* weights)
+    : threads_(threads),
+      network_(make_network(seed)),
       optimiser_(network_->parameters(),
                  torch::optim::AdamWOptions(1e-3).betas({0.9, 0.99}).weight_decay(kWeightDecay)) {
   if (weights) load(weights);
@@ -114,7 +107,7 @@ std::array<float, 3> GuidedCompletion::train_step(std::span<const MirageDepthSam
   for (const MirageDepthSample& sample : samples) check_shape(sample.input);
   const std::vector<Tensor> parameters = network_->parameters();
   std::vector<SampleResult> results(samples.size());
-  for_each_sample(samples.size(), options_.threads, [&](std::size_t i) {
+  for_each_sample(samples.size(), threads_, [&](std::size_t i) {
     const MirageDepthInput& input = samples[i].input;
     const Tensor truth = torch::empty({input.height, input.width});
     std::copy_n(samples[i].truth, truth.numel(), truth.data_ptr<float>());
@@ -124,23 +117,8 @@ std::array<float, 3> GuidedCompletion::train_step(std::span<const MirageDepthSam
                        static_cast<float>(terms.presence)};
     results[i].gradients = torch::autograd::grad({terms.total}, parameters);
   });
-  // Summed in the samples' order, so that the number of threads changes nothing.
-  std::array<float, 3> loss{};
-  const auto count = static_cast<float>(samples.size());
-  for (std::size_t k = 0; k < parameters.size(); ++k)
-    parameters[k].mutable_grad() = torch::zeros_like(parameters[k]);
-  for (const SampleResult& result : results) {
-    for (std::size_t t = 0; t < loss.size(); ++t) loss[t] += result.loss[t] / count;
-    for (std::size_t k = 0; k < parameters.size(); ++k)
-      parameters[k].mutable_grad().add_(result.gradients[k], 1 / count);
-  }
-  if (!std::isfinite(loss[0]))
-    throw std::runtime_error("the training loss is not finite; lower the learning rate");
-  torch::nn::utils::clip_grad_norm_(network_->parameters(), kMaxGradient);
-  for (auto& group : optimiser_.param_groups())
-    static_cast<torch::optim::AdamWOptions&>(group.options()).lr(learning_rate);
-  optimiser_.step();
-  return loss;
+  return take_step(optimiser_, parameters, results, static_cast<float>(samples.size()), kMaxGradient,
+                   learning_rate);
 }
 
 void GuidedCompletion::save(const std::string& file, bool with_optimiser) {

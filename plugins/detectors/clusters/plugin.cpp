@@ -20,9 +20,6 @@ inline constexpr const char* kTypes[] = {"Car", "Misc"};
 /// x_min, x_max, y_min, y_max (m, ego).
 inline constexpr float kRegion[4] = {-70, 70, -40, 40};
 
-/// What is found in the LiDAR sensors of a frame, with a score over the threshold, in a fixed order.
-std::vector<MirageDetection> detect(const MirageFrame& frame, float score_threshold);
-
 namespace {
 
 /// The ego vehicle's own bonnet and roof.
@@ -121,9 +118,31 @@ void add(const Cluster& cluster, const BevBox& box, Type type, double logit, flo
   found.push_back(made);
 }
 
-/// It has no state but its last answer.
-struct ClustersDetector {
+/// What is found in the LiDAR sensors of a frame, with a score over the threshold, in a fixed order.
+std::vector<MirageDetection> detect(const MirageFrame& frame, float score_threshold) {
   std::vector<MirageDetection> found;
+  for (const Cluster& cluster : clusters_of(returns_of(frame))) {
+    double other = probability(thing_logit(cluster));
+    if (const auto car = car_of(cluster)) {
+      const double logit = car_logit(cluster, *car);
+      add(cluster, *car, kCar, logit, score_threshold, found);
+      other *= 1 - probability(logit);
+    }
+    add(cluster, cluster.seen.box(), kMisc, std::log(other / (1 - other)), score_threshold, found);
+  }
+  return found;
+}
+
+/// It has no state but its last answer.
+class ClustersDetector {
+ public:
+  const std::vector<MirageDetection>& forward(const MiragePass& pass) {
+    return found_ = detect(*pass.frame, pass.score_threshold);
+  }
+  std::unique_ptr<ClustersDetector> shared() const { return std::make_unique<ClustersDetector>(); }
+
+ private:
+  std::vector<MirageDetection> found_;
 };
 
 using Functions = CFunctions<ClustersDetector>;
@@ -147,48 +166,20 @@ const MirageCapabilities* capabilities(void*) {
   return &all;
 }
 
-int forward(void* detector, const MiragePass* pass, const MirageDetection** detections, int64_t* count,
-            char* error, size_t error_size) {
-  return guarded(error, error_size, [&] {
-    auto& found = Functions::of(detector).found;
-    found = detect(*pass->frame, pass->score_threshold);
-    give(found, detections, count);
-  });
-}
-
-void* share(void*, char* error, size_t error_size) {
-  return Functions::made(error, error_size, [] { return std::make_unique<ClustersDetector>(); });
-}
-
 const MirageDetectorApi kApi = {MIRAGE_DETECTOR_ABI,
                                 "clusters",
                                 create,
                                 Functions::destroy,
                                 capabilities,
-                                forward,
+                                Functions::forward,
                                 nullptr,
                                 nullptr,
-                                share,
+                                Functions::share,
                                 nullptr,
                                 nullptr,
                                 nullptr};
 
 }  // namespace
-
-std::vector<MirageDetection> detect(const MirageFrame& frame, float score_threshold) {
-  std::vector<MirageDetection> found;
-  for (const Cluster& cluster : clusters_of(returns_of(frame))) {
-    double other = probability(thing_logit(cluster));
-    if (const auto car = car_of(cluster)) {
-      const double logit = car_logit(cluster, *car);
-      add(cluster, *car, kCar, logit, score_threshold, found);
-      other *= 1 - probability(logit);
-    }
-    add(cluster, cluster.seen.box(), kMisc, std::log(other / (1 - other)), score_threshold, found);
-  }
-  return found;
-}
-
 }  // namespace mirage::clusters
 
 extern "C" __attribute__((visibility("default"))) const MirageDetectorApi* mirage_detector_api(void) {

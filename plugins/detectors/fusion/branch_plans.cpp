@@ -42,7 +42,7 @@ struct CameraBuilder {
     }
     return silu(plan.join({y, silu(from, block->past)}), block->join);
   }
-  int twice(int from) { return plan.twice(from, 2 * plan[from].rows); }
+  int upsample(int from) { return plan.upsample(from, 2 * plan[from].rows); }
   int head(int from, const PictureHead& head) {
     const int start = silu(from, head->stem);
     const int box = depthwise(depthwise(start, head->box1), head->box2);
@@ -69,11 +69,11 @@ BackbonePlan backbone_plan(NetworkImpl& net, bool bfloat16) {
   const int x2 = add.residual(add.residual(with(1, add.conv(x1, net.down2)), net.group2a), net.group2b);
   const int x4 = add.residual(add.residual(with(2, add.conv(x2, net.down4)), net.group4a), net.group4b);
   const int x8 = add.residual(with(3, add.conv(x4, net.down8)), net.group8);
-  const int up8 = plan.twice(add.conv(x8, net.lateral8), plan[x4].rows);
+  const int up8 = plan.upsample(add.conv(x8, net.lateral8), plan[x4].rows);
   const int p4 = plan.sum(add.conv(x4, net.lateral4), up8, Curve::relu);
-  const int p2 = plan.sum(add.conv(x2, net.lateral2), plan.twice(p4, plan[x2].rows), Curve::relu);
-  const int p1 =
-      plan.sum(add.conv(x1, net.lateral1), plan.twice(add.conv(p2, net.reduce), plan[x1].rows), Curve::relu);
+  const int p2 = plan.sum(add.conv(x2, net.lateral2), plan.upsample(p4, plan[x2].rows), Curve::relu);
+  const int p1 = plan.sum(add.conv(x1, net.lateral1), plan.upsample(add.conv(p2, net.reduce), plan[x1].rows),
+                          Curve::relu);
   const int smooth = add.conv(p1, net.smooth);
   if (net.parts.second) {
     backbone.bev = smooth;
@@ -96,19 +96,19 @@ CameraPlan camera_plan(CameraNetImpl& net, std::int64_t height, std::int64_t wid
   const int x16 = add.csp(add.depthwise(x8, net.down16), net.group16);
   const int pooled = add.silu(add.depthwise(x16, net.down32), net.pool_in);
   std::vector<int> windows = {pooled};
-  for (int k = 0; k < kPoolings; ++k) windows.push_back(plan.pool(windows.back(), kPooledSide));
+  for (int k = 0; k < kPoolings; ++k) windows.push_back(plan.max_pool(windows.back(), kPooledSide));
   const int x32 = add.csp(add.silu(plan.join(windows), net.pool_out), net.group32);
   const int l16 = add.silu(x32, net.lateral16);
-  const int l8 = add.silu(add.csp(plan.join({add.twice(l16), x16}), net.top16), net.lateral8);
-  const int p8 = add.csp(plan.join({add.twice(l8), x8}), net.top8);
+  const int l8 = add.silu(add.csp(plan.join({add.upsample(l16), x16}), net.top16), net.lateral8);
+  const int p8 = add.csp(plan.join({add.upsample(l8), x8}), net.top8);
   camera.features = p8;
   plan.keep(p8);
-  const int fine = add.silu(x4, net.mask_fine), coarse = add.twice(add.silu(p8, net.mask_coarse));
+  const int fine = add.silu(x4, net.mask_fine), coarse = add.upsample(add.silu(p8, net.mask_coarse));
   camera.mask =
       add.conv(add.silu(plan.sum(fine, coarse, Curve::none), net.mask_join), net.mask_out, Curve::none);
   plan.keep(camera.mask);
   if (read) {
-    camera.read = plan.join({p8, plan.halve(camera.mask)});
+    camera.read = plan.join({p8, plan.average_pool(camera.mask)});
     plan.keep(camera.read);
   }
   if (!boxes) return camera;
@@ -122,15 +122,10 @@ CameraPlan camera_plan(CameraNetImpl& net, std::int64_t height, std::int64_t wid
   return camera;
 }
 
-Window focus_window(const Window& pixels) {
-  return {pixels.top / 2, pixels.left / 2, (pixels.bottom + 1) / 2, (pixels.right + 1) / 2};
-}
-
 Tensor focused(const Tensor& picture, const Window& at) {
   const std::int64_t height = picture.size(0), width = picture.size(1);
   const Window map{0, 0, padded_size(height) / 2, padded_size(width) / 2}, inside = intersection(at, map);
-  const Window pixels = intersection({2 * inside.top, 2 * inside.left, 2 * inside.bottom, 2 * inside.right},
-                                     {0, 0, height, width});
+  const Window pixels = intersection(doubled(inside), {0, 0, height, width});
   const Tensor part = picture.narrow(0, pixels.top, pixels.rows()).narrow(1, pixels.left, pixels.columns());
   const Tensor x = focus(network_picture(part, 2 * inside.rows(), 2 * inside.columns()));
   return fn::pad(x, fn::PadFuncOptions({inside.left - at.left, at.right - inside.right, inside.top - at.top,

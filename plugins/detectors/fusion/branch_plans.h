@@ -39,8 +39,6 @@ struct CameraPlan {
 CameraPlan camera_plan(CameraNetImpl& network, std::int64_t height, std::int64_t width, bool boxes, bool read,
                        bool bfloat16 = false);
 
-/// Places of the plan's input that pixels [top, bottom) × [left, right) lie in.
-Window focus_window(const Window& pixels);
 /// The plan's input over a window (zero beyond it, which the network's first convolution wants there).
 /// picture: H × W × 3, of which the window's pixels are read. Differentiable in it.
 torch::Tensor focused(const torch::Tensor& picture, const Window& at);

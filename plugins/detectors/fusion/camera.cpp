@@ -17,11 +17,6 @@ constexpr std::int64_t kMaxFeatureDepth = 32;
 constexpr double kPaddingGrey = 114;  // what the network was trained to see beyond a picture's border
 constexpr std::int64_t kCocoCar = 2, kCocoClasses = 80;
 
-Tensor twice(const Tensor& x) {
-  return fn::interpolate(
-      x, fn::InterpolateFuncOptions().scale_factor(std::vector<double>{2, 2}).mode(torch::kNearest));
-}
-
 nn::Conv2d plain_conv(int in, int out) {
   return nn::Conv2d(nn::Conv2dOptions(in, out, 1));
 }
@@ -41,6 +36,11 @@ Tensor network_picture(const Tensor& linear, std::int64_t rows, std::int64_t col
   const Tensor bgr = srgb.flip(2).permute({2, 0, 1}).unsqueeze(0);
   const std::int64_t down = rows - bgr.size(2), right = columns - bgr.size(3);
   return fn::pad(bgr, fn::PadFuncOptions({0, right, 0, down}).value(kPaddingGrey));
+}
+
+Tensor twice(const Tensor& x) {
+  return fn::interpolate(
+      x, fn::InterpolateFuncOptions().scale_factor(std::vector<double>{2, 2}).mode(torch::kNearest));
 }
 
 Tensor focus(const Tensor& x) {

@@ -77,6 +77,8 @@ std::int64_t padded_size(std::int64_t size);
 /// linear: h × w × 3. 1 × 3 × rows × columns, BGR of 0 to 255 as 8-bit pictures hold them, with grey to the
 /// right and below. Differentiable.
 torch::Tensor network_picture(const torch::Tensor& linear, std::int64_t rows, std::int64_t columns);
+/// Every place doubled along both axes.
+torch::Tensor twice(const torch::Tensor& x);
 /// The four pixels of each 2 × 2 block as channels.
 torch::Tensor focus(const torch::Tensor& x);
 /// Boxes and logits from the heads' rows (N × 6, in the order of places_of) into `output`.

@@ -30,9 +30,7 @@ void add_fusion(const SensorTensors& input, NetworkImpl& network, CleanFrame& fr
       Footprint& footprint = frame.footprints[as_size(point)];
       if (footprint.bottom >= 0) continue;
       const auto seen = seen_at(frame.points.data_ptr<float>() + 4 * point, frame.projection, width, height);
-      if (seen)
-        footprint = footprint_of((seen->u + 0.5) / kImageStride - 0.5, (seen->v + 0.5) / kImageStride - 0.5,
-                                 map.rows, map.columns);
+      if (seen) footprint = footprint_of(*seen, kFeatureStride, map.rows, map.columns);
     }
   }
   const auto added = network.fused(input);
@@ -49,8 +47,9 @@ std::size_t CleanFrame::bytes() const {
   return all;
 }
 
-Footprint footprint_of(double column, double row, std::int64_t rows, std::int64_t columns) {
+Footprint footprint_of(const PixelDepth& pixel, int stride, std::int64_t rows, std::int64_t columns) {
   constexpr double kRounding = 0.01;
+  const double column = (pixel.u + 0.5) / stride - 0.5, row = (pixel.v + 0.5) / stride - 0.5;
   const auto bound = [](double at, std::int64_t size) {
     return static_cast<std::int16_t>(std::clamp<double>(std::floor(at), 0, static_cast<double>(size - 1)));
   };
@@ -219,7 +218,7 @@ std::array<std::vector<ChangedCell>, kGrids.size()> changed_cells(const CleanFra
   for (std::size_t level = 0; level < kGrids.size(); ++level) {
     const Grid& grid = kGrids[level];
     ChangedRegion reached(grid.rows, grid.columns);
-    for (const float* p : moved) reached.add(cells_reached(grid, p));
+    for (const float* p : moved) reached.add(cells_reached(grid, p[0], p[1]));
     std::vector<std::uint8_t> settled(clean.nearest[level].size(), 0);
     for (const Window& cells : reached.windows(256)) {
       const auto best = nearest_in(grid, {now, as_size(points.numel())}, candidates, cells);

@@ -1,5 +1,5 @@
-// What a network makes of a frame as it was recorded, kept so that the same frame with an object in it needs
-// windows only (local_network.h).
+// Cached feature maps of a frame as recorded: the same frame with an object in it then needs only windows
+// computed (local_network.h).
 #pragma once
 
 #include <condition_variable>
@@ -68,8 +68,9 @@ class CleanActivationCache {
   std::shared_ptr<const BackbonePlan> backbone_;
 };
 
-/// Where a point's look-up in a map of rows × columns may read; a bit more, against rounding.
-Footprint footprint_of(double column, double row, std::int64_t rows, std::int64_t columns);
+/// Where the look-up at a pixel may read, in a map of rows × columns with one place for each stride × stride
+/// pixels; a bit more, against rounding.
+Footprint footprint_of(const PixelDepth& pixel, int stride, std::int64_t rows, std::int64_t columns);
 
 // How a sweep differs from the one that was recorded.
 

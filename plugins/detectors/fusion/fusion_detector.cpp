@@ -4,8 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <optional>
 #include <stdexcept>
 
 #include "../../torch_threads.h"
@@ -60,7 +58,7 @@ Network make_network(const Options& options) {
   keep_compiled_convolutions();
   torch::manual_seed(options.seed);
   Network network(options.parts);
-  network->to(best_device());
+  network->to(torch::cuda::is_available() ? torch::kCUDA : torch::kCPU);
   // Only a training step turns them on.
   for (Tensor& parameter : network->parameters()) parameter.requires_grad_(false);
   if (options.precision == Precision::double_) network->to(torch::kDouble);
@@ -70,12 +68,6 @@ Network make_network(const Options& options) {
 // What of the detector's state its files hold.
 
 constexpr const char *kCamera = "camera", *kLidar = "lidar", *kTrunk = "trunk";  // words of "frozen"
-
-/// A logit that is none would be a car that is silently not found.
-void require_finite(float logit) {
-  if (!std::isfinite(logit))
-    throw std::runtime_error("the network gave a logit that is not finite; check its weights and the input");
-}
 
 /// In a checkpoint: of the k-th learning weight, what the training started from.
 std::string start_name(std::size_t k) {
@@ -98,8 +90,8 @@ FusionDetector::FusionDetector(const Options& options, const char* weights)
     : FusionDetector(options, make_network(with_parts(options, weights)), nullptr) {
   if (weights) load(weights);
   if (weights && !options_.start) return;
-  if (!options_.lidar.empty()) take_over(options_.lidar, "lidar");
-  if (!options_.camera.empty()) take_over(options_.camera, "camera");
+  if (!options_.lidar.empty()) load_branch(options_.lidar, "lidar");
+  if (!options_.camera.empty()) load_branch(options_.camera, "camera");
   camera_frozen_ = !options_.joint && (camera_frozen_ || !options_.camera.empty());
   lidar_frozen_ = !options_.joint && (lidar_frozen_ || !options_.lidar.empty());
   start_optimiser();
@@ -113,15 +105,17 @@ void FusionDetector::start_optimiser() {
       learning(), torch::optim::AdamWOptions(1e-3).betas({0.9, 0.99}).weight_decay(kWeightDecay));
 }
 
+bool FusionDetector::learns(const std::string& parameter) const {
+  if (!parameter.starts_with("camera."))
+    return parameter.starts_with("join.") || parameter.starts_with("second.") || lidar_learns();
+  const bool trunk = !parameter.starts_with(options_.heads ? "camera.head" : "camera.mask_");
+  return camera_learns() && !(trunk && trunk_frozen_);
+}
+
 std::vector<Tensor> FusionDetector::learning() const {
   std::vector<Tensor> parameters;
-  for (const auto& item : network_->named_parameters()) {
-    const bool camera = item.key().starts_with("camera.");
-    const bool join = item.key().starts_with("join.") || item.key().starts_with("second.");
-    const bool trunk = camera && !item.key().starts_with(options_.heads ? "camera.head" : "camera.mask_");
-    if (camera ? camera_learns() && !(trunk && trunk_frozen_) : join || lidar_learns())
-      parameters.push_back(item.value());
-  }
+  for (const auto& item : network_->named_parameters())
+    if (learns(item.key())) parameters.push_back(item.value());
   return parameters;
 }
 
@@ -162,35 +156,37 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
   return proposals_;
 }
 
-void FusionDetector::propose(const Tensor& output, float score_threshold) {
+void FusionDetector::propose(std::span<const float> logits, float score_threshold,
+                             const std::function<MirageProposal(std::int64_t)>& proposal) {
   proposals_.clear();
   proposal_cells_.clear();
-  const Tensor plain = output.detach().to(torch::kFloat).reshape({kOutputs, -1}).contiguous();
-  const float* value = plain.data_ptr<float>();
-  const std::int64_t cells = plain.size(1);
-  for (std::int64_t k = 0; k < cells; ++k) {
-    const float logit = value[k];
-    require_finite(logit);
-    if (!(1 / (1 + std::exp(-logit)) > score_threshold)) continue;
-    std::array<float, 6> box{};
-    for (int c = 0; c < 6; ++c) box[as_size(c)] = value[(kDx + c) * cells + k];
-    proposals_.push_back({decode_box(k, box), {}, logit});
-    proposal_cells_.push_back(k);
+  for (std::size_t k = 0; k < logits.size(); ++k) {
+    // A logit that is none would be a car that is silently not found.
+    if (!std::isfinite(logits[k]))
+      throw std::runtime_error(
+          "the network gave a logit that is not finite; check its weights and the input");
+    if (!(1 / (1 + std::exp(-logits[k])) > score_threshold)) continue;
+    proposal_cells_.push_back(static_cast<std::int64_t>(k));
+    proposals_.push_back(proposal(proposal_cells_.back()));
+    proposals_.back().logit = logits[k];
   }
 }
 
+void FusionDetector::propose(const Tensor& output, float score_threshold) {
+  const Tensor plain = output.detach().to(torch::kFloat).contiguous();
+  const float* values = plain.data_ptr<float>();  // logits are the first channel
+  propose({values, as_size(kCellsX * kCellsY)}, score_threshold, [&](std::int64_t cell) {
+    return MirageProposal{decode_box(values, cell), {}, 0};
+  });
+}
+
 void FusionDetector::propose(const CameraOutput& seen, float score_threshold) {
-  proposals_.clear();
-  proposal_cells_.clear();
   const Tensor logits = seen.logits.detach().to(torch::kFloat).contiguous(),
                boxes = seen.boxes.detach().to(torch::kFloat).contiguous();
-  const float *logit = logits.data_ptr<float>(), *box = boxes.data_ptr<float>();
-  for (std::int64_t k = 0; k < logits.numel(); ++k, box += 4) {
-    require_finite(logit[k]);
-    if (!(1 / (1 + std::exp(-logit[k])) > score_threshold)) continue;
-    proposals_.push_back({{}, {box[0], box[1], box[2], box[3]}, logit[k]});
-    proposal_cells_.push_back(k);
-  }
+  propose({logits.data_ptr<float>(), as_size(logits.numel())}, score_threshold, [&](std::int64_t place) {
+    const float* box = boxes.data_ptr<float>() + 4 * place;
+    return MirageProposal{{}, {box[0], box[1], box[2], box[3]}, 0};
+  });
 }
 
 void FusionDetector::backward(std::span<const float> d_logits, float* d_image, float* d_points) {
@@ -225,10 +221,7 @@ void FusionDetector::backward(std::span<const float> d_logits, float* d_image, f
 }
 
 void FusionDetector::watch(const float* places, std::int64_t count) {
-  watched_ = Tensor();
-  if (count == 0) return;
-  watched_ = torch::empty({count, 4});
-  std::memcpy(watched_.data_ptr<float>(), places, sizeof(float) * as_size(watched_.numel()));
+  watched_ = count == 0 ? Tensor() : torch::from_blob(const_cast<float*>(places), {count, 4}).clone();
 }
 
 void FusionDetector::take_watched(SensorTensors& input, bool keep_graph) {
@@ -274,38 +267,14 @@ MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& inpu
   return {kept_map_.data_ptr<float>(),
           static_cast<std::int32_t>(kept_map_.size(1)),
           static_cast<std::int32_t>(kept_map_.size(0)),
-          static_cast<float>(kImageStride),
+          static_cast<float>(kFeatureStride),
           kept_bev_.data_ptr<float>(),
           static_cast<std::int32_t>(grid.rows),
           static_cast<std::int32_t>(grid.columns),
           static_cast<float>(grid.cell)};
 }
 
-/// The weights as a training's result has them, for as long as it lives.
-class FusionDetector::InterpolatedWeights {
- public:
-  explicit InterpolatedWeights(FusionDetector& detector) : parameters_(detector.learning()) {
-    const torch::NoGradGuard guard;
-    if (detector.start_.empty()) parameters_.clear();
-    for (std::size_t k = 0; k < parameters_.size(); ++k) {
-      learned_.push_back(parameters_[k].detach().clone());
-      parameters_[k].lerp_(detector.start_[k], detector.options_.keep_start);
-    }
-  }
-  ~InterpolatedWeights() {
-    const torch::NoGradGuard guard;
-    for (std::size_t k = 0; k < parameters_.size(); ++k) parameters_[k].copy_(learned_[k]);
-  }
-  InterpolatedWeights(const InterpolatedWeights&) = delete;
-  InterpolatedWeights& operator=(const InterpolatedWeights&) = delete;
-
- private:
-  std::vector<Tensor> parameters_, learned_;
-};
-
 void FusionDetector::save(const std::string& file, bool with_optimiser) {
-  std::optional<InterpolatedWeights> mixed;
-  if (!with_optimiser) mixed.emplace(*this);
   WeightsWriter writer = begin_weights(*network_);
   std::string frozen;
   for (const auto& [word, is_frozen] :
@@ -318,6 +287,10 @@ void FusionDetector::save(const std::string& file, bool with_optimiser) {
     writer.add("training.peak_rate", torch::tensor(peak_rate_, torch::kDouble));
     add_state(writer, *optimiser_);
     for (std::size_t k = 0; k < start_.size(); ++k) writer.add(start_name(k), start_[k]);
+  } else if (!start_.empty()) {
+    auto start = start_.begin();
+    for (const auto& item : network_->named_parameters())
+      if (learns(item.key())) writer.add(item.key(), item.value().lerp(*start++, options_.keep_start));
   }
   writer.write(file);
 }
@@ -345,7 +318,7 @@ void FusionDetector::load(const std::string& file) {
     start_[k].copy_(weights.tensor(start_name(k), start_[k].sizes()));
 }
 
-void FusionDetector::take_over(const std::string& file, const std::string& name) {
+void FusionDetector::load_branch(const std::string& file, const std::string& name) {
   if (name_of(parts_of(open_weights(file))) != name)
     throw std::runtime_error(file + ": not the weights of such a " + name + " detector; check --" + name);
   copy_network(file, *network_);

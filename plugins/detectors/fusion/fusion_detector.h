@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -51,7 +52,9 @@ class FusionDetector {
   /// `weights`: a file written by save(), or nullptr for fresh weights drawn from the seed.
   FusionDetector(const Options& options, const char* weights);
   /// Another one on the same network, for another thread; of the two only one may be trained, alone.
-  FusionDetector* shared() const { return new FusionDetector(options_, network_, clean_frames_); }
+  std::unique_ptr<FusionDetector> shared() const {
+    return std::unique_ptr<FusionDetector>(new FusionDetector(options_, network_, clean_frames_));
+  }
   std::uint32_t capabilities() const;
   bool reads_image() const { return options_.parts.camera || options_.parts.image; }
 
@@ -76,18 +79,21 @@ class FusionDetector {
  private:
   FusionDetector(const Options& options, Network network, std::shared_ptr<CleanActivationCache> clean_frames);
   void load(const std::string& file);
-  void take_over(const std::string& file, const std::string& name);
-  /// Those that learn.
+  void load_branch(const std::string& file, const std::string& name);
+  bool learns(const std::string& parameter) const;
+  /// Those parameters that learn.
   std::vector<torch::Tensor> learning() const;
   bool camera_learns() const { return options_.parts.camera && !camera_frozen_; }
   bool lidar_learns() const { return options_.parts.lidar && !lidar_frozen_; }
   void start_optimiser();
-  CameraOutput remembered(const SensorTensors& input, std::uint64_t key);
+  CameraOutput cached_camera_output(const SensorTensors& input, std::uint64_t key);
   LossTerms loss_of(const MirageSample& sample, const Targets& targets, std::uint64_t index, double positives,
                     double boxed);
+  /// proposal(k): the boxes of the k-th logit.
+  void propose(std::span<const float> logits, float score_threshold,
+               const std::function<MirageProposal(std::int64_t)>& proposal);
   void propose(const torch::Tensor& output, float score_threshold);
   void propose(const CameraOutput& seen, float score_threshold);
-  class InterpolatedWeights;  ///< Options::keep_start
   /// Takes what is watched into an input.
   void take_watched(SensorTensors& input, bool keep_graph);
   void keep_presence(const torch::Tensor& masses, std::int64_t count);

@@ -44,9 +44,8 @@ Tensor painted_voxels(const SensorTensors& input, const Window& within) {
   }
   if (visible.empty()) return nothing;
   const Tensor which = torch::tensor(visible), points = all.index_select(0, which);
-  const Tensor evidence = torch::sigmoid(
-      bilinear(input.camera.mask, places_in_map(pixels_of(points, input.projection), kMaskStride))
-          .select(1, 0));
+  const Tensor evidence =
+      torch::sigmoid(features_at(input.camera.mask, points, input.projection, kMaskStride).select(1, 0));
   const Tensor low_x = torch::tensor(column_x), low_y = torch::tensor(column_y);
   const Tensor along = (points.select(1, 0) - kXMin) / kVoxel - 0.5 - low_x.to(type.dtype()),
                across = (points.select(1, 1) - kYMin) / kVoxel - 0.5 - low_y.to(type.dtype());
@@ -80,15 +79,15 @@ constexpr int kInputs = 4;
 
 std::vector<std::int64_t> nearest_before(std::span<const float> points, const Projection& projection,
                                          int width, int height, std::span<const std::int64_t> indices) {
-  const int columns = (width + kImageStride - 1) / kImageStride,
-            rows = (height + kImageStride - 1) / kImageStride;
+  const int columns = (width + kFeatureStride - 1) / kFeatureStride,
+            rows = (height + kFeatureStride - 1) / kFeatureStride;
   struct Front {
     double depth = std::numeric_limits<double>::infinity();
     std::int64_t point = -1;
   };
   std::vector<Front> fronts(as_size(columns) * as_size(rows));
   const auto cell_of = [](double pixel) {
-    return static_cast<int>(std::floor((pixel + 0.5) / kImageStride));
+    return static_cast<int>(std::floor((pixel + 0.5) / kFeatureStride));
   };
   for (std::size_t i = 0; i < points.size() / 4; ++i) {
     const auto at = seen_at(points.data() + 4 * i, projection, width, height);
@@ -134,19 +133,14 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
   const Tensor rectangles = input.camera.boxes.detach().to(torch::kFloat).contiguous();
   const Tensor points = input.points.detach().to(torch::kFloat).contiguous();
   const LowestReturns returns({points.data_ptr<float>(), as_size(points.numel())});
-  const Tensor values = output.detach().to(torch::kFloat).reshape({kOutputs, -1}).contiguous();
-  const std::int64_t cells = values.size(1);
+  const Tensor values = output.detach().to(torch::kFloat).contiguous();
 
   // One row a pair; a proposal's last row pairs it with nothing where it has no other.
   std::vector<std::int64_t> of_proposal, of_box, place;  // place: among its proposal's pairs
   std::int64_t most = 1;
   std::vector<float> fixed;  // IoU, distance, "there is a box"
   for (std::size_t k = 0; k < proposals.size(); ++k) {
-    std::array<float, 6> coded{};
-    for (int c = 0; c < 6; ++c)
-      coded[as_size(c)] = values.data_ptr<float>()[(kDx + c) * cells + proposals[k]];
-    const MirageBox decoded = decode_box(proposals[k], coded);
-    const BevBox box = {decoded.x, decoded.y, decoded.length, decoded.width, decoded.yaw};
+    const BevBox box = bev_box(decode_box(values.data_ptr<float>(), proposals[k]));
     const auto distance = static_cast<float>(horizontal_distance(box) / kDistanceUnit);
     const auto seen = car_in_picture(box, returns.ground(box), input.projection, width, height);
     std::int64_t pairs = 0;

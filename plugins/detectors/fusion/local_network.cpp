@@ -73,7 +73,7 @@ void LocalNetwork::compare_inputs() {
   const Layer& picture = plan.plan[plan.picture];
   changed_ = intersection(changed_, whole_picture(input_.image));
   ChangedRegion dirty(picture.rows, picture.columns);
-  if (!changed_.empty()) dirty.add(focus_window(changed_));
+  if (!changed_.empty()) dirty.add(halved(changed_));
   if (locality_ > 0)
     camera_->confine(dirty, static_cast<std::int64_t>(std::ceil(locality_ * pixels_a_metre() / 2)));
   camera_->give(plan.picture, std::move(dirty), [&](const Window& at) { return focused(typed_.image, at); });
@@ -109,7 +109,7 @@ void LocalNetwork::add_features() {
     Tensor rows;
     if (!cells.empty()) {
       const Tensor at = typed_.points.narrow(1, 0, 3).index_select(0, torch::tensor(points));
-      const Tensor read = bilinear(read_, places_in_map(pixels_of(at, input_.projection), kImageStride));
+      const Tensor read = features_at(read_, at, input_.projection, kFeatureStride);
       rows =
           network_->fuse[level]->rows(read, at - centres_of(cells, grid).to(at.scalar_type())).contiguous();
     }
@@ -148,7 +148,7 @@ void LocalNetwork::give_voxels() {
   if (confined_) dirty.keep(backbone_->near(kVoxelsX, kVoxelsY));
   backbone_->give(plan.voxels, std::move(dirty), [&](const Window& at) {
     Tensor voxels = soft_voxels(typed_.points, at);
-    if (painted.defined()) voxels = torch::cat({voxels, around(painted, kGridWindow, at)}, 1);
+    if (painted.defined()) voxels = torch::cat({voxels, pad_to(painted, kGridWindow, at)}, 1);
     return voxels.contiguous(torch::MemoryFormat::ChannelsLast);
   });
 }
@@ -156,24 +156,19 @@ void LocalNetwork::give_voxels() {
 void LocalNetwork::add_painted(ChangedRegion& dirty) const {
   // By what a return reads, not by the value: one that is the same to rounding still has a slope.
   const ChangedRegion& mask = camera_->dirty(clean_->camera_plan->mask);
+  const auto add_columns = [&](const float* p) {
+    const auto row = static_cast<std::int64_t>((p[0] - kXMin) / kVoxel - 0.5),
+               column = static_cast<std::int64_t>((p[1] - kYMin) / kVoxel - 0.5);
+    dirty.add(Window{row, column, row + 2, column + 2});
+  };
   const float* p = input_.points.data_ptr<float>();
   for (std::int64_t i = 0; i < input_.points.size(0); ++i, p += 4) {
     const double x = (p[0] - kXMin) / kVoxel - 0.5, y = (p[1] - kYMin) / kVoxel - 0.5;
     if (!(x > 0 && x < kVoxelsX - 1 && y > 0 && y < kVoxelsY - 1)) continue;
     const auto seen =
         seen_at(p, clean_->projection, static_cast<int>(clean_->width), static_cast<int>(clean_->height));
-    if (!seen || !touches(footprint_of((seen->u + 0.5) / kMaskStride - 0.5,
-                                       (seen->v + 0.5) / kMaskStride - 0.5, mask.rows(), mask.columns()),
-                          mask))
-      continue;
-    const auto row = static_cast<std::int64_t>(x), column = static_cast<std::int64_t>(y);
-    dirty.add(Window{row, column, row + 2, column + 2});
+    if (seen && touches(footprint_of(*seen, kMaskStride, mask.rows(), mask.columns()), mask)) add_columns(p);
   }
-  const auto add_columns = [&](const float* q) {
-    const auto row = static_cast<std::int64_t>((q[0] - kXMin) / kVoxel - 0.5),
-               column = static_cast<std::int64_t>((q[1] - kYMin) / kVoxel - 0.5);
-    dirty.add(Window{row, column, row + 2, column + 2});
-  };
   for (const float* point : sweep_.moved) add_columns(point);
   for (std::int64_t i = 0; i < watched_count(); ++i) add_columns(input_.watched.data_ptr<float>() + 4 * i);
 }
@@ -264,7 +259,7 @@ void LocalNetwork::features_vjp(Gradient& gradient) {
     const Tensor map = read_.detach().requires_grad_(true);
     const Tensor points =
         typed_.points.narrow(1, 0, 3).index_select(0, torch::tensor(all)).detach().requires_grad_(true);
-    const Tensor read = bilinear(map, places_in_map(pixels_of(points, input_.projection), kImageStride));
+    const Tensor read = features_at(map, points, input_.projection, kFeatureStride);
     std::vector<Tensor> outputs, gradients;
     std::int64_t from = 0;
     for (std::size_t level = 0; level < kGrids.size(); ++level) {
@@ -341,10 +336,8 @@ void LocalNetwork::picture_vjp(Gradient& gradient) {
   camera_->backward();
   if (changed_.empty()) return;
   const int number = clean_->camera_plan->picture;
-  const Window focus_at = focus_window(changed_);
-  const Window pixels =
-      intersection({2 * focus_at.top, 2 * focus_at.left, 2 * focus_at.bottom, 2 * focus_at.right},
-                   whole_picture(input_.image));
+  const Window focus_at = halved(changed_);
+  const Window pixels = intersection(doubled(focus_at), whole_picture(input_.image));
   const Tensor d_focus = camera_->gradient(number, focus_at);
   const torch::AutoGradMode on(true);
   const Tensor picture = typed_.image.narrow(0, pixels.top, pixels.rows())

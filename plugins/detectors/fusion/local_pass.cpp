@@ -109,7 +109,7 @@ Tensor cut(const Tensor& x, const Window& at, const Window& part) {
   return x.narrow(2, part.top - at.top, part.rows()).narrow(3, part.left - at.left, part.columns());
 }
 
-Tensor around(const Tensor& x, const Window& at, const Window& outer) {
+Tensor pad_to(const Tensor& x, const Window& at, const Window& outer) {
   const Window both = intersection(at, outer);
   if (both == outer) return cut(x, at, outer).contiguous(kNhwc);
   Tensor y = zeros(x.size(1), outer, x.scalar_type());
@@ -132,7 +132,7 @@ void LocalPass::give(int layer, ChangedRegion dirty, const std::function<Tensor(
 }
 
 ChangedRegion LocalPass::spread(const Layer& layer) const {
-  if (layer.op == Layer::Op::twice) return dirty(layer.from[0]).doubled(layer.rows);
+  if (layer.op == Layer::Op::upsample) return dirty(layer.from[0]).doubled(layer.rows);
   ChangedRegion all = dirty(layer.from[0]).through(layer.reach, layer.rows, layer.columns);
   for (std::size_t k = 1; k < layer.from.size(); ++k) all.add(dirty(layer.from[k]));
   // What reads an input that is not kept has the windows that it was asked for, and no others.
@@ -165,7 +165,7 @@ void LocalPass::forward() {
 }
 
 std::vector<Window> LocalPass::windows(const Layer& layer, const ChangedRegion& dirty) const {
-  const bool twice = layer.op == Layer::Op::twice;
+  const bool twice = layer.op == Layer::Op::upsample;
   if (!twice && !(layer.op == Layer::Op::conv && layer.reach.kernel == 1 && layer.reach.stride == 1))
     return windows_of(dirty, layer);
   // Place by place: in the input's own windows nothing around them is needed, and nothing is kept for it.
@@ -197,20 +197,19 @@ void LocalPass::compute(const Layer& layer, Patch& patch) {
       y = in_order(torch::cat(parts, 1));
       break;
     }
-    case Layer::Op::twice: {
-      const Window half{at.top / 2, at.left / 2, (at.bottom + 1) / 2, (at.right + 1) / 2};
-      const Window grown{2 * half.top, 2 * half.left, 2 * half.bottom, 2 * half.right};
+    case Layer::Op::upsample: {
+      const Window half = halved(at), grown = doubled(half);
       const Tensor x = window(layer.from[0], half);
-      y = around(at::upsample_nearest2d(x, {grown.rows(), grown.columns()}), grown, at);
+      y = pad_to(at::upsample_nearest2d(x, {grown.rows(), grown.columns()}), grown, at);
       break;
     }
-    case Layer::Op::pool: {
+    case Layer::Op::max_pool: {
       const Tensor x =
           window(layer.from[0], read_by(at, layer.reach), -std::numeric_limits<float>::infinity());
       std::tie(y, patch.highest) = at::max_pool2d_with_indices(x, layer.reach.kernel, 1);
       break;
     }
-    case Layer::Op::halve:
+    case Layer::Op::average_pool:
       y = torch::avg_pool2d(window(layer.from[0], read_by(at, layer.reach)), 2);
       break;
   }
@@ -228,7 +227,7 @@ Tensor LocalPass::window(int layer, const Window& at, float fill) const {
   const Node& node = nodes_[as_size(layer)];
   for (const Patch& patch : node.patches) {
     if (patch.at == at) return patch.value;
-    if (holds(patch.at, at)) return around(patch.value, patch.at, at);
+    if (holds(patch.at, at)) return pad_to(patch.value, patch.at, at);
   }
   const Layer& shape = plan_[layer];
   const Tensor& clean = clean_[layer];
@@ -285,7 +284,7 @@ void LocalPass::backward() {
     if (layer.op == Layer::Op::input) continue;
     for (const Patch& patch : nodes_[i].patches) {
       if (patch.touched.empty()) continue;
-      if (layer.op == Layer::Op::pool) {
+      if (layer.op == Layer::Op::max_pool) {
         pool_vjp(layer, patch);
         continue;
       }
@@ -299,7 +298,7 @@ void LocalPass::back(const Layer& layer, const Patch& patch, const Window& at) {
   const Tensor gradient = slope(layer, patch, at, cut(patch.gradient, patch.at, at));
   switch (layer.op) {
     case Layer::Op::input:
-    case Layer::Op::pool:
+    case Layer::Op::max_pool:
       return;
     case Layer::Op::conv:
       return conv_vjp(layer, at, gradient);
@@ -315,13 +314,12 @@ void LocalPass::back(const Layer& layer, const Patch& patch, const Window& at) {
       }
       return;
     }
-    case Layer::Op::twice: {
-      const Window half{at.top / 2, at.left / 2, (at.bottom + 1) / 2, (at.right + 1) / 2};
-      const Window grown{2 * half.top, 2 * half.left, 2 * half.bottom, 2 * half.right};
-      add_gradient(layer.from[0], half, torch::avg_pool2d(around(gradient, at, grown), 2) * 4);
+    case Layer::Op::upsample: {
+      const Window half = halved(at);
+      add_gradient(layer.from[0], half, torch::avg_pool2d(pad_to(gradient, at, doubled(half)), 2) * 4);
       return;
     }
-    case Layer::Op::halve:
+    case Layer::Op::average_pool:
       add_gradient(layer.from[0], read_by(at, layer.reach),
                    at::upsample_nearest2d(gradient, {2 * at.rows(), 2 * at.columns()}) / 4);
       return;
@@ -340,7 +338,7 @@ void LocalPass::conv_vjp(const Layer& layer, const Window& at, const Tensor& gra
       const Window needed{outer.top + layer.reach.padding - layer.reach.kernel + 1,
                           outer.left + layer.reach.padding - layer.reach.kernel + 1,
                           outer.bottom + layer.reach.padding, outer.right + layer.reach.padding};
-      const Tensor y = around(gradient, at, needed);
+      const Tensor y = pad_to(gradient, at, needed);
       add_to(before, plan_[from], outer, convolve_turned(layer, y));
       work_ += layer.work() * static_cast<double>(outer.area());
       continue;

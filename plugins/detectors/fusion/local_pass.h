@@ -20,7 +20,7 @@ namespace mirage::fusion {
 /// The part `part` of x, which covers `at`; a view.
 torch::Tensor cut(const torch::Tensor& x, const Window& at, const Window& part);
 /// The part `outer` of x, which covers `at`; zeros outside. Channels-last in memory.
-torch::Tensor around(const torch::Tensor& x, const Window& at, const Window& outer);
+torch::Tensor pad_to(const torch::Tensor& x, const Window& at, const Window& outer);
 
 /// A window of a layer's map.
 struct Patch {
@@ -41,9 +41,8 @@ class LocalPass {
   /// input that is not kept they are what its one reader will read: they may overlap, and go beyond the map
   /// (where it is zero).
   void give(int layer, ChangedRegion dirty, const std::function<torch::Tensor(const Window&)>& value);
-  /// From here on nothing changes further than `halo` places from `changed`, both of an input's map: what
-  /// does is left as it was. The pass is then an approximation. Maps of other sizes count in steps of a power
-  /// of two.
+  /// Makes the pass an approximation: from here on, changes further than `halo` places from `changed` (both
+  /// in an input's map) are ignored. Maps of other sizes count in steps of a power of two.
   void confine(ChangedRegion changed, std::int64_t halo) { near_ = std::move(changed), halo_ = halo; }
   /// Of a map of rows × columns: what lies near enough. Only after confine().
   ChangedRegion near(std::int64_t rows, std::int64_t columns) const;

@@ -6,7 +6,6 @@
 #include <numeric>
 
 #include "base/sizes.h"
-#include "geometry/box.h"
 #include "region.h"
 #include "sensor_tensors.h"
 
@@ -19,6 +18,21 @@ constexpr double kPositiveRadius = 0.4;  // of the half-extents
 constexpr double kBoxRadius = 0.7;       // the box term also trains the cells around the positive ones
 constexpr double kHeatSigma = 0.45;
 constexpr double kBoxWeight = 2.0;  // weight of the box term
+
+/// A place in a box's frame, in half-extents.
+struct Local {
+  double along, across;
+};
+
+Local to_local(const MirageBox& box, double x, double y) {
+  const double c = std::cos(box.yaw), s = std::sin(box.yaw), dx = x - box.x, dy = y - box.y;
+  return {(c * dx + s * dy) / (box.length / 2.0), (c * dy - s * dx) / (box.width / 2.0)};
+}
+
+/// Whether what lies there in an ignored box's frame gives no background loss.
+bool is_ignored(Local at) {
+  return std::max(std::abs(at.along), std::abs(at.across)) <= 1.1;
+}
 
 template <class Visit>
 void for_each_cell(const MirageBox& box, const Visit& visit) {
@@ -53,6 +67,16 @@ double overlap(const MiragePictureBox& a, const float* b) {
   return both / (area_a + area_b - both);
 }
 
+/// −t log p − (1 − t) log(1 − p), without overflow.
+Tensor cross_entropy(const Tensor& logit, const Tensor& target) {
+  return torch::softplus(logit) - target * logit;
+}
+
+/// Of sizes of errors: squares below `from`, slopes of 1 beyond.
+Tensor smooth_l1(const Tensor& size, double from) {
+  return torch::where(size < from, size.square() / (2 * from), size - from / 2);
+}
+
 double log_score(double logit) {
   return -(std::max(-logit, 0.0) + std::log1p(std::exp(-std::abs(logit))));
 }
@@ -75,14 +99,6 @@ constexpr double kScoredFrom = 0.3, kScoredFull = 0.8;  // of a new box, where i
 constexpr double kOnLabel = 0.5;                        // of an old box that learns to move
 constexpr double kChangeWeight = 1, kSmoothBelow = 0.3;
 
-BevBox bev_box(const float* b) {
-  return {b[0], b[1], b[2], b[3], b[4]};
-}
-
-BevBox bev_box(const MirageBox& b) {
-  return {b.x, b.y, b.length, b.width, b.yaw};
-}
-
 /// What turns `from` into `to`, in kChangeUnits; directions are the same half a turn on.
 std::array<float, kBoxParts> change_between(const BevBox& from, const BevBox& to) {
   const double c = std::cos(from.yaw), s = std::sin(from.yaw), dx = to.x - from.x, dy = to.y - from.y;
@@ -97,15 +113,6 @@ std::array<float, kBoxParts> change_between(const BevBox& from, const BevBox& to
 }
 
 }  // namespace
-
-Local to_local(const MirageBox& box, double x, double y) {
-  const double c = std::cos(box.yaw), s = std::sin(box.yaw), dx = x - box.x, dy = y - box.y;
-  return {(c * dx + s * dy) / (box.length / 2.0), (c * dy - s * dx) / (box.width / 2.0)};
-}
-
-bool is_ignored(Local at) {
-  return std::max(std::abs(at.along), std::abs(at.across)) <= 1.1;
-}
 
 Targets make_targets(std::span<const MirageBox> boxes, std::span<const MirageBox> ignored) {
   const std::int64_t cells = kCellsX * kCellsY;
@@ -163,21 +170,19 @@ LossTerms detection_loss(const Tensor& output, const Targets& targets, double po
   const Tensor score_loss = (miss + alarm).sum() / std::max(1.0, positives);
 
   const Tensor error = (output.narrow(0, kDx, 6).reshape({6, -1}) - targets.box) * targets.box_weight;
-  const Tensor size = error.abs();
-  constexpr double beta = 0.1;
-  const Tensor smooth = torch::where(size < beta, size.square() / (2 * beta), size - beta / 2);
-  const Tensor box_loss = smooth.sum() / std::max(1.0, boxed);
+  const Tensor box_loss = smooth_l1(error.abs(), 0.1).sum() / std::max(1.0, boxed);
   return {score_loss + kBoxWeight * box_loss, score_loss.item<double>(), box_loss.item<double>()};
 }
 
-MirageBox decode_box(std::int64_t cell, const std::array<float, 6>& values) {
+MirageBox decode_box(const float* output, std::int64_t cell) {
+  const auto value = [&](Output channel) { return output[channel * kCellsX * kCellsY + cell]; };
   MirageBox box;
-  box.x = static_cast<float>(cell_x(cell / kCellsY, kCell)) + values[0];
-  box.y = static_cast<float>(cell_y(cell % kCellsY, kCell)) + values[1];
+  box.x = static_cast<float>(cell_x(cell / kCellsY, kCell)) + value(kDx);
+  box.y = static_cast<float>(cell_y(cell % kCellsY, kCell)) + value(kDy);
   // A wild logarithm must not become an infinite box.
-  box.length = static_cast<float>(kMeanLength) * std::exp(std::clamp(values[2], -3.f, 3.f));
-  box.width = static_cast<float>(kMeanWidth) * std::exp(std::clamp(values[3], -3.f, 3.f));
-  box.yaw = 0.5f * std::atan2(values[4], values[5]);
+  box.length = static_cast<float>(kMeanLength) * std::exp(std::clamp(value(kLogLength), -3.f, 3.f));
+  box.width = static_cast<float>(kMeanWidth) * std::exp(std::clamp(value(kLogWidth), -3.f, 3.f));
+  box.yaw = 0.5f * std::atan2(value(kSin2Yaw), value(kCos2Yaw));
   return box;
 }
 
@@ -272,10 +277,6 @@ LossTerms picture_loss(const CameraOutput& output, std::span<const MiragePicture
     target.index_copy_(0, matched_places, iou.detach());
     box_loss = (1 - iou.square()).sum() / answering;
   }
-  // −t log p − (1 − t) log(1 − p), without overflow.
-  const auto cross_entropy = [](const Tensor& logit, const Tensor& wanted) {
-    return torch::softplus(logit) - wanted * logit;
-  };
   const Tensor score_loss = (cross_entropy(output.logits, target) * weight).sum() / answering;
   Tensor mask_loss = torch::zeros({});
   if (vehicle_mask) {
@@ -298,8 +299,8 @@ LossTerms region_loss(const Regions& regions, std::span<const MirageBox> boxes,
   Tensor target = torch::zeros({count}), weight = torch::ones({count}),
          change = torch::zeros({count, kBoxParts}), boxed = torch::zeros({count, 1});
   for (std::int64_t k = 0; k < count; ++k) {
-    const BevBox old = bev_box(before.data_ptr<float>() + 5 * k),
-                 now = bev_box(after.data_ptr<float>() + 5 * k);
+    const BevBox old = bev_box(before.data_ptr<float>() + kBoxParts * k),
+                 now = bev_box(after.data_ptr<float>() + kBoxParts * k);
     const MirageBox* best = nullptr;
     double most = 0;
     for (const MirageBox& box : boxes)
@@ -319,12 +320,9 @@ LossTerms region_loss(const Regions& regions, std::span<const MirageBox> boxes,
     }
   }
   const Tensor logits = regions.logits.to(torch::kFloat);
-  const Tensor score_loss =
-      (weight * (torch::softplus(logits) - target * logits)).sum() / weight.sum().clamp_min(1);
+  const Tensor score_loss = (weight * cross_entropy(logits, target)).sum() / weight.sum().clamp_min(1);
   const Tensor size = (regions.change.to(torch::kFloat) - change).abs() * boxed;
-  const Tensor smooth =
-      torch::where(size < kSmoothBelow, size.square() / (2 * kSmoothBelow), size - kSmoothBelow / 2);
-  const Tensor box_loss = smooth.sum() / (kBoxParts * boxed.sum().clamp_min(1));
+  const Tensor box_loss = smooth_l1(size, kSmoothBelow).sum() / (kBoxParts * boxed.sum().clamp_min(1));
   return {score_loss + kChangeWeight * box_loss, score_loss.item<double>(), box_loss.item<double>()};
 }
 

@@ -13,14 +13,6 @@
 
 namespace mirage::fusion {
 
-/// A place in a box's frame, in half-extents.
-struct Local {
-  double along, across;
-};
-Local to_local(const MirageBox& box, double x, double y);
-/// Whether what lies there in an ignored box's frame gives no background loss.
-bool is_ignored(Local at);
-
 /// Per-cell targets, each `cells` long (or 6 × cells): made once per sample.
 struct Targets {
   torch::Tensor positive;    ///< 1 near a box's centre
@@ -45,8 +37,8 @@ LossTerms sum(const LossTerms& a, const LossTerms& b);
 /// batch's numbers of positive and boxed cells.
 LossTerms detection_loss(const torch::Tensor& output, const Targets& targets, double positives, double boxed);
 
-/// The box that the six regressed values of a cell mean.
-MirageBox decode_box(std::int64_t cell, const std::array<float, 6>& values);
+/// The box that a cell's six regressed values mean. output: kOutputs × 140 × 160.
+MirageBox decode_box(const float* output, std::int64_t cell);
 
 // What the camera network is taught: boxes in the picture, and which pixels show vehicles.
 

@@ -22,9 +22,13 @@ constexpr std::array<int, kGrids.size()> kWidths = {kBevFeatures, 64, 96, 128};
 constexpr int kPyramid = 64;
 constexpr double kHeard = 0.3;  // RMS that a new non-local mean adds to features
 
-Tensor upsample(const Tensor& x) {
-  return fn::interpolate(
-      x, fn::InterpolateFuncOptions().scale_factor(std::vector<double>{2, 2}).mode(torch::kNearest));
+/// The layer in training, with the sample's statistics.
+Tensor normalise(ChannelNormImpl& norm, const Tensor& x, SampleStatistics& statistics) {
+  const auto [y, mean, scale] =
+      torch::native_batch_norm(x, norm.weight, norm.bias, {}, {}, true, kMomentum, kEpsilon);
+  statistics.seen.push_back(
+      {&norm, mean.detach().clone(), (scale.detach().square().reciprocal() - kEpsilon).clamp_min(0)});
+  return y;
 }
 
 Tensor to_multiple(const Tensor& x, std::int64_t of) {
@@ -49,24 +53,16 @@ Tensor ChannelNormImpl::shift() const {
   return bias - mean * gain();
 }
 
-SampleStatistics::SampleStatistics() : before_(active_statistics) {
+SampleStatistics::SampleStatistics() {
   active_statistics = this;
 }
 
 SampleStatistics::~SampleStatistics() {
-  active_statistics = before_;
+  active_statistics = nullptr;
 }
 
-SampleStatistics* SampleStatistics::active() {
+SampleStatistics* SampleStatistics::current() {
   return active_statistics;
-}
-
-Tensor normalise(ChannelNormImpl& norm, const Tensor& x, SampleStatistics& statistics) {
-  const auto [y, mean, scale] =
-      torch::native_batch_norm(x, norm.weight, norm.bias, {}, {}, true, kMomentum, kEpsilon);
-  statistics.seen.push_back(
-      {&norm, mean.detach().clone(), (scale.detach().square().reciprocal() - kEpsilon).clamp_min(0)});
-  return y;
 }
 
 void follow(const std::vector<SampleStatistics::Seen>& seen, std::int64_t samples) {
@@ -88,7 +84,7 @@ ConvNormImpl::ConvNormImpl(int in, int out, int kernel, int stride, bool relu) :
 
 Tensor ConvNormImpl::forward(const Tensor& x) {
   Tensor y;
-  if (SampleStatistics* statistics = SampleStatistics::active()) {
+  if (SampleStatistics* statistics = SampleStatistics::current()) {
     y = conv(x);
     if (y.scalar_type() == torch::kBFloat16) y = y.to(torch::kFloat);
     y = normalise(*channel_norm, y, *statistics);
@@ -212,7 +208,7 @@ ReadFeatures NetworkImpl::read_image(const SensorTensors& input) {
   const Tensor uv = uvw.narrow(1, 0, 2) / uvw.narrow(1, 2, 1);
 
   sampled.map = read_map(see(input));
-  sampled.read = bilinear(sampled.map.to(torch::kCPU), places_in_map(uv, kImageStride));
+  sampled.read = bilinear(sampled.map.to(torch::kCPU), places_in_map(uv, kFeatureStride));
   if (parts.depth_gate) {
     const auto before = nearest_before(flat, input.projection, width, height, indices);
     const Tensor front = projected(all.index_select(0, torch::tensor(before)), input.projection).select(1, 2);
@@ -271,10 +267,10 @@ FirstStage NetworkImpl::first_stage(const SensorTensors& sensors) {
   const Tensor x2 = group2b(group2a(with(1, down2(x1))));
   const Tensor x4 = group4b(group4a(with(2, down4(x2))));
   const Tensor x8 = group8(with(3, down8(to_multiple(x4, 2))));
-  const Tensor up8 = upsample(lateral8(x8)).narrow(2, 0, x4.size(2));
+  const Tensor up8 = twice(lateral8(x8)).narrow(2, 0, x4.size(2));
   const Tensor p4 = torch::relu(lateral4(x4) + up8);
-  const Tensor p2 = torch::relu(lateral2(x2) + upsample(p4));
-  const Tensor p1 = torch::relu(lateral1(x1) + upsample(reduce(p2)));
+  const Tensor p2 = torch::relu(lateral2(x2) + twice(p4));
+  const Tensor p1 = torch::relu(lateral1(x1) + twice(reduce(p2)));
   const Tensor bev = smooth(p1);
   const torch::Dtype type = input.points.scalar_type();
   FirstStage first;

@@ -26,7 +26,8 @@ struct ChannelNormImpl : torch::nn::Module {
 };
 TORCH_MODULE(ChannelNorm);
 
-/// While one lives, norms on this thread use the sample's statistics, which it collects.
+/// While one lives, norms on this thread use the sample's statistics, which it collects. One a thread at
+/// most.
 class SampleStatistics {
  public:
   SampleStatistics();
@@ -34,20 +35,15 @@ class SampleStatistics {
   SampleStatistics& operator=(const SampleStatistics&) = delete;
   ~SampleStatistics();
   /// Of this thread; nullptr if norms are frozen.
-  static SampleStatistics* active();
+  static SampleStatistics* current();
 
   struct Seen {
     ChannelNormImpl* norm;
     torch::Tensor mean, variance;
   };
   std::vector<Seen> seen;
-
- private:
-  SampleStatistics* before_;
 };
 
-/// The layer in training, with the sample's statistics.
-torch::Tensor normalise(ChannelNormImpl& norm, const torch::Tensor& x, SampleStatistics& statistics);
 /// Moves the running means towards what a sample showed, the `samples`-th of the training: the plain mean of
 /// the first fifty, a mean that forgets from then on.
 void follow(const std::vector<SampleStatistics::Seen>& seen, std::int64_t samples);

@@ -51,7 +51,7 @@ int Plan::add(Layer layer) {
   // What a layer with an extent reads beyond a window, and what one of several maps reads where another one
   // changed.
   const bool reads_around = layer.reach.kernel > 1 || layer.op == Layer::Op::sum ||
-                            layer.op == Layer::Op::join || layer.op == Layer::Op::halve;
+                            layer.op == Layer::Op::join || layer.op == Layer::Op::average_pool;
   for (const int from : layer.from) {
     Layer& before = layers_[as_size(from)];
     if (reads_around && before.op != Layer::Op::input) before.kept = true;
@@ -66,17 +66,24 @@ int Plan::input(std::int64_t channels, std::int64_t rows, std::int64_t columns, 
   return add(std::move(layer));
 }
 
+Layer Plan::reading(Layer::Op op, const std::vector<int>& from) const {
+  const Layer& before = (*this)[from.front()];
+  Layer layer;
+  layer.op = op, layer.from = from;
+  layer.channels = before.channels, layer.rows = before.rows, layer.columns = before.columns;
+  return layer;
+}
+
 int Plan::conv(int from, const Tensor& weight, const Tensor& bias, std::int64_t stride, std::int64_t groups,
                Curve curve) {
-  const Layer& before = (*this)[from];
   const torch::NoGradGuard guard;
-  Layer layer;
-  layer.op = Layer::Op::conv, layer.from = {from}, layer.groups = groups, layer.curve = curve;
+  Layer layer = reading(Layer::Op::conv, {from});
+  layer.groups = groups, layer.curve = curve;
   layer.weight = weight.detach().contiguous(kChannelsLast), layer.bias = bias.detach();
   const std::int64_t kernel = weight.size(2);
   layer.reach = {kernel, stride, (kernel - 1) / 2};
   layer.channels = weight.size(0);
-  layer.rows = (before.rows + stride - 1) / stride, layer.columns = (before.columns + stride - 1) / stride;
+  layer.rows = (layer.rows + stride - 1) / stride, layer.columns = (layer.columns + stride - 1) / stride;
   if (stride == 1) {
     if (kernel % 2 == 0) throw std::logic_error("a plan's kernels of stride 1 have odd sizes");
     const Tensor flipped = layer.weight.flip({2, 3});
@@ -91,41 +98,33 @@ int Plan::conv(int from, const Tensor& weight, const Tensor& bias, std::int64_t 
 }
 
 int Plan::sum(int a, int b, Curve curve) {
-  Layer layer;
-  const Layer& before = (*this)[a];
-  layer.op = Layer::Op::sum, layer.from = {a, b}, layer.channels = before.channels, layer.curve = curve;
-  layer.rows = before.rows, layer.columns = before.columns;
+  Layer layer = reading(Layer::Op::sum, {a, b});
+  layer.curve = curve;
   return add(std::move(layer));
 }
 
 int Plan::join(const std::vector<int>& from) {
-  Layer layer;
-  layer.op = Layer::Op::join, layer.from = from;
-  layer.rows = (*this)[from.front()].rows, layer.columns = (*this)[from.front()].columns;
+  Layer layer = reading(Layer::Op::join, from);
+  layer.channels = 0;
   for (const int part : from) layer.channels += (*this)[part].channels;
   return add(std::move(layer));
 }
 
-int Plan::twice(int from, std::int64_t rows) {
-  Layer layer;
-  layer.op = Layer::Op::twice, layer.from = {from}, layer.channels = (*this)[from].channels;
-  layer.rows = rows, layer.columns = 2 * (*this)[from].columns;
+int Plan::upsample(int from, std::int64_t rows) {
+  Layer layer = reading(Layer::Op::upsample, {from});
+  layer.rows = rows, layer.columns *= 2;
   return add(std::move(layer));
 }
 
-int Plan::pool(int from, std::int64_t side) {
-  Layer layer;
-  const Layer& before = (*this)[from];
-  layer.op = Layer::Op::pool, layer.from = {from}, layer.channels = before.channels;
-  layer.rows = before.rows, layer.columns = before.columns, layer.reach = {side, 1, side / 2};
+int Plan::max_pool(int from, std::int64_t side) {
+  Layer layer = reading(Layer::Op::max_pool, {from});
+  layer.reach = {side, 1, side / 2};
   return add(std::move(layer));
 }
 
-int Plan::halve(int from) {
-  Layer layer;
-  const Layer& before = (*this)[from];
-  layer.op = Layer::Op::halve, layer.from = {from}, layer.channels = before.channels;
-  layer.rows = before.rows / 2, layer.columns = before.columns / 2, layer.reach = {2, 2, 0};
+int Plan::average_pool(int from) {
+  Layer layer = reading(Layer::Op::average_pool, {from});
+  layer.rows /= 2, layer.columns /= 2, layer.reach = {2, 2, 0};
   return add(std::move(layer));
 }
 
@@ -182,13 +181,13 @@ CleanMaps run(const Plan& plan, const std::vector<Tensor>& input) {
         y = torch::cat(parts, 1);
         break;
       }
-      case Layer::Op::twice:
+      case Layer::Op::upsample:
         y = at::upsample_nearest2d(in(0), {2 * in(0).size(2), 2 * in(0).size(3)}).narrow(2, 0, layer.rows);
         break;
-      case Layer::Op::pool:
+      case Layer::Op::max_pool:
         y = torch::max_pool2d(in(0), layer.reach.kernel, 1, layer.reach.padding);
         break;
-      case Layer::Op::halve:
+      case Layer::Op::average_pool:
         y = torch::avg_pool2d(in(0), 2);
         break;
     }

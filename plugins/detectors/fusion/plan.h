@@ -17,13 +17,13 @@ enum class Curve { none, relu, silu };
 
 struct Layer {
   enum class Op {
-    input,  ///< an input
-    conv,   ///< with bias and curve; beyond its input's border it reads zeros
-    sum,    ///< of two maps, and a curve
-    join,   ///< channels of several maps behind each other
-    twice,  ///< every place doubled along both axes
-    pool,   ///< maximum of kernel × kernel places around each
-    halve   ///< mean of 2 × 2 places
+    input,        ///< an input
+    conv,         ///< with bias and curve; beyond its input's border it reads zeros
+    sum,          ///< of two maps, and a curve
+    join,         ///< channels of several maps behind each other
+    upsample,     ///< every place doubled along both axes
+    max_pool,     ///< maximum of kernel × kernel places around each
+    average_pool  ///< mean of 2 × 2 places
   };
   Op op = Op::input;
   std::vector<int> from;
@@ -60,9 +60,9 @@ class Plan {
            std::int64_t groups, Curve curve);
   int sum(int a, int b, Curve curve);
   int join(const std::vector<int>& from);
-  int twice(int from, std::int64_t rows);  ///< cut to `rows`
-  int pool(int from, std::int64_t side);
-  int halve(int from);
+  int upsample(int from, std::int64_t rows);  ///< cut to `rows`
+  int max_pool(int from, std::int64_t side);
+  int average_pool(int from);
   /// Its clean map is kept.
   void keep(int layer) { layers_[as_size(layer)].kept = true; }
 
@@ -72,6 +72,8 @@ class Plan {
   torch::Dtype type() const { return type_; }  ///< of its maps: that of its weights
 
  private:
+  /// A layer whose map is as large as the first of those that it reads.
+  Layer reading(Layer::Op op, const std::vector<int>& from) const;
   int add(Layer layer);
   bool bfloat16_;
   torch::Dtype type_ = torch::kFloat;

@@ -62,14 +62,6 @@ void region(void*, float out[4]) {
   out[3] = static_cast<float>(mirage::fusion::kYMax);
 }
 
-uint32_t capabilities(void* detector) {
-  return Functions::of(detector).capabilities();
-}
-
-void* share(void* detector, char* error, size_t error_size) {
-  return Functions::made(error, error_size, [&] { return Functions::of(detector).shared(); });
-}
-
 int image_features(void* detector, const MirageSensorInput* input, MirageImageFeatures* features, char* error,
                    size_t error_size) {
   return guarded(error, error_size, [&] { *features = Functions::of(detector).image_features(*input); });
@@ -111,8 +103,8 @@ const MirageDetectorApi3 kApi = {MIRAGE_DETECTOR_ABI_3,
                                  Functions::backward,
                                  Functions::train_step,
                                  Functions::save,
-                                 capabilities,
-                                 share,
+                                 Functions::capabilities,
+                                 Functions::share,
                                  image_features,
                                  why_whole,
                                  forward_changed,

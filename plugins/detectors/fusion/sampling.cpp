@@ -12,18 +12,6 @@ namespace {
 
 constexpr double kMinPointDepth = 0.5;  // m
 
-/// Cells of the grid whose centres a point reaches, and a cell around them.
-Window reached(const Grid& grid, double x, double y) {
-  const auto first = [&](double at) {
-    return std::max<std::int64_t>(0, std::llround(std::floor((at - grid.reach) / grid.cell)));
-  };
-  const auto last = [&](double at, std::int64_t count) {
-    return std::min<std::int64_t>(count - 1, std::llround(std::floor((at + grid.reach) / grid.cell)));
-  };
-  return {first(x - kXMin), first(y - kYMin), last(x - kXMin, grid.rows) + 1,
-          last(y - kYMin, grid.columns) + 1};
-}
-
 using torch::Tensor;
 using torch::autograd::AutogradContext;
 using torch::autograd::variable_list;
@@ -274,11 +262,6 @@ torch::Tensor projected(const torch::Tensor& points, const Projection& projectio
   return torch::matmul(points, matrix.narrow(1, 0, 3).t()) + matrix.select(1, 3);
 }
 
-torch::Tensor pixels_of(const torch::Tensor& points, const Projection& projection) {
-  const torch::Tensor uvw = projected(points, projection);
-  return uvw.narrow(1, 0, 2) / uvw.narrow(1, 2, 1);
-}
-
 torch::Tensor centres_of(std::span<const std::int64_t> cells, const Grid& grid) {
   torch::Tensor centres = torch::empty({static_cast<std::int64_t>(cells.size()), 3});
   float* centre = centres.data_ptr<float>();
@@ -290,8 +273,15 @@ torch::Tensor centres_of(std::span<const std::int64_t> cells, const Grid& grid) 
   return centres;
 }
 
-Window cells_reached(const Grid& grid, const float* point) {
-  return reached(grid, point[0], point[1]);
+Window cells_reached(const Grid& grid, double x, double y) {
+  const auto first = [&](double at) {
+    return std::max<std::int64_t>(0, std::llround(std::floor((at - grid.reach) / grid.cell)));
+  };
+  const auto last = [&](double at, std::int64_t count) {
+    return std::min<std::int64_t>(count - 1, std::llround(std::floor((at + grid.reach) / grid.cell)));
+  };
+  return {first(x - kXMin), first(y - kYMin), last(x - kXMin, grid.rows) + 1,
+          last(y - kYMin, grid.columns) + 1};
 }
 
 bool feeds_cells(const float* p, const Projection& projection, int width, int height) {
@@ -305,7 +295,7 @@ std::vector<std::int64_t> nearest_in(const Grid& grid, std::span<const float> po
   std::vector<double> distance(best.size(), grid.reach * grid.reach);
   for (const std::int64_t i : candidates) {
     const double x = points[as_size(4 * i)], y = points[as_size(4 * i + 1)];
-    const Window offered = intersection(reached(grid, x, y), cells);
+    const Window offered = intersection(cells_reached(grid, x, y), cells);
     for (std::int64_t row = offered.top; row < offered.bottom; ++row) {
       const double dx = x - cell_x(row, grid.cell);
       for (std::int64_t column = offered.left; column < offered.right; ++column) {
@@ -349,8 +339,9 @@ Tensor places_in_map(const Tensor& pixels, int stride) {
   return (pixels + 0.5) / stride - 0.5;
 }
 
-Tensor soft_voxels(const Tensor& points) {
-  return soft_voxels(points, Tensor(), Tensor());
+Tensor features_at(const Tensor& map, const Tensor& points, const Projection& projection, int stride) {
+  const Tensor uvw = projected(points, projection);
+  return bilinear(map, places_in_map(uvw.narrow(1, 0, 2) / uvw.narrow(1, 2, 1), stride));
 }
 
 Tensor soft_voxels(const Tensor& points, const Tensor& further, const Tensor& masses) {

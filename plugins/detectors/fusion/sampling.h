@@ -26,8 +26,6 @@ std::optional<PixelDepth> seen_at(const float* point, const Projection& projecti
 
 /// points: n × 3. Rows (u w, v w, w) of the projection; differentiable.
 torch::Tensor projected(const torch::Tensor& points, const Projection& projection);
-/// projected()'s pixels (u, v), n × 2.
-torch::Tensor pixels_of(const torch::Tensor& points, const Projection& projection);
 
 /// The points that cells' offsets are taken from: n × 3.
 torch::Tensor centres_of(std::span<const std::int64_t> cells, const Grid& grid);
@@ -46,8 +44,8 @@ std::array<NearestPoints, kGrids.size()> nearest_points(std::span<const float> p
 
 /// Its parts. Whether a point (x, y, z) takes part: in the region, and seen by the camera.
 bool feeds_cells(const float* point, const Projection& projection, int width, int height);
-/// Cells that such a point may be nearest to.
-Window cells_reached(const Grid& grid, const float* point);
+/// Cells that such a point may be nearest to: those whose centres it reaches, and a cell around them.
+Window cells_reached(const Grid& grid, double x, double y);
 /// For each cell of a window, row by row, the nearest of `candidates`, which are in the order of the points;
 /// −1 where none is within reach.
 std::vector<std::int64_t> nearest_in(const Grid& grid, std::span<const float> points,
@@ -62,6 +60,9 @@ torch::Tensor bilinear(const torch::Tensor& map, const torch::Tensor& at);
 
 /// Where pixels lie in a map with one place for each stride × stride of them, as bilinear() counts.
 torch::Tensor places_in_map(const torch::Tensor& pixels, int stride);
+/// bilinear() at the pixels of points (N × 3).
+torch::Tensor features_at(const torch::Tensor& map, const torch::Tensor& points, const Projection& projection,
+                          int stride);
 
 // LiDAR points to a soft occupancy grid, with its exact derivative.
 
@@ -73,12 +74,10 @@ inline constexpr Window kGridWindow{0, 0, kVoxelsX, kVoxelsY};
 /// are points that are not finite. Result: 1 × 18 × 280 × 320 (layers as channels; rows along x, columns
 /// along y), channels-last. Differentiable in x, y and z; reflectance is not read, because sensors and
 /// generated sweeps disagree about it. Bounded to [0, 1) by m / (1 + m), so that near, dense cars look like
-/// far, thin ones.
-torch::Tensor soft_voxels(const torch::Tensor& points);
-/// The same with further points whose unit of mass is `masses` (K) instead, differentiable in these; their
-/// places have no derivative. K × (x, y, z, …).
-torch::Tensor soft_voxels(const torch::Tensor& points, const torch::Tensor& further,
-                          const torch::Tensor& masses);
+/// far, thin ones. `further`: K × (x, y, z, …) points whose unit of mass is `masses` (K) instead,
+/// differentiable in these; their places have no derivative.
+torch::Tensor soft_voxels(const torch::Tensor& points, const torch::Tensor& further = {},
+                          const torch::Tensor& masses = {});
 /// A window of the same (zero beyond the grid), of float points; no gradient.
 torch::Tensor soft_voxels(const torch::Tensor& points, const Window& in);
 /// Its VJP: d points (N × 4) from the gradient in the window's voxels.

@@ -146,7 +146,7 @@ Tensor from_picture(const Tensor& map, const Tensor& boxes, const Tensor& ground
   const Tensor steps = raster(kPictureSide, boxes);
   const auto [u, v] = all_pairs(middle.narrow(1, 0, 1) + size.narrow(1, 0, 1) * steps,
                                 middle.narrow(1, 1, 1) + size.narrow(1, 1, 1) * steps);
-  const Tensor at = places_in_map(torch::stack({u, v}, 2).view({-1, 2}), kImageStride);
+  const Tensor at = places_in_map(torch::stack({u, v}, 2).view({-1, 2}), kFeatureStride);
   return bilinear(map, at).view({boxes.size(0), kPictureSide * kPictureSide, map.size(1)});
 }
 
@@ -160,8 +160,7 @@ RegionReturns::RegionReturns(const Tensor& boxes, const SensorTensors& input, in
   const Buckets buckets(points);
   std::vector<std::int64_t> row_of(as_size(all.size(0)), -1), mine;
   for (std::int64_t k = 0; k < plain.size(0); ++k) {
-    const float* b = plain.data_ptr<float>() + 5 * k;
-    const BevBox box{b[0], b[1], b[2], b[3], b[4]};
+    const BevBox box = bev_box(plain.data_ptr<float>() + kBoxParts * k);
     const double floor = returns.ground(box), c = std::cos(box.yaw), s = std::sin(box.yaw);
     ground.push_back(static_cast<float>(floor));
     visible.push_back(car_in_picture(box, floor, input.projection, width, height) ? 1.f : 0.f);
@@ -213,11 +212,11 @@ Tensor RegionReturns::evidence_of(const SensorTensors& input, const Tensor& mask
       torch::zeros({static_cast<std::int64_t>(rows_.size())}, input.points.options().requires_grad(false));
   if (seen_.empty()) return nothing;
   const Tensor seen = torch::tensor(seen_), points = points_of(input).index_select(0, seen);
-  const Tensor logits = bilinear(mask, places_in_map(pixels_of(points, input.projection), kMaskStride));
+  const Tensor logits = features_at(mask, points, input.projection, kMaskStride);
   return nothing.index_copy(0, seen, torch::sigmoid(logits).select(1, 0));
 }
 
-Tensor RegionReturns::occupancy(const Tensor& boxes, const Tensor& above, const SensorTensors& input,
+Tensor RegionReturns::occupancy(const Tensor& boxes, const Tensor& ground_heights, const SensorTensors& input,
                                 const Tensor& mask) const {
   constexpr std::int64_t cells = kOccupiedAlong * kOccupiedAcross;
   const auto count = boxes.size(0);
@@ -232,7 +231,8 @@ Tensor RegionReturns::occupancy(const Tensor& boxes, const Tensor& above, const 
                    ((dx * c + dy * s) / box.select(1, 2) / (2 * kOccupiedReach) + 0.5) * (kOccupiedAlong - 1),
                across = ((dy * c - dx * s) / box.select(1, 3) / (2 * kOccupiedAside) + 0.5) *
                         (kOccupiedAcross - 1);
-  const Tensor high = ((point.select(1, 2) - above.index_select(0, of)) / kNominalHeight).clamp(0, 1);
+  const Tensor high =
+      ((point.select(1, 2) - ground_heights.index_select(0, of)) / kNominalHeight).clamp(0, 1);
   const Tensor evidence = evidence_of(input, mask).index_select(0, row);
   const Tensor layers =
       torch::stack({1 - high, high, evidence}, 1) * masses_of(input).index_select(0, row).unsqueeze(1);

@@ -7,15 +7,13 @@
 
 #include "camera.h"
 #include "detection/detector_abi3.h"
+#include "geometry/box.h"
 #include "sampling.h"
 
 namespace mirage::fusion {
 
 /// Channels of the output, one proposal a cell.
 enum Output { kLogit, kDx, kDy, kLogLength, kLogWidth, kSin2Yaw, kCos2Yaw, kOutputs };
-
-/// Pixels a side of a place of the image branch's map.
-inline constexpr int kImageStride = 8;
 
 /// On the CPU, whatever device the network is on.
 struct SensorTensors {
@@ -49,6 +47,14 @@ inline SensorTensors copy_input(const MirageSensorInput& input, bool with_image)
   if (tensors.image.defined()) tensors.image = tensors.image.clone();
   tensors.points = tensors.points.clone();
   return tensors;
+}
+
+inline BevBox bev_box(const MirageBox& b) {
+  return {b.x, b.y, b.length, b.width, b.yaw};
+}
+/// b: x, y, length, width (m), yaw (rad).
+inline BevBox bev_box(const float* b) {
+  return {b[0], b[1], b[2], b[3], b[4]};
 }
 
 }  // namespace mirage::fusion

@@ -1,6 +1,5 @@
 // How the detector learns: a step of its optimiser, and what a sample costs.
 #include <algorithm>
-#include <cmath>
 #include <mutex>
 #include <optional>
 #include <stdexcept>
@@ -24,7 +23,7 @@ constexpr std::size_t kMemory = std::size_t{4} << 30;  // bytes of kept camera o
 
 }  // namespace
 
-CameraOutput FusionDetector::remembered(const SensorTensors& input, std::uint64_t key) {
+CameraOutput FusionDetector::cached_camera_output(const SensorTensors& input, std::uint64_t key) {
   {
     const std::scoped_lock lock(memory_mutex_);
     if (const auto kept = memory_.find(key); key != 0 && kept != memory_.end()) {
@@ -61,12 +60,9 @@ LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& tar
     input.image = taught.image;
   }
   const Bfloat16 rounded(options_.precision == Precision::bfloat16);
-  if (input.image.defined() && frozen_camera) {
-    input.camera = remembered(input, sample.picture_key);  // of the picture as recorded
-    input = augment(input, options_.seed, index, false);
-  } else {
-    input = augment(input, options_.seed, index, true);
-  }
+  if (input.image.defined() && frozen_camera)
+    input.camera = cached_camera_output(input, sample.picture_key);  // of the picture as recorded
+  input = augment(input, options_.seed, index, !frozen_camera);
   if (camera_learns()) input.camera = network_->see(input, true);  // boxes are a task
   LossTerms terms{torch::zeros({}), 0, 0};
   if (options_.parts.second && input.image.defined()) {
@@ -129,22 +125,11 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
       results[i].gradients.resize(parameters.size());
   });
   samples_seen_ += static_cast<std::int64_t>(samples.size());
-  // Summed in the samples' order, so that the number of threads changes nothing.
-  std::array<float, 3> loss{};
-  for (const Tensor& parameter : parameters) parameter.mutable_grad() = torch::zeros_like(parameter);
-  for (const SampleResult& result : results) {
-    for (std::size_t t = 0; t < loss.size(); ++t) loss[t] += result.loss[t];
-    for (std::size_t k = 0; k < parameters.size(); ++k)
-      if (result.gradients[k].defined()) parameters[k].mutable_grad().add_(result.gradients[k]);
-  }
   for (std::size_t i = 0; i < statistics.size(); ++i)
     follow(statistics[i], samples_seen_ - static_cast<std::int64_t>(samples.size() - i) + 1);
-  if (!std::isfinite(loss[0]))
-    throw std::runtime_error("the training loss is not finite; lower the learning rate");
-  torch::nn::utils::clip_grad_norm_(parameters, kMaxGradient);
-  for (auto& group : optimiser_->param_groups())
-    static_cast<torch::optim::AdamWOptions&>(group.options()).lr(learning_rate);
-  optimiser_->step();
+  // Each sample's loss is divided already.
+  const std::array<float, 3> loss =
+      take_step(*optimiser_, parameters, results, 1, kMaxGradient, learning_rate);
   const auto is_finite = [](const Tensor& values) { return torch::isfinite(values).all().item<bool>(); };
   if (!std::ranges::all_of(parameters, is_finite) || !std::ranges::all_of(network_->buffers(), is_finite))
     throw std::runtime_error("the weights are not finite after the step; lower the learning rate");

@@ -36,10 +36,6 @@ void require_known(const WeightsFile& file, const NetworkImpl& stored) {
 
 }  // namespace
 
-torch::Device best_device() {
-  return torch::cuda::is_available() ? torch::kCUDA : torch::kCPU;
-}
-
 std::string name_of(const Parts& parts) {
   if (!parts.lidar) return "camera";
   if (parts.second) return "refined";

@@ -11,9 +11,6 @@
 
 namespace mirage::fusion {
 
-/// CUDA where LibTorch has it, else the CPU.
-torch::Device best_device();
-
 /// "lidar", "camera", "painted", "fusion", "late" or "refined".
 std::string name_of(const Parts& parts);
 /// Of a fresh network of that name; std::runtime_error if there is none.

@@ -38,6 +38,14 @@ bool holds(const Window& outer, const Window& inner) {
   return inner.empty() || intersection(outer, inner) == inner;
 }
 
+Window halved(const Window& at) {
+  return {at.top / 2, at.left / 2, (at.bottom + 1) / 2, (at.right + 1) / 2};
+}
+
+Window doubled(const Window& at) {
+  return {2 * at.top, 2 * at.left, 2 * at.bottom, 2 * at.right};
+}
+
 Window read_by(const Window& out, const Reach& reach) {
   const auto first = [&](std::int64_t o) { return o * reach.stride - reach.padding; };
   return {first(out.top), first(out.left), first(out.bottom - 1) + reach.kernel,
@@ -124,15 +132,6 @@ std::vector<Window> ChangedRegion::windows(std::int64_t worth) const {
     open_area = line.area();
   }
   return merged;
-}
-
-bool ChangedRegion::operator==(const ChangedRegion& other) const {
-  if (columns_ != other.columns_ || rows_.size() != other.rows_.size()) return false;
-  for (std::size_t r = 0; r < rows_.size(); ++r) {
-    const Span &a = rows_[r], &b = other.rows_[r];
-    if (a.empty() != b.empty() || (!a.empty() && (a.low != b.low || a.high != b.high))) return false;
-  }
-  return true;
 }
 
 }  // namespace mirage::fusion

@@ -21,6 +21,10 @@ Window intersection(const Window& a, const Window& b);
 /// The smallest that holds both; an empty one counts for nothing.
 Window bounds(const Window& a, const Window& b);
 bool holds(const Window& outer, const Window& inner);
+/// The same places in a map of half the size, with those that lie there in part.
+Window halved(const Window& at);
+/// In a map of twice the size.
+Window doubled(const Window& at);
 
 /// How a layer reads: output o needs the inputs o · stride − padding … o · stride − padding + kernel − 1.
 struct Reach {
@@ -57,7 +61,6 @@ class ChangedRegion {
   ChangedRegion doubled(std::int64_t rows) const;
   /// Disjoint windows that cover it: rows are taken together while that adds fewer than `worth` places.
   std::vector<Window> windows(std::int64_t worth) const;
-  bool operator==(const ChangedRegion& other) const;
 
  private:
   std::vector<Span> rows_;

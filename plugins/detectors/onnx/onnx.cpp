@@ -156,8 +156,7 @@ class Model {
   }
 
   static const Place* find(const std::vector<Place>& places, const std::string& name) {
-    const auto found =
-        std::find_if(places.begin(), places.end(), [&](const Place& p) { return p.name == name; });
+    const auto found = std::ranges::find(places, name, &Place::name);
     return found == places.end() ? nullptr : &*found;
   }
 
@@ -237,7 +236,7 @@ class OnnxDetector {
     std::copy(model_->region().begin(), model_->region().end(), capabilities_.region);
   }
 
-  const MirageCapabilities& capabilities() const { return capabilities_; }
+  const MirageCapabilities* capabilities() const { return &capabilities_; }
   std::unique_ptr<OnnxDetector> shared() const { return std::make_unique<OnnxDetector>(model_); }
 
   const std::vector<MirageDetection>& forward(const MiragePass& pass) {
@@ -298,27 +297,22 @@ void* create(const char* options_json, const char* weights, char* error, size_t 
   });
 }
 
-const MirageCapabilities* capabilities(void* detector) {
-  return &Functions::of(detector).capabilities();
-}
-
-int forward(void* detector, const MiragePass* pass, const MirageDetection** detections, int64_t* count,
-            char* error, size_t error_size) {
-  return guarded(error, error_size,
-                 [&] { mirage::give(Functions::of(detector).forward(*pass), detections, count); });
-}
-
-void* share(void* detector, char* error, size_t error_size) {
-  return Functions::made(error, error_size, [&] { return Functions::of(detector).shared(); });
-}
-
 int train_step(void*, const MirageTrainingFrame*, int64_t, float, float*, char* error, size_t error_size) {
   return guarded(error, error_size, [] { throw BadFile(kNoTraining); });
 }
 
-const MirageDetectorApi kApi = {
-    MIRAGE_DETECTOR_ABI, "onnx",  create, Functions::destroy, capabilities, forward, nullptr, nullptr, share,
-    train_step,          nullptr, nullptr};
+const MirageDetectorApi kApi = {MIRAGE_DETECTOR_ABI,
+                                "onnx",
+                                create,
+                                Functions::destroy,
+                                Functions::capabilities,
+                                Functions::forward,
+                                nullptr,
+                                nullptr,
+                                Functions::share,
+                                train_step,
+                                nullptr,
+                                nullptr};
 
 }  // namespace
 

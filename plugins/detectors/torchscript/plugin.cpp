@@ -66,7 +66,9 @@ constexpr const char* kWrite = "write it with torch.jit.script(model).save(FILE)
 constexpr const char* kGuide = "see src/guide/attack.md";
 
 /// The line that says why: the last one of a TorchScript trace, or else the first. As _copy.py's.
-std::string reason(const std::string& what) {
+std::string reason(const std::exception& problem) {
+  const auto* by_torch = dynamic_cast<const c10::Error*>(&problem);
+  const std::string what = by_torch ? by_torch->what_without_backtrace() : problem.what();
   std::string line, last;
   std::istringstream lines(what);
   const bool trace = what.find("Traceback of TorchScript") != std::string::npos;
@@ -85,11 +87,8 @@ template <class Work>
 auto guarded_call(const std::string& method, const Work& work) {
   try {
     return work();
-  } catch (const c10::Error& problem) {
-    bad(method, "failed (" + reason(problem.what_without_backtrace()) + ")",
-        "run the model in PyTorch first");
   } catch (const std::exception& problem) {
-    bad(method, "failed (" + reason(problem.what()) + ")", "run the model in PyTorch first");
+    bad(method, "failed (" + reason(problem) + ")", "run the model in PyTorch first");
   }
 }
 
@@ -138,10 +137,6 @@ int save(void*, const char*, int32_t, char* error, size_t error_size) {
   return guarded(error, error_size, [] { throw BadFile(kNoTraining); });
 }
 
-uint32_t capabilities(void* detector) {
-  return Functions::of(detector).capabilities();
-}
-
 const MirageDetectorApi3 kApi = {MIRAGE_DETECTOR_ABI_3,
                                  "torchscript",
                                  create,
@@ -151,7 +146,7 @@ const MirageDetectorApi3 kApi = {MIRAGE_DETECTOR_ABI_3,
                                  Functions::backward,
                                  train_step,
                                  save,
-                                 capabilities,
+                                 Functions::capabilities,
                                  nullptr,
                                  nullptr,
                                  nullptr,
@@ -170,10 +165,8 @@ TorchScriptDetector::TorchScriptDetector(const std::string& file, int threads) :
   torch::jit::getProfilingMode() = false;
   try {
     module_ = torch::jit::load(file, torch::kCPU);
-  } catch (const c10::Error& problem) {
-    bad("file", "not a TorchScript model (" + reason(problem.what_without_backtrace()) + ")", kWrite);
   } catch (const std::exception& problem) {
-    bad("file", "not a TorchScript model (" + reason(problem.what()) + ")", kWrite);
+    bad("file", "not a TorchScript model (" + reason(problem) + ")", kWrite);
   }
   module_.eval();
   for (Tensor parameter : module_.parameters()) parameter.requires_grad_(false);

@@ -62,6 +62,15 @@ std::vector<Vec3d> rows_of_three(const py::handle& values, const std::string& na
   return rows;
 }
 
+std::vector<Face> faces_of(const py::handle& values) {
+  const auto array = array_of<int>(values, "faces", {-1, 3});
+  std::vector<Face> faces(as_size(array.shape(0)));
+  const int* index = array.data();
+  for (Face& face : faces)
+    for (int& corner : face) corner = *index++;
+  return faces;
+}
+
 void check_albedo(std::span<const Vec3d> texels) {
   constexpr double kSlack = 1e-3;
   for (const Vec3d& texel : texels)

@@ -44,6 +44,19 @@ inline py::ssize_t ssize(std::size_t size) {
   return static_cast<py::ssize_t>(size);
 }
 
+/// A view of rows of three, N × 3.
+template <class Row>
+auto view_rows(const std::vector<Row>& rows, std::shared_ptr<const void> owner, bool writable) {
+  return view(rows.empty() ? nullptr : rows.front().data(), {ssize(rows.size()), 3}, std::move(owner),
+              writable);
+}
+
+/// Rows that the array owns.
+inline py::array_t<double> own_rows(std::vector<Vec3d> rows) {
+  const auto kept = std::make_shared<std::vector<Vec3d>>(std::move(rows));
+  return view_rows(*kept, kept, true);
+}
+
 /// A CPU array out of a NumPy array, anything with __dlpack__ or nested lists. InputError naming `name`.
 py::array any_array(const py::handle& values, const std::string& name);
 
@@ -115,6 +128,9 @@ bool take(const Strided<T>& from, const PixelRect& rect, int count, const Pixel&
 
 /// Rows of three numbers. InputError naming `name` if the array does not hold whole rows.
 std::vector<Vec3d> rows_of_three(const py::handle& values, const std::string& name);
+
+/// F × 3 indices. InputError as array_of's.
+std::vector<Face> faces_of(const py::handle& values);
 
 /// InputError for a texel outside [0, 1], of more than the step of a central difference.
 void check_albedo(std::span<const Vec3d> texels);

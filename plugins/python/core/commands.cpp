@@ -36,7 +36,7 @@ class PythonDetector : public ExternalDetector {
       : ExternalDetector(std::move(name), "detector"), adapter_(std::move(adapter)) {
     const py::gil_scoped_acquire lock;
     const auto word = py::module_::import("json").attr("dumps")(adapter_->attr("word")()).cast<std::string>();
-    word_ = read_external_description(nlohmann::json::parse(word), name_);
+    description_ = read_external_description(nlohmann::json::parse(word), name_);
   }
 
   std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
@@ -59,8 +59,8 @@ class PythonDetector : public ExternalDetector {
       RawBoxes raw{boxes.data(), logits.data(), as_size(logits.shape(0)), as_size(boxes.shape(1))};
       if (classes) raw.classes = {classes->data(), raw.count};
       if (identities) raw.identities = {identities->data(), raw.count};
-      return rows_.proposals(raw, word_.can, score_threshold, image ? image->width : 0,
-                             image ? image->height : 0, who_);
+      return rows_.proposals(raw, description_.can, score_threshold, image ? image->width : 0,
+                             image ? image->height : 0, error_name_);
     } catch (const py::error_already_set& error) {
       throw_if_blind(input, error.what());
       throw;  // the caller's own error, with its trace
@@ -76,12 +76,12 @@ class PythonDetector : public ExternalDetector {
       const auto found = gradients.find(sensor.name);
       if (found == gradients.end()) return values;
       if (as_size(found->second.size()) != values.size())
-        throw InputError(who_, "gradient to " + sensor.name,
+        throw InputError(error_name_, "gradient to " + sensor.name,
                          fmt::format("has {} values for {}", found->second.size(), values.size()),
                          "give one for each that was given");
       const std::span<const float> there(found->second.data(), values.size());
       if (!all_finite(there))
-        throw InputError(who_, "gradient to " + sensor.name, "is not finite",
+        throw InputError(error_name_, "gradient to " + sensor.name, "is not finite",
                          "look for roots and norms of 0 in the network");
       std::copy(there.begin(), there.end(), values.begin());
       if (sensor.sent && !levels_[sensor.at].empty()) through_srgb_slope(levels_[sensor.at], values);
@@ -106,7 +106,7 @@ class PythonDetector : public ExternalDetector {
     const Shape shape(its.shape.begin(), its.shape.end());
     const auto borrowed = std::shared_ptr<const void>(&sensor, [](const void*) {});
     std::vector<std::uint8_t>& levels = levels_.emplace_back();
-    if (its.kind == SensorData::Kind::camera && word_.bytes) {
+    if (its.kind == SensorData::Kind::camera && description_.bytes) {
       levels = srgb_bytes(*sensor.image);
       return view(levels.data(), shape, borrowed, false);
     }
@@ -144,14 +144,14 @@ class Tables {
 };
 
 /// A detector of the caller's: the object of mirage/_detector.py, and InProcessDetector::content.
-using Given = std::pair<py::object, std::string>;
+using CallerDetector = std::pair<py::object, std::string>;
 
 /// What result.json holds, as JSON, and what the command prints. `detectors`: those that "python" and
 /// "python:2" stand for. `progress`: called with (what, done, total, time left, note), or None: nothing is
 /// shown where `quiet`, and warnings alone are logged.
 std::pair<std::string, std::string> run(const std::string& command, const NamedSettings& settings,
-                                        const std::vector<Given>& detectors, const std::string& where,
-                                        const py::object& progress, bool quiet) {
+                                        const std::vector<CallerDetector>& detectors,
+                                        const std::string& where, const py::object& progress, bool quiet) {
   std::vector<InProcessDetector> in_process;
   for (const auto& [detector, content] : detectors) {
     const char* name = in_process.empty() ? kInProcessDetector : kSecondInProcessDetector;

@@ -55,13 +55,6 @@ std::vector<HostHandle> hosts_of(const std::shared_ptr<FrameHandle>& frame, doub
   return hosts;
 }
 
-py::array_t<double> matrix_of(const Eigen::Matrix<double, 3, 4>& matrix) {
-  std::vector<double> values;
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 4; ++c) values.push_back(matrix(r, c));
-  return own(std::move(values), {3, 4});
-}
-
 std::string words(const Label& label) {
   const BevBox& box = label.box.bev;
   return fmt::format("{} at ({:.1f}, {:.1f}) m", label.type, box.x, box.y);
@@ -139,8 +132,8 @@ void bind_labels(py::module_& module) {
           "height", [](const Label& l) { return l.box.height; }, "m")
       .def("__repr__", [](const Label& l) { return "<mirage.Label " + words(l) + ">"; });
   py::class_<HostHandle>(module, "Host", "A vehicle of a frame that can carry a mesh on its roof.")
-      .def_readonly("frame", &HostHandle::frame, "the frame that it is a vehicle of")
-      .def_readonly("index", &HostHandle::index, "which of frame.labels it is")
+      .def_readonly("frame", &HostHandle::frame, "its frame")
+      .def_readonly("index", &HostHandle::index, "of its label in frame.labels")
       .def_readonly("label", &HostHandle::label, "its label")
       .def_readonly("share_in_view", &HostHandle::share_in_view,
                     "share of the reference mesh on its roof that the picture shows, 0 … 1")
@@ -175,7 +168,7 @@ std::shared_ptr<const PreparedFrame> FrameHandle::prepared(const InsertionOption
     });
     Frame frame = frame_;
     frame.lighting = with_sun(frame, choice);
-    seek(classes_of(settings.classes), frame.labels);
+    mark_sought(classes_of(settings.classes), frame.labels);
     auto made = std::make_shared<PreparedFrame>(prepare(std::move(frame), lidar_, completion.get()));
     if (data_.empty()) check_sweep(made->index);
     slot = std::move(made);
@@ -228,7 +221,7 @@ void bind_frames(py::module_& module) {
            }),
            py::arg("named"), py::arg("where"));
   py::class_<FrameHandle, std::shared_ptr<FrameHandle>>(
-      module, "Frame", "A recorded or generated moment: picture, sweep, calibration and labels.")
+      module, "Frame", "A recorded or generated frame: picture, sweep, calibration and labels.")
       .def_static(  // no constructor: of several, pybind11 tries none with a whole number for a float
           "_read",
           [](const std::string& folder, const std::string& id, const std::string& rig) {
@@ -297,7 +290,9 @@ void bind_frames(py::module_& module) {
       .def_property_readonly(
           "camera_from_velo",
           [](const FrameHandle& f) {
-            return matrix_of(f.frame().calibration.camera_from_velo.matrix().topRows<3>());
+            const Eigen::Matrix<double, 3, 4, Eigen::RowMajor> matrix =
+                f.frame().calibration.camera_from_velo.matrix().topRows<3>();
+            return own(std::vector<double>(matrix.data(), matrix.data() + matrix.size()), {3, 4});
           },
           "3×4 float64: from `velo` to the camera (x right, y down, z forward), m.")
       .def_property_readonly(

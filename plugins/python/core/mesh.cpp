@@ -14,15 +14,6 @@ using SharedMesh = std::shared_ptr<TexturedMesh>;
 
 constexpr double kGrey = 0.5;
 
-std::vector<Face> faces_of(const py::handle& values) {
-  const auto array = array_of<int>(values, "faces", {-1, 3});
-  std::vector<Face> faces(as_size(array.shape(0)));
-  const int* index = array.data();
-  for (Face& face : faces)
-    for (int& corner : face) corner = *index++;
-  return faces;
-}
-
 /// Texels of F faces, F × C × C × 3 or flat. InputError if C is no whole number.
 TexelAtlas atlas_of(const py::handle& values, std::size_t faces) {
   TexelAtlas atlas;
@@ -55,17 +46,11 @@ SharedMesh make(const py::handle& vertices, const py::handle& faces, const py::o
   return mesh;
 }
 
-py::array_t<double> rows(const SharedMesh& owner, std::vector<Vec3d>& values, const Shape& shape) {
-  return view(values.empty() ? nullptr : values.front().data(), shape, owner, true);
-}
-
-py::array_t<double> vertices(const SharedMesh& mesh) {
-  return rows(mesh, mesh->mesh.vertices, {ssize(mesh->mesh.vertices.size()), 3});
-}
-
 py::array_t<double> texels(const SharedMesh& mesh) {
+  const auto& texels = mesh->atlas.texels;
   const int c = mesh->atlas.resolution;
-  return rows(mesh, mesh->atlas.texels, {ssize(mesh->mesh.faces.size()), c, c, 3});
+  return view(texels.empty() ? nullptr : texels.front().data(), {ssize(mesh->mesh.faces.size()), c, c, 3},
+              mesh, true);
 }
 
 /// Into the memory that views of it see.
@@ -124,15 +109,11 @@ void bind_meshes(py::module_& module) {
       "albedo in [0, 1] (None: 5×5 of mid-grey).")
       .def(py::init(&make), py::arg("vertices"), py::arg("faces"), py::arg("texels") = py::none())
       .def_property(
-          "vertices", &vertices,
+          "vertices", [](const SharedMesh& m) { return view_rows(m->mesh.vertices, m, true); },
           [](TexturedMesh& m, const py::object& v) { assign(m.mesh.vertices, v, "vertices"); },
           "V×3 float64, m. A view: writing to it changes the mesh.")
       .def_property_readonly(
-          "faces",
-          [](const SharedMesh& m) {
-            const auto& faces = m->mesh.faces;
-            return view(faces.empty() ? nullptr : faces.front().data(), {ssize(faces.size()), 3}, m, false);
-          },
+          "faces", [](const SharedMesh& m) { return view_rows(m->mesh.faces, m, false); },
           "F×3 int32, indices of vertices. A view, read-only.")
       .def_property(
           "texels", &texels,
@@ -143,7 +124,7 @@ void bind_meshes(py::module_& module) {
            "an .obj with texels of 8 bits, or the shape alone as .ply.")
       .def(
           "copy", [](const TexturedMesh& m) { return std::make_shared<TexturedMesh>(m); },
-          "Another mesh alike.")
+          "A copy of the mesh.")
       .def("__repr__", [](const TexturedMesh& m) {
         return "<mirage.Mesh: " + std::to_string(m.mesh.vertices.size()) + " vertices, " +
                std::to_string(m.mesh.faces.size()) + " faces, " + std::to_string(m.atlas.resolution) +
@@ -154,10 +135,10 @@ void bind_meshes(py::module_& module) {
       py::arg("resolution") = TexelAtlas().resolution,
       "An icosphere of 10·4^n + 2 vertices and 20·4^n faces, stretched to the half axes `half` (x, y, z in\n"
       "m; None: those that an attack starts from), with resolution² texels of mid-grey a face.");
-  module.def("read_mesh", &read, py::arg("file"),
-             "The mesh of a glTF, OBJ or PLY file, which it is by its content: glTF as Mesh.write and mirage "
-             "attack\n"
-             "write it (every bit), other glTF with its base colours, OBJ and PLY in grey.");
+  module.def(
+      "read_mesh", &read, py::arg("file"),
+      "Reads a mesh from a glTF, OBJ or PLY file; the content tells which it is. glTF of Mesh.write and\n"
+      "mirage attack keeps every bit; other glTF keeps its base colours; OBJ and PLY become grey.");
 }
 
 }  // namespace mirage::python

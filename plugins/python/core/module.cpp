@@ -34,9 +34,9 @@ PYBIND11_MODULE(_core, module) {
   set_program_file(own_file());
   start_logging(true);
   register_error<InputError>(module, "InputError", PyExc_ValueError,
-                             "Something that was given is wrong; the text names it and says how to mend it.");
+                             "Something in the input is wrong. The message names it and says how to fix it.");
   register_error<Failure>(module, "Failure", PyExc_RuntimeError,
-                          "The work could not be done though the input was right.");
+                          "The work failed although the input was right.");
   py::register_exception_translator([](std::exception_ptr problem) {
     try {
       if (problem) std::rethrow_exception(problem);

@@ -309,13 +309,9 @@ py::list raster_vjp(Raster& raster, const py::object& d_image, const py::object&
     const py::gil_scoped_release free;
     gradients = backward(raster, upstream, in_double);
   }
-  const auto rows = [](std::vector<Vec3d> values) {
-    const auto kept = std::make_shared<std::vector<Vec3d>>(std::move(values));
-    return view(kept->empty() ? nullptr : kept->front().data(), {ssize(kept->size()), 3}, kept, true);
-  };
   py::list list;
   for (Gradient& gradient : gradients)
-    list.append(py::make_tuple(rows(std::move(gradient.vertices)), rows(std::move(gradient.colors))));
+    list.append(py::make_tuple(own_rows(std::move(gradient.vertices)), own_rows(std::move(gradient.colors))));
   return list;
 }
 
@@ -388,17 +384,13 @@ void read_screen(Subject& subject, const py::handle& vertices, const py::handle&
   subject.vertices = rows_of_three(vertices, "vertices");
   const std::vector<Vec3d> triples = rows_of_three(colors, "colors");
   subject.colors = triples.size();
-  const auto corners = array_of<int>(faces, "faces", {-1, 3});
-  const auto count = as_size(corners.shape(0));
-  subject.faces.resize(count);
-  const int* index = corners.data();
-  for (Face& face : subject.faces)
-    for (int& corner : face) {
-      corner = *index++;
+  subject.faces = faces_of(faces);
+  const std::size_t count = subject.faces.size();
+  for (const Face& face : subject.faces)
+    for (const int corner : face)
       if (corner < 0 || as_size(corner) >= subject.vertices.size())
         throw InputError("faces", "", std::to_string(corner) + " is not a vertex",
                          "give 0 to " + std::to_string(subject.vertices.size()) + " − 1");
-    }
   ScreenMesh<double>& screen = subject.projected.screen;
   screen.texture = by_vertex ? Texture::vertex : Texture::atlas;
   if (!by_vertex && count > 0)
@@ -470,7 +462,7 @@ std::array<double, 2> time_rasterization(const TexturedMesh& mesh, const std::ar
 }  // namespace
 
 void bind_rasterizer(py::module_& module) {
-  py::class_<Raster, SharedRaster>(module, "Raster", "N pictures by the soft rasteriser.")
+  py::class_<Raster, SharedRaster>(module, "Raster", "N pictures drawn by the soft rasteriser.")
       .def_property_readonly(
           "image", [](Raster& r) { return drawn_image(r, 3); },
           "N×H×W×3 float32 (float64 if drawn in double): the mesh over the background, scene-linear RGB.")
@@ -478,7 +470,7 @@ void bind_rasterizer(py::module_& module) {
           "mask", [](const Raster& r) { return r.in_double ? masks<double>(r) : masks<float>(r); },
           "N×H×W float32 (float64 if drawn in double): the silhouette S, 0 … 1.")
       .def_property_readonly(
-          "rgba", [](Raster& r) { return drawn_image(r, 4); }, "N×H×W×4: both.")
+          "rgba", [](Raster& r) { return drawn_image(r, 4); }, "N×H×W×4: image and mask.")
       .def("vjp", &raster_vjp, py::arg("d_image") = py::none(), py::arg("d_mask") = py::none());
   module.def("rasterize_meshes", &rasterize_meshes);
   module.def("rasterize_screens", &rasterize_screens);

@@ -8,7 +8,7 @@
 namespace mirage::python {
 namespace {
 
-/// What rays met: the face by Embree in float, the place on it in double.
+/// What rays hit: the face by Embree in float, the place on it in double.
 struct Hits {
   std::vector<std::shared_ptr<TexturedMesh>> meshes;
   std::vector<Vec3d> origins, directions, points, barycentrics;
@@ -81,8 +81,8 @@ std::vector<py::array_t<double>> hits_vjp(const Hits& hits, const py::object& d_
         "d_points", "shape",
         std::to_string(upstream.size()) + " rows for " + std::to_string(hits.points.size()) + " rays",
         "give one row a ray");
-  std::vector<std::vector<double>> gradients;
-  for (const auto& mesh : hits.meshes) gradients.emplace_back(3 * mesh->mesh.vertices.size(), 0.0);
+  std::vector<std::vector<Vec3d>> gradients;
+  for (const auto& mesh : hits.meshes) gradients.emplace_back(mesh->mesh.vertices.size(), Vec3d::Zero());
   for (std::size_t i = 0; i < upstream.size(); ++i) {
     if (hits.mesh[i] < 0) continue;
     if (!upstream[i].allFinite())
@@ -94,15 +94,10 @@ std::vector<py::array_t<double>> hits_vjp(const Hits& hits, const py::object& d_
                                                    kGrazing, upstream[i], 0.0);
     const auto mesh = as_size(hits.mesh[i]);
     const Face& face = hits.meshes[mesh]->mesh.faces[as_size(hits.face[i])];
-    for (std::size_t k = 0; k < 3; ++k)
-      for (std::size_t c = 0; c < 3; ++c)
-        gradients[mesh][3 * as_size(face[k]) + c] += d_face[k][static_cast<Eigen::Index>(c)];
+    for (std::size_t k = 0; k < 3; ++k) gradients[mesh][as_size(face[k])] += d_face[k];
   }
   std::vector<py::array_t<double>> arrays;
-  for (auto& gradient : gradients) {
-    const py::ssize_t rows = ssize(gradient.size()) / 3;
-    arrays.push_back(own(std::move(gradient), {rows, 3}));
-  }
+  for (auto& gradient : gradients) arrays.push_back(own_rows(std::move(gradient)));
   return arrays;
 }
 
@@ -111,31 +106,31 @@ py::array_t<T> list(const SharedHits& hits, const std::vector<T>& values) {
   return view(values.data(), {ssize(values.size())}, hits, false);
 }
 
-py::array_t<double> rows(const SharedHits& hits, const std::vector<Vec3d>& values) {
-  return view(values.empty() ? nullptr : values.front().data(), {ssize(values.size()), 3}, hits, false);
-}
-
 }  // namespace
 
 void bind_rays(py::module_& module) {
-  py::class_<Hits, SharedHits>(module, "Hits", "What rays met; N entries, one a ray.")
+  py::class_<Hits, SharedHits>(module, "Hits", "What N rays hit, one entry per ray.")
       .def_property_readonly(
           "t", [](const SharedHits& h) { return list(h, h->ranges); },
-          "N float64: the ray's parameter, point = origin + t · direction; inf where nothing was met")
+          "N float64: point = origin + t · direction; inf where a ray hits nothing")
       .def_property_readonly(
-          "mesh", [](const SharedHits& h) { return list(h, h->mesh); }, "N int32: which mesh; -1: none")
+          "mesh", [](const SharedHits& h) { return list(h, h->mesh); },
+          "N int32: the mesh that a ray hits; -1: none")
       .def_property_readonly(
-          "face", [](const SharedHits& h) { return list(h, h->face); }, "N int32: which face of it; -1: none")
+          "face", [](const SharedHits& h) { return list(h, h->face); },
+          "N int32: the face of that mesh; -1: none")
       .def_property_readonly(
-          "barycentrics", [](const SharedHits& h) { return rows(h, h->barycentrics); },
-          "N×3 float64: of the face's corners; nan where nothing was met")
+          "barycentrics", [](const SharedHits& h) { return view_rows(h->barycentrics, h, false); },
+          "N×3 float64: weights of the face's corners; nan where a ray hits nothing")
       .def_property_readonly(
-          "points", [](const SharedHits& h) { return rows(h, h->points); },
-          "N×3 float64: where, m; nan where nothing was met")
+          "points", [](const SharedHits& h) { return view_rows(h->points, h, false); },
+          "N×3 float64: the points that are hit, m; nan where a ray hits nothing")
       .def("vjp", &hits_vjp, py::arg("d_points"),
-           "d loss / d points (N×3) to d loss / d vertices of each mesh (a list of V×3 float64), for the "
-           "faces\n"
-           "that were met held fixed. Below an incidence cosine of 0.05 the gradient is scaled down.");
+           "Vector-Jacobian product: from d loss / d points (N×3) to a list of d loss / d vertices (V×3 "
+           "float64),\n"
+           "one per mesh. Which face a ray hits has no gradient. Below an incidence cosine of 0.05 the "
+           "gradient\n"
+           "is scaled down.");
   module.def("cast_rays", &cast);
 }
 

@@ -62,7 +62,7 @@ struct Lobe {
 
 /// Visits (bin, share, d share / d place) of an echo.
 template <class Visit>
-void each_bin(const Echo& echo, const Visit& visit) {
+void for_each_bin(const Echo& echo, const Visit& visit) {
   const Lobe r(kAxes[0], echo.at[0]), a(kAxes[1], echo.at[1]), v(kAxes[2], echo.at[2]);
   for (int i = 0; i < r.count; ++i)
     for (int j = 0; j < a.count; ++j)
@@ -146,7 +146,7 @@ void measure(const MirageSensorScene& scene, const MirageSensorObject* object, c
   std::vector<double> power(value_count());
   const auto add = [&](const Echo& echo) {
     const double strength = echo.area * fall(echo.at[0]);
-    each_bin(echo, [&](std::size_t bin, double share, const auto&) { power[bin] += strength * share; });
+    for_each_bin(echo, [&](std::size_t bin, double share, const auto&) { power[bin] += strength * share; });
   };
   if (recorded)
     for (std::size_t i = 0; i < power.size(); ++i) power[i] = kNoise * std::expm1(recorded[i]);
@@ -178,7 +178,7 @@ void vjp(const Tape& tape, const double* d_data, double* d_vertices) {
     const double strength = echo.area * fall(echo.at[0]);
     double d_strength = 0;
     std::array<double, 3> d_at = {};
-    each_bin(echo, [&](std::size_t bin, double share, const std::array<double, 3>& slopes) {
+    for_each_bin(echo, [&](std::size_t bin, double share, const std::array<double, 3>& slopes) {
       const double d_power = d_data[bin] / (kNoise + tape.power[bin]);
       d_strength += d_power * share;
       for (std::size_t c = 0; c < 3; ++c) d_at[c] += d_power * strength * slopes[c];

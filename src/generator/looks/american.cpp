@@ -86,11 +86,11 @@ void AmericanStreet::choose() {
     pavement_[side] = verge_[side] + (kind_ == Kind::downtown ? u(2.8, 4.5) : u(1.3, 1.9));
     front_[side] = kind_ == Kind::suburb ? u(7, 12) : kind_ == Kind::avenue ? u(13, 26) : u(0, 1.5);
   }
-  heading_ = 0.02 * random_.normal();
-  curvature_ = chance(kind_ == Kind::suburb ? 0.5 : 0.2) ? 0.0025 * random_.normal() : 0;
+  heading_ = wobble(0.02);
+  curvature_ = chance(kind_ == Kind::suburb ? 0.5 : 0.2) ? wobble(0.0025) : 0;
   ego_d_ = lane_d(0, random_.below(lanes_[0]));
-  ego_d_ += 0.2 * random_.normal();
-  slope_ = 0.008 * random_.normal();
+  ego_d_ += wobble(0.2);
+  slope_ = wobble(0.008);
   wave_ = 0.10 * random_.uniform(), wave_length_ = u(30, 80), wave_phase_ = u(0, 2 * kPi);
   cross_s_ = chance(kind_ == Kind::suburb ? 0.45 : 0.7) ? u(16, 48) : 1e9;
   cross_half_ = kind_ == Kind::suburb ? u(3.5, 5) : u(5, 9);
@@ -106,7 +106,7 @@ void AmericanStreet::lay_ground() {
   Mesh road;
   add_strip(road, -half_[0], half_[1], -12, far_, 2);
   add_cross_road(road, 70);
-  surfaces_.push_back(surface(road, tar));
+  add(road, tar);
   add_ground();
   add_manhole_covers(random_.below(3));
 
@@ -133,10 +133,10 @@ void AmericanStreet::lay_ground() {
     }
     lay(grass, outer + 26, outer + 80);
   });
-  surfaces_.push_back(surface(slabs, walk));
-  surfaces_.push_back(surface(lots, lot));
-  surfaces_.push_back(surface(grass, lawn));
-  surfaces_.push_back(surface(kerbs, plain(Vec3f(1, 0.98f, 0.93f) * f(0.28, 0.42), 0.35f)));
+  add(slabs, walk);
+  add(lots, lot);
+  add(grass, lawn);
+  add(kerbs, plain(Vec3f(1, 0.98f, 0.93f) * f(0.28, 0.42), 0.35f));
   paint_road();
   if (cross_s_ < far_) place_junction();
 }
@@ -144,12 +144,6 @@ void AmericanStreet::lay_ground() {
 // Road markings, the junction and the traffic.
 
 constexpr double kLine = 0.11, kLift = 0.008;  // m, width of a line, height of the paint
-
-Mesh placed(const Mesh& mesh, const Transform& t) {
-  Mesh out;
-  append(out, mesh, t);
-  return out;
-}
 
 // A left arrow in the turn lane: a shaft and a head.
 void AmericanStreet::paint_arrow(Mesh& paint, double s, double d) {
@@ -205,8 +199,8 @@ void AmericanStreet::paint_road() {
       }
     }
   }
-  surfaces_.push_back(surface(white, plain(Vec3f::Constant(f(0.4, 0.7)), 0.75f)));
-  surfaces_.push_back(surface(yellow, plain(Vec3f(f(0.5, 0.65), f(0.28, 0.36), 0.02f), 0.65f)));
+  add(white, plain(Vec3f::Constant(f(0.4, 0.7)), 0.75f));
+  add(yellow, plain(Vec3f(f(0.5, 0.65), f(0.28, 0.36), 0.02f), 0.65f));
 }
 
 // Signals on mast arms behind the junction, for us and for those who come; in suburbs stop signs.
@@ -231,7 +225,6 @@ void AmericanStreet::place_junction() {
     arm(1, before, kPi);
   } else {  // span wire between two poles, heads hanging from it
     const Vec3d a = on_ground(behind, -half_[0] - 1.2, 6.6), b = on_ground(behind, half_[1] + 1.2, 6.6);
-    Actor wire;
     Mesh posts, cable;
     for (const Vec3d& p : {a, b}) append(posts, cylinder(0.14, 7.6, 9, 0.1), at(p.x(), p.y(), p.z() - 6.6));
     const auto hang = [&](double t) { return Vec3d(a + t * (b - a) - Vec3d(0, 0, 1.6 * t * (1 - t))); };
@@ -239,8 +232,8 @@ void AmericanStreet::place_junction() {
       const Vec3d p = hang(i / 12.0), q = hang((i + 1) / 12.0), up(0, 0, 0.03);
       add_quad(cable, p, q, q + up, p + up);
     }
-    surfaces_.push_back(surface(posts, plain(Vec3f(0.12f, 0.09f, 0.06f), 0.3f)));
-    surfaces_.push_back(surface(cable, plain(Vec3f::Constant(0.03f), 0.1f)));
+    add(posts, plain(Vec3f(0.12f, 0.09f, 0.06f), 0.3f));
+    add(cable, plain(Vec3f::Constant(0.03f), 0.1f));
     const bool yellow = chance(0.6);
     for (int k = 0; k < lanes_[0] + (turn_lane_ > 0); ++k) {
       const double d = k < lanes_[0] ? lane_d(0, k) : 0;
@@ -262,7 +255,6 @@ Actor AmericanStreet::vehicle(double alike) {
 }
 
 void AmericanStreet::place_traffic() {
-  const auto wobble = [&](double sigma) { return sigma * random_.normal(); };
   const double flow = kind_ == Kind::suburb ? 0.4 : 0.8;
   for (int lane = 0; lane < lanes_[0]; ++lane) {
     const bool own = std::abs(lane_d(0, lane) - ego_d_) < 0.5 * lane_;
@@ -292,7 +284,6 @@ void AmericanStreet::place_traffic() {
 }
 
 void AmericanStreet::place_parked() {
-  const auto wobble = [&](double sigma) { return sigma * random_.normal(); };
   for (int side : {0, 1}) {  // along the kerb
     if (strip_[side] < 2) continue;
     const double share = u(0.4, 1.0), d = sign(side) * (half_[side] - 0.5 * strip_[side] + 0.05);
@@ -330,7 +321,7 @@ void AmericanStreet::add_house(double s, double d, double along, double deep, in
   wall.foot = static_cast<float>(t.translation().z() + ground);
   Mesh body;
   add_box(body, {-0.5 * along, -0.5 * deep, ground - 1}, {0.5 * along, 0.5 * deep, ground + h});
-  surfaces_.push_back(surface(placed(body, t), wall));
+  add(moved(body, t), wall);
 
   Mesh roof, trim;
   const double e = 0.5, rise = u(1.6, 3.0), a = 0.5 * along + e, b = 0.5 * deep + e, z = ground + h;
@@ -343,12 +334,12 @@ void AmericanStreet::add_house(double s, double d, double along, double deep, in
              q(x * (a - hip), 0, rise));
   for (double y : {-b, b}) add_box(trim, {-a, y - 0.03, z - 0.28}, {a, y + 0.03, z - 0.08});  // gutters
   const float tone = f(0.05, 0.16);
-  surfaces_.push_back(surface(placed(roof, t), plain(Vec3f(1.1f, 1, 0.92f) * tone, 0.25f)));
+  add(moved(roof, t), plain(Vec3f(1.1f, 1, 0.92f) * tone, 0.25f));
 
   // Garage: stands out a little, a light door in panels, a drive of concrete.
   Mesh garage, door, grooves, drive;
   const double x = drive_s - s, w = 2.6, y0 = front + out * 0.9, top = ground + 2.7;
-  add_box(garage, {x - w, std::min(front, y0), ground - 1}, {x + w, std::max(front, y0), top});
+  add_box(garage, {x - w, front, ground - 1}, {x + w, y0, top});
   add_quad(roof = Mesh(), {x - w - 0.3, front, top + 0.9}, {x + w + 0.3, front, top + 0.9},
            {x + w + 0.3, y0 + out * 0.4, top - 0.05}, {x - w - 0.3, y0 + out * 0.4, top - 0.05});
   const double yd = y0 + out * 0.02;
@@ -361,10 +352,10 @@ void AmericanStreet::add_house(double s, double d, double along, double deep, in
              {x - 2.3, yd + out * 0.01, ground + 0.55 * k + 0.03});
   Material plainwall = wall;
   plainwall.pattern = wall.pattern == Pattern::brick ? Pattern::brick : Pattern::plain;
-  surfaces_.push_back(surface(placed(garage, t), plainwall));
-  surfaces_.push_back(surface(placed(roof, t), plain(Vec3f(1.1f, 1, 0.92f) * tone, 0.25f)));
-  surfaces_.push_back(surface(placed(door, t), plain(Vec3f::Constant(f(0.3, 0.7)), 0.5f)));
-  surfaces_.push_back(surface(placed(grooves, t), plain(Vec3f::Constant(0.15f), 0.3f)));
+  add(moved(garage, t), plainwall);
+  add(moved(roof, t), plain(Vec3f(1.1f, 1, 0.92f) * tone, 0.25f));
+  add(moved(door, t), plain(Vec3f::Constant(f(0.3, 0.7)), 0.5f));
+  add(moved(grooves, t), plain(Vec3f::Constant(0.15f), 0.3f));
   for (double r = half_[side]; r < d - 0.9; r += 1.5) {
     const double r1 = std::min(r + 1.5, d - 0.9), m = sign(side);
     add_quad(drive, on_ground(drive_s - 2.2, m * r, 0.02), on_ground(drive_s + 2.2, m * r, 0.02),
@@ -372,16 +363,14 @@ void AmericanStreet::add_house(double s, double d, double along, double deep, in
   }
   Material slab = plain(Vec3f(1, 0.98f, 0.94f) * f(0.22, 0.4), 0.35f);
   slab.pattern = Pattern::paving, slab.variant = 3 * (random_.next_u32() / 3) + 1;
-  surfaces_.push_back(surface(drive, slab));
+  add(drive, slab);
   // Porch: posts and a small roof before the door, at the other end of the front.
   const double px = x > 0 ? -0.2 * along : 0.2 * along, py = front + out * 1.8;
-  add_box(trim, {px - 1.8, std::min(front, py), ground + 2.5},
-          {px + 1.8, std::max(front, py), ground + 2.68});
+  add_box(trim, {px - 1.8, front, ground + 2.5}, {px + 1.8, py, ground + 2.68});
   for (double k : {-1.7, 1.7})
     add_box(trim, {px + k - 0.07, py - 0.07, ground - 0.5}, {px + k + 0.07, py + 0.07, ground + 2.5});
-  add_box(trim, {px - 1.8, std::min(front, py), ground - 0.5},
-          {px + 1.8, std::max(front, py), ground + 0.25});
-  surfaces_.push_back(surface(placed(trim, t), plain(Vec3f::Constant(f(0.4, 0.7)), 0.5f)));
+  add_box(trim, {px - 1.8, front, ground - 0.5}, {px + 1.8, py, ground + 0.25});
+  add(moved(trim, t), plain(Vec3f::Constant(f(0.4, 0.7)), 0.5f));
 }
 
 // A low flat building: glass front, coloured fascia with the shop's name, roof units.
@@ -396,22 +385,22 @@ void AmericanStreet::add_shop(double s, double d, double along, double deep, int
   wall.variant = random_.next_u32();
   Mesh body, units;
   add_box(body, {-0.5 * along, -0.5 * deep, ground - 1}, {0.5 * along, 0.5 * deep, ground + h});
-  surfaces_.push_back(surface(placed(body, t), wall));
+  add(moved(body, t), wall);
   for (int k = random_.below(4); k > 0; --k) {
     const double x = u(-0.4, 0.4) * along, y = u(-0.3, 0.3) * deep;
     add_box(units, {x - 1, y - 0.8, ground + h}, {x + 1, y + 0.8, ground + h + u(0.8, 1.4)});
   }
-  surfaces_.push_back(surface(placed(units, t), plain(Vec3f::Constant(0.4f), 0.4f)));
+  add(moved(units, t), plain(Vec3f::Constant(0.4f), 0.4f));
 
   Mesh glass, frames;
   const double y = front + out * 0.03, yf = front + out * 0.07, gl = 0.46 * along;
   add_quad(glass, {-gl, y, ground + 0.4}, {gl, y, ground + 0.4}, {gl, y, ground + 2.9},
            {-gl, y, ground + 2.9});
   for (double x = -gl; x <= gl + 0.01; x += gl / std::ceil(gl / 1.1))
-    add_box(frames, {x - 0.04, std::min(y, yf), ground + 0.4}, {x + 0.04, std::max(y, yf), ground + 2.9});
-  add_box(frames, {-gl, std::min(y, yf), ground + 2.1}, {gl, std::max(y, yf), ground + 2.16});
-  surfaces_.push_back(surface(placed(glass, t), plain(Vec3f(0.03f, 0.035f, 0.04f), 0.15f, 0.08f)));
-  surfaces_.push_back(surface(placed(frames, t), plain(Vec3f::Constant(f(0.05, 0.5)), 0.4f)));
+    add_box(frames, {x - 0.04, y, ground + 0.4}, {x + 0.04, yf, ground + 2.9});
+  add_box(frames, {-gl, y, ground + 2.1}, {gl, yf, ground + 2.16});
+  add(moved(glass, t), plain(Vec3f(0.03f, 0.035f, 0.04f), 0.15f, 0.08f));
+  add(moved(frames, t), plain(Vec3f::Constant(f(0.05, 0.5)), 0.4f));
 
   // One to three shops share the building, each with its fascia, name and perhaps an awning.
   const int shops = 1 + random_.below(3);
@@ -421,24 +410,21 @@ void AmericanStreet::add_shop(double s, double d, double along, double deep, int
     const Vec3f color =
         chance(0.35) ? Vec3f::Constant(f(0.05, 0.7)) : Vec3f(f(0.02, 0.5), f(0.02, 0.3), f(0.02, 0.4));
     Mesh board, letters;
-    add_box(board, {middle - 0.48 * w, std::min(front, front + out * 0.3), z},
-            {middle + 0.48 * w, std::max(front, front + out * 0.3), top});
-    surfaces_.push_back(surface(placed(board, t), plain(color, 0.5f)));
+    add_box(board, {middle - 0.48 * w, front, z}, {middle + 0.48 * w, front + out * 0.3, top});
+    add(moved(board, t), plain(color, 0.5f));
     const double half = std::min(0.35 * w, 3.5);
     american::add_letters(letters, 0, half, -half, 0.5 * (z + top), 0.55 * (top - z), actors_);
     // From a board that faces −x to one that faces the street.
     const Transform face = t * at(middle, front + out * 0.32, 0, out < 0 ? 0.5 * kPi : -0.5 * kPi);
-    surfaces_.push_back(
-        surface(placed(letters, face),
-                plain(color.mean() < 0.25f ? Vec3f(0.7f, 0.68f, 0.6f) : Vec3f::Constant(0.03f), 0.5f)));
+    add(moved(letters, face),
+        plain(color.mean() < 0.25f ? Vec3f(0.7f, 0.68f, 0.6f) : Vec3f::Constant(0.03f), 0.5f));
     if (chance(0.4)) {
       Mesh awning;
       const double ya = front + out * 1.5;
       add_quad(awning, {middle - 0.4 * w, front + out * 0.05, z - 0.05},
                {middle + 0.4 * w, front + out * 0.05, z - 0.05}, {middle + 0.4 * w, ya, z - 0.7},
                {middle - 0.4 * w, ya, z - 0.7});
-      surfaces_.push_back(
-          surface(placed(awning, t), plain(Vec3f(f(0.05, 0.4), f(0.03, 0.2), f(0.03, 0.25)), 0.4f)));
+      add(moved(awning, t), plain(Vec3f(f(0.05, 0.4), f(0.03, 0.2), f(0.03, 0.25)), 0.4f));
     }
   }
 }
@@ -457,16 +443,16 @@ void AmericanStreet::add_office(double s, double d, double along, double deep, i
   wall.foot = static_cast<float>(t.translation().z() + ground);
   Mesh body, glass, ledge;
   add_box(body, {-0.5 * along, -0.5 * deep, ground - 2}, {0.5 * along, 0.5 * deep, ground + h});
-  surfaces_.push_back(surface(placed(body, t), wall));
+  add(moved(body, t), wall);
   const double y = front + out * 0.03;
   for (double x = -0.5 * along + 0.5; x < 0.5 * along - 2; x += 3.2)
     add_quad(glass, {x, y, ground + 0.3}, {x + 2.6, y, ground + 0.3}, {x + 2.6, y, ground + 3.2},
              {x, y, ground + 3.2});
   for (double z : {3.4, h - 0.5})
-    add_box(ledge, {-0.5 * along - 0.15, std::min(front, front + out * 0.35), ground + z},
-            {0.5 * along + 0.15, std::max(front, front + out * 0.35), ground + z + 0.4});
-  surfaces_.push_back(surface(placed(glass, t), plain(Vec3f(0.03f, 0.035f, 0.04f), 0.15f, 0.08f)));
-  surfaces_.push_back(surface(placed(ledge, t), plain(wall.albedo * 0.8f, 0.35f)));
+    add_box(ledge, {-0.5 * along - 0.15, front, ground + z},
+            {0.5 * along + 0.15, front + out * 0.35, ground + z + 0.4});
+  add(moved(glass, t), plain(Vec3f(0.03f, 0.035f, 0.04f), 0.15f, 0.08f));
+  add(moved(ledge, t), plain(wall.albedo * 0.8f, 0.35f));
 }
 
 // What stands beside the road.
@@ -479,13 +465,12 @@ void AmericanStreet::line_with_houses(int side) {
     if (!in_cross(middle, 0.5 * along + 3)) {
       const double drive = s + (chance(0.5) ? 2.2 : along - 2.2);
       add_house(middle, line, along, deep, side, drive);
-      const Vec2d p = xy(middle, sign(side) * (line + 0.5 * deep));
-      taken_.push_back({p.x(), p.y(), along, deep, yaw(middle)});
+      taken_.push_back(outline(middle, sign(side) * (line + 0.5 * deep), along, deep, yaw(middle)));
       if (chance(0.75) && s < 66 + ahead_)
         put(vehicle(kParkedDecoyShare),
             {.turn = (chance(0.75) ? 0.5 : -0.5) * kPi * sign(side),
              .d = sign(side) * (line - u(2.9, 3.6)),
-             .s = drive + 0.1 * random_.normal()},
+             .s = drive + wobble(0.1)},
             0.1);
     }
     s += plot;
@@ -496,8 +481,7 @@ void AmericanStreet::line_with_houses(int side) {
   }
   for (double s = u(0, 10); s < 70 + ahead_; s += u(9, 22)) {  // trees on the lawns
     if (in_cross(s, 3)) continue;
-    const Vec2d p = xy(s, sign(side) * (edge + 2.5));
-    const BevBox box{p.x(), p.y(), 1, 1, 0};
+    const BevBox box = outline(s, sign(side) * (edge + 2.5), 1, 1);
     if (!free(box)) continue;
     taken_.push_back(box);
     stand(make_tree(actors_, detail(s, 2.4, 1.2, 0.5)), s, sign(side) * (edge + 2.5), u(0, 6));
@@ -511,8 +495,7 @@ void AmericanStreet::line_with_shops(int side) {
     const double along = u(14, 34), deep = u(10, 16), middle = s + 0.5 * along;
     if (chance(0.82) && !in_cross(middle, 0.5 * along + 4)) {
       add_shop(middle, line, along, deep, side);
-      const Vec2d p = xy(middle, sign(side) * (line + 0.5 * deep));
-      taken_.push_back({p.x(), p.y(), along, deep, yaw(middle)});
+      taken_.push_back(outline(middle, sign(side) * (line + 0.5 * deep), along, deep, yaw(middle)));
     }
     s += along + (chance(0.4) ? 0.05 : u(3, 12));
   }
@@ -526,11 +509,11 @@ void AmericanStreet::line_with_shops(int side) {
     if (chance(share) && s < 62)
       put(vehicle(kParkedDecoyShare),
           {.turn = (chance(0.8) ? 0.5 : -0.5) * kPi * sign(side),
-           .d = sign(side) * row + 0.15 * random_.normal(),
+           .d = sign(side) * row + wobble(0.15),
            .s = s + 1.4},
           0.1);
   }
-  surfaces_.push_back(surface(lines, plain(Vec3f::Constant(f(0.35, 0.6)), 0.6f)));
+  add(lines, plain(Vec3f::Constant(f(0.35, 0.6)), 0.6f));
   for (double s = u(0, 25); s < 90; s += u(22, 60)) {
     if (in_cross(s, 4)) continue;
     stand(american::make_pylon(actors_), s, sign(side) * (edge + 0.9));
@@ -538,8 +521,7 @@ void AmericanStreet::line_with_shops(int side) {
   // A low hedge or young trees on the strip between walk and car park.
   if (chance(0.4))
     for (double s = u(0, 6); s < 75 + ahead_; s += u(9, 14)) {
-      const Vec2d p = xy(s, sign(side) * (edge + 0.8));
-      if (in_cross(s, 4) || !free({p.x(), p.y(), 1, 1, 0})) continue;
+      if (in_cross(s, 4) || !free(outline(s, sign(side) * (edge + 0.8), 1, 1))) continue;
       stand(make_tree(actors_, detail(s, 2.0, 1.0, 0.4)), s, sign(side) * (edge + 0.8), u(0, 6));
     }
   add_woods(side, line + u(24, 40));
@@ -551,8 +533,7 @@ void AmericanStreet::line_with_offices(int side) {
     const double along = u(16, 40), deep = u(14, 20), middle = s + 0.5 * along;
     if (chance(0.88) && !in_cross(middle, 0.5 * along + 2)) {
       add_office(middle, line, along, deep, side);
-      const Vec2d p = xy(middle, sign(side) * (line + 0.5 * deep));
-      taken_.push_back({p.x(), p.y(), along, deep, yaw(middle)});
+      taken_.push_back(outline(middle, sign(side) * (line + 0.5 * deep), along, deep, yaw(middle)));
     }
     s += along + (chance(0.6) ? 0.05 : u(3, 10));
   }
@@ -583,10 +564,9 @@ void AmericanStreet::place_verge(int side) {
   }
   if (kind_ == Kind::suburb && verge_[side] > 0.8 && chance(0.5))
     for (double s = u(2, 10); s < 75 + ahead_; s += u(9, 14)) {
-      const Vec2d p = xy(s, sign(side) * (half_[side] + 0.5 * verge_[side]));
-      if (!in_cross(s, 4) && free({p.x(), p.y(), 0.6, 0.6, 0}))
-        stand(make_tree(actors_, detail(s, 2.4, 1.2, 0.5)), s,
-              sign(side) * (half_[side] + 0.5 * verge_[side]), u(0, 6));
+      const double d = sign(side) * (half_[side] + 0.5 * verge_[side]);
+      if (!in_cross(s, 4) && free(outline(s, d, 0.6, 0.6)))
+        stand(make_tree(actors_, detail(s, 2.4, 1.2, 0.5)), s, d, u(0, 6));
     }
 }
 
@@ -616,7 +596,7 @@ void AmericanStreet::place_utility_line() {
         add_quad(wires, p, q, q + up, p + up);
       }
     }
-  surfaces_.push_back(surface(wires, plain(Vec3f::Constant(0.025f), 0.1f)));
+  add(wires, plain(Vec3f::Constant(0.025f), 0.1f));
 }
 
 void AmericanStreet::place_people() {
@@ -635,7 +615,7 @@ void AmericanStreet::place_people() {
           0.1);
     else
       put(make_pedestrian(actors_),
-          {.turn = chance(0.8) ? (chance(0.5) ? 0 : kPi) + 0.1 * random_.normal() : u(-kPi, kPi),
+          {.turn = chance(0.8) ? (chance(0.5) ? 0 : kPi) + wobble(0.1) : u(-kPi, kPi),
            .d = sign(side) * (half_[side] + u(std::max(0.4, verge_[side]), pavement_[side])),
            .s = s},
           0.1);
@@ -659,9 +639,9 @@ void AmericanStreet::close_view() {
   }
   Material m = plain(Vec3f(0.03f, 0.055f, 0.02f), 0.35f);
   m.pattern = Pattern::foliage, m.second = Vec3f(0.06f, 0.09f, 0.03f), m.variant = random_.next_u32();
-  surfaces_.push_back(surface(leaves, m));
+  add(leaves, m);
   m.albedo *= 0.5f, m.second *= 0.5f;
-  surfaces_.push_back(surface(crowns, m));
+  add(crowns, m);
 }
 
 }  // namespace

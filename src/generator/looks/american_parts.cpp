@@ -10,18 +10,9 @@ namespace mirage::generator::american {
 namespace {
 
 using namespace sign_color;
-constexpr double kHalfTurn = std::numbers::pi;
 
-void post(Actor& actor, double radius, double height, const Vec3f& color = kGrey) {
-  Mesh mesh;
-  append(mesh, cylinder(radius, height, 10), Transform::Identity());
-  actor.surfaces.push_back(surface(mesh, plain(color, 0.35f, 0.02f)));
-}
-
-void rod(Mesh& mesh, const Vec3d& a, const Vec3d& b, double radius) {
-  const Vec3d axis = b - a;
-  append(mesh, cylinder(radius, axis.norm(), 8),
-         Transform(Eigen::Translation3d(a) * Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), axis)));
+void add_post(Actor& actor, double height) {
+  actor.add(cylinder(0.03, height, 10), plain(kGrey, 0.35f, 0.02f));
 }
 
 }  // namespace
@@ -58,21 +49,20 @@ void add_signal_head(Actor& actor, double y, double z, int lit, bool yellow) {
   add_signal_lamps(actor, hoods, {{-0.12, y, z + 0.35}, 0.35, 0.14, 0.155, 0.2}, lit);
   const Material black = plain(Vec3f::Constant(0.015f), 0.15f, 0.02f);
   const Material paint = yellow ? plain(Vec3f(0.55f, 0.33f, 0.015f), 0.4f, 0.02f) : black;
-  actor.surfaces.push_back(surface(housing, paint));
-  actor.surfaces.push_back(surface(hoods, paint));
-  actor.surfaces.push_back(surface(plate, black));
+  actor.add(housing, paint);
+  actor.add(hoods, paint);
+  actor.add(plate, black);
 }
 
 Actor make_mast_arm(RandomStream& random, double reach, const std::vector<double>& heads, int lit) {
   Actor arm;
   const double h = random.uniform(5.9, 6.6);
   const bool yellow = random.uniform() < 0.5;
-  Mesh steel, board, letters;
-  append(steel, cylinder(0.16, h + 0.3, 14, 0.11), Transform::Identity());
+  Mesh steel = cylinder(0.16, h + 0.3, 14, 0.11), board, letters;
   for (int i = 0; i < 6; ++i) {  // the arm rises a little and tapers
     const double a = i / 6.0, b = (i + 1) / 6.0;
-    rod(steel, {0, reach * a, h - 0.3 + 0.35 * std::sqrt(a)}, {0, reach * b, h - 0.3 + 0.35 * std::sqrt(b)},
-        0.11 - 0.05 * a);
+    add_rod(steel, {0, reach * a, h - 0.3 + 0.35 * std::sqrt(a)},
+            {0, reach * b, h - 0.3 + 0.35 * std::sqrt(b)}, 0.11 - 0.05 * a);
   }
   for (double y : heads)
     add_signal_head(arm, y, h - 0.05 - 0.45 + 0.35 * std::sqrt(std::min(1.0, y / reach)), lit, yellow);
@@ -80,17 +70,15 @@ Actor make_mast_arm(RandomStream& random, double reach, const std::vector<double
   const double y = std::min(0.35 * reach, 2.4);
   add_box(board, {-0.05, y - 0.95, h - 0.55}, {-0.02, y + 0.95, h - 0.1});
   add_letters(letters, -0.055, y + 0.85, y - 0.85, h - 0.325, 0.24, random);
-  arm.surfaces.push_back(
-      surface(steel, plain(Vec3f::Constant(random.uniform() < 0.5 ? 0.3f : 0.06f), 0.35f, 0.02f)));
-  arm.surfaces.push_back(surface(board, plain(kGreen, 2.f)));
-  arm.surfaces.push_back(surface(letters, plain(kWhite, 2.f)));
+  arm.add(steel, plain(Vec3f::Constant(random.uniform() < 0.5 ? 0.3f : 0.06f), 0.35f, 0.02f));
+  arm.add(board, plain(kGreen, 2.f));
+  arm.add(letters, plain(kWhite, 2.f));
   return arm;
 }
 
 Actor make_utility_pole(RandomStream& random, double height) {
   Actor pole;
-  Mesh wood, glass, tank;
-  append(wood, cylinder(0.17, height, 12, 0.11), Transform::Identity());
+  Mesh wood = cylinder(0.17, height, 12, 0.11), glass, tank;
   add_box(wood, {-0.06, -1.25, height - 0.7}, {0.06, 1.25, height - 0.57});
   for (double y : {-1.05, 0.6, 1.05}) append(glass, cylinder(0.05, 0.16, 8), at(0, y, height - 0.57));
   if (random.uniform() < 0.35) append(tank, cylinder(0.26, 0.9, 14), at(0.1, -0.42, height - 2.2));
@@ -103,10 +91,9 @@ Actor make_utility_pole(RandomStream& random, double height) {
 
 Actor make_street_lamp(RandomStream& random) {
   Actor lamp;
-  Mesh steel, head;
   const double h = random.uniform(7.5, 10), reach = random.uniform(1.6, 2.8);
-  append(steel, cylinder(0.1, h, 12, 0.06), Transform::Identity());
-  rod(steel, {0, 0, h - 0.3}, {0, reach, h + 0.3}, 0.035);
+  Mesh steel = cylinder(0.1, h, 12, 0.06), head;
+  add_rod(steel, {0, 0, h - 0.3}, {0, reach, h + 0.3}, 0.035);
   add_box(head, {-0.14, reach - 0.1, h + 0.25}, {0.14, reach + 0.65, h + 0.37});
   const Vec3f tone = Vec3f::Constant(static_cast<float>(random.uniform(0.06, 0.4)));
   lamp.surfaces = {surface(steel, plain(tone, 0.35f, 0.02f)), surface(head, plain(tone, 0.35f, 0.02f))};
@@ -116,17 +103,17 @@ Actor make_street_lamp(RandomStream& random) {
 Actor make_stop_sign(RandomStream& random) {
   Actor actor;
   const double z = random.uniform(2.1, 2.4), r = 0.40;
-  post(actor, 0.03, z + 0.35);
+  add_post(actor, z + 0.35);
   SignBoard sign(actor, -0.04, z);
-  sign.polygon(8, r, kHalfTurn / 8, kGrey, 0.012), sign.polygon(8, r, kHalfTurn / 8, kWhite),
-      sign.polygon(8, 0.93 * r, kHalfTurn / 8, kRed);
+  sign.polygon(8, r, kPi / 8, kGrey, 0.012), sign.polygon(8, r, kPi / 8, kWhite),
+      sign.polygon(8, 0.93 * r, kPi / 8, kRed);
   Mesh letters;
   for (int i = 0; i < 4; ++i) {
     const double y = (0.72 - 0.38 * i) * r;
     add_quad(letters, {-0.075, y, z - 0.1}, {-0.075, y - 0.24 * r, z - 0.1}, {-0.075, y - 0.24 * r, z + 0.1},
              {-0.075, y, z + 0.1});
   }
-  actor.surfaces.push_back(surface(letters, plain(kWhite, 2.f)));
+  actor.add(letters, plain(kWhite, 2.f));
   return actor;
 }
 
@@ -134,7 +121,7 @@ Actor make_sign(RandomStream& random) {
   const int kind = 1 + random.below(5);
   Actor actor;
   const double z = random.uniform(2.0, 2.5);
-  post(actor, 0.03, z + 0.4);
+  add_post(actor, z + 0.4);
   SignBoard sign(actor, -0.04, z);
   Mesh text;
   const auto rectangle = [&](double w, double h, const Vec3f& edge, const Vec3f& inner) {
@@ -167,31 +154,26 @@ Actor make_sign(RandomStream& random) {
       break;
     default:  // street names: two crossed blades over the post
       for (double turn : {0.0, 0.5}) {
+        const Transform t = at(0, 0, z + 0.5 + 0.24 * turn, kPi * turn);
         Mesh blade, name;
-        const Transform t = at(0, 0, z + 0.5 + 0.24 * turn, kHalfTurn * turn);
-        Mesh flat;
-        add_box(flat, {-0.012, -0.5, 0}, {0.012, 0.5, 0.2});
-        append(blade, flat, t);
-        Mesh letters;
-        add_letters(letters, -0.016, 0.44, -0.44, 0.1, 0.11, random);
-        append(name, letters, t);
-        actor.surfaces.push_back(surface(blade, plain(kGreen, 2.f)));
-        actor.surfaces.push_back(surface(name, plain(kWhite, 2.f)));
+        add_box(blade, {-0.012, -0.5, 0}, {0.012, 0.5, 0.2});
+        add_letters(name, -0.016, 0.44, -0.44, 0.1, 0.11, random);
+        actor.add(moved(blade, t), plain(kGreen, 2.f));
+        actor.add(moved(name, t), plain(kWhite, 2.f));
       }
   }
-  actor.surfaces.push_back(surface(text, plain(ink, 1.f)));
+  actor.add(text, plain(ink, 1.f));
   return actor;
 }
 
 Actor make_hydrant(RandomStream& random) {
   Actor hydrant;
-  Mesh body, caps;
-  append(body, cylinder(0.17, 0.06, 14), Transform::Identity());
+  Mesh body = cylinder(0.17, 0.06, 14), caps;
   append(body, cylinder(0.12, 0.55, 14), Transform::Identity());
   append(body, ellipsoid({0.14, 0.14, 0.13}, 2), at(0, 0, 0.56));
   append(body, cylinder(0.03, 0.12, 8), at(0, 0, 0.64));
-  rod(caps, {0, -0.21, 0.42}, {0, 0.21, 0.42}, 0.06);
-  rod(caps, {-0.2, 0, 0.38}, {0, 0, 0.38}, 0.075);
+  add_rod(caps, {0, -0.21, 0.42}, {0, 0.21, 0.42}, 0.06);
+  add_rod(caps, {-0.2, 0, 0.38}, {0, 0, 0.38}, 0.075);
   const bool yellow = random.uniform() < 0.4;
   const Material paint = plain(yellow ? Vec3f(0.6f, 0.38f, 0.02f) : Vec3f(0.45f, 0.02f, 0.02f), 0.5f, 0.02f);
   hydrant.surfaces = {
@@ -233,7 +215,7 @@ Actor make_kerb_item(RandomStream& random) {
   switch (random.below(4)) {
     case 0:  // collection box: blue, round top
       add_box(a, {-0.25, -0.3, 0.15}, {0.25, 0.3, 1.0});
-      rod(a, {0, -0.3, 1.0}, {0, 0.3, 1.0}, 0.25);
+      add_rod(a, {0, -0.3, 1.0}, {0, 0.3, 1.0}, 0.25);
       item.surfaces = {surface(a, plain(Vec3f(0.01f, 0.04f, 0.2f), 0.4f, 0.02f))};
       break;
     case 1:  // wheeled bins at the kerb
@@ -258,12 +240,12 @@ Actor make_kerb_item(RandomStream& random) {
         add_box(box, {-0.22, 0.55 * i - 0.24, 0.35}, {0.22, 0.55 * i + 0.24, 1.15});
         add_box(b, {-0.05, 0.55 * i - 0.05, 0}, {0.05, 0.55 * i + 0.05, 0.35});
         const float tone = static_cast<float>(random.uniform(0.05, 0.5));
-        item.surfaces.push_back(surface(box, plain(i == 0   ? Vec3f(tone, 0.03f, 0.02f)
-                                                   : i == 1 ? Vec3f(0.02f, 0.08f, tone)
-                                                            : Vec3f(tone, 0.7f * tone, 0.02f),
-                                                   0.4f, 0.02f)));
+        item.add(box, plain(i == 0   ? Vec3f(tone, 0.03f, 0.02f)
+                            : i == 1 ? Vec3f(0.02f, 0.08f, tone)
+                                     : Vec3f(tone, 0.7f * tone, 0.02f),
+                            0.4f, 0.02f));
       }
-      item.surfaces.push_back(surface(b, plain(Vec3f::Constant(0.1f), 0.3f)));
+      item.add(b, plain(Vec3f::Constant(0.1f), 0.3f));
   }
   fit_label_box(item);
   return item;

@@ -63,11 +63,11 @@ void EuropeanStreet::choose() {
                    : kind_ == Kind::rural     ? u(4, 12)
                                               : u(2, 12);
   }
-  heading_ = 0.02 * random_.normal();
-  curvature_ = chance(0.4) ? 0.0025 * random_.normal() : 0;
-  ego_d_ = -0.5 * lane_ + 0.25 * random_.normal();
+  heading_ = wobble(0.02);
+  curvature_ = chance(0.4) ? wobble(0.0025) : 0;
+  ego_d_ = -0.5 * lane_ + wobble(0.25);
   if (lanes_[0] == 2 && chance(0.5)) ego_d_ -= lane_;
-  slope_ = 0.010 * random_.normal();
+  slope_ = wobble(0.010);
   wave_ = 0.10 * random_.uniform(), wave_length_ = u(30, 80), wave_phase_ = u(0, 2 * kPi);
   cross_s_ = kind_ == Kind::crossing || chance(0.15) ? u(14, 45) : 1e9;
   cross_half_ = u(3, 6);
@@ -81,7 +81,7 @@ void EuropeanStreet::lay_ground() {
   Mesh road;
   add_strip(road, -half_[0], half_[1], -12, far_, 2);
   add_cross_road(road, 60);
-  surfaces_.push_back(surface(road, tar));
+  add(road, tar);
 
   Material stone = plain(Vec3f(1.0f, 0.97f, 0.92f) * f(0.12, 0.28), f(0.25, 0.4));
   stone.pattern = Pattern::paving, stone.variant = random_.next_u32();
@@ -104,9 +104,9 @@ void EuropeanStreet::lay_ground() {
   });
   add_ground();
   add_manhole_covers(random_.below(4));
-  surfaces_.push_back(surface(pavement, stone));
-  surfaces_.push_back(surface(grass, lawn));
-  surfaces_.push_back(surface(kerbs, kerb));
+  add(pavement, stone);
+  add(grass, lawn);
+  add(kerbs, kerb);
 
   Mesh paint;
   const double mark = 0.12;
@@ -139,11 +139,10 @@ void EuropeanStreet::lay_ground() {
       for (double d = -half_[0] + 0.4; d < half_[1] - 0.4; d += 1.0)
         add_strip(paint, d, d + 0.5, s - 4.2, s - 1.2, 2, 0.008);
   }
-  surfaces_.push_back(surface(paint, plain(Vec3f::Constant(f(0.4, 0.7)), 0.75f)));
+  add(paint, plain(Vec3f::Constant(f(0.4, 0.7)), 0.75f));
 }
 
 void EuropeanStreet::place_traffic() {
-  const auto wobble = [&](double sigma) { return sigma * random_.normal(); };
   const double flow = kind_ == Kind::avenue ? 0.85 : kind_ == Kind::rural ? 0.8 : 0.65;
   // Ahead in our own lane and in the next one.
   if (chance(flow)) {
@@ -177,7 +176,6 @@ void EuropeanStreet::place_traffic() {
 }
 
 void EuropeanStreet::place_parked() {
-  const auto wobble = [&](double sigma) { return sigma * random_.normal(); };
   for (int side : {0, 1}) {
     if (strip_[side] == 0) continue;
     const double share = u(0.5, 1.0);
@@ -233,9 +231,7 @@ void EuropeanStreet::add_building(double s, double d, double along, double deep,
   wall.lidar = 0.35f;
   wall.foot = static_cast<float>(base);
   const Transform t = at(p.x(), p.y(), base, yaw(s));
-  Mesh body;
-  append(body, box_mesh({along, deep, h + 3}), t * Transform(Eigen::Translation3d(0, 0, 0.5 * (h - 3))));
-  surfaces_.push_back(surface(body, wall));
+  add(moved(box_mesh({along, deep, h + 3}), t * Transform(Eigen::Translation3d(0, 0, 0.5 * (h - 3)))), wall);
   Mesh roof;
   const double e = 0.4, rise = chance(0.75) ? u(1.5, 4) : 0.3;
   const double a = 0.5 * along + e, b = 0.5 * deep + e;
@@ -244,20 +240,15 @@ void EuropeanStreet::add_building(double s, double d, double along, double deep,
   add_quad(roof, q(a, b, -0.1), q(-a, b, -0.1), q(-a, 0, rise), q(a, 0, rise));
   add_quad(roof, q(-a, -b, -0.1), q(-a, 0, rise), q(-a, b, -0.1), q(-a, 0, 0));
   add_quad(roof, q(a, -b, -0.1), q(a, 0, rise), q(a, b, -0.1), q(a, 0, 0));
-  surfaces_.push_back(
-      surface(roof, plain(chance(0.6) ? Vec3f(0.22f, 0.08f, 0.05f) : Vec3f::Constant(0.08f), 0.3f)));
+  add(roof, plain(chance(0.6) ? Vec3f(0.22f, 0.08f, 0.05f) : Vec3f::Constant(0.08f), 0.3f));
   // Balconies, a door or a shop front give the walls relief.
   Mesh relief;
   const double front = -sign(side) * 0.5 * deep;
   for (int i = random_.below(4); i > 0; --i) {
     const double x = u(-0.4, 0.4) * along, z = u(2.6, std::max(2.7, h - 2)), w = u(0.5, 1.5);
-    const Vec3d low(x - w, std::min(front, front - sign(side) * 1.0), z),
-        high(x + w, std::max(front, front - sign(side) * 1.0), z + u(0.15, 1.0));
-    Mesh part;
-    add_box(part, low, high);
-    append(relief, part, t);
+    add_box(relief, {x - w, front, z}, {x + w, front - sign(side) * 1.0, z + u(0.15, 1.0)});
   }
-  if (!relief.faces.empty()) surfaces_.push_back(surface(relief, plain(wall.albedo * 0.8f, 0.35f)));
+  add(moved(std::move(relief), t), plain(wall.albedo * 0.8f, 0.35f));
 }
 
 void EuropeanStreet::place_edges() {
@@ -274,8 +265,7 @@ void EuropeanStreet::place_edges() {
       for (double s = -8; s < far_;) {
         const double along = u(7, 22), deep = u(8, 14);
         if (!chance(gap) && !in_cross(s + 0.5 * along, 0.5 * along + 3)) {
-          const Vec2d p = xy(s + 0.5 * along, sign(side) * (line + 0.5 * deep));
-          const BevBox box{p.x(), p.y(), along, deep, yaw(s)};
+          const BevBox box = outline(s + 0.5 * along, sign(side) * (line + 0.5 * deep), along, deep, yaw(s));
           if (free(box)) {
             add_building(s + 0.5 * along, line, along, deep, side);
             taken_.push_back(box);
@@ -296,11 +286,10 @@ void EuropeanStreet::place_edges() {
       Actor tree = make_tree(actors_, detail(s, 3.0, 1.5, 0.6));
       const double d =
           sign(side) * (row ? half_[side] + std::min(0.9, 0.5 * pavement_[side] + 0.4) : edge + u(0.5, 5));
-      const Vec2d p = xy(s, d);
-      const BevBox box{p.x(), p.y(), 0.6, 0.6, 0};
+      const BevBox box = outline(s, d, 0.6, 0.6);
       if (!free(box)) continue;
       taken_.push_back(box);
-      add_surfaces(tree, at(p.x(), p.y(), ground_z(s, d), u(0, 6)), -1);
+      add_surfaces(tree, at(box.x, box.y, ground_z(s, d), u(0, 6)), -1);
     }
     for (double s = u(3, 15); s < 80 + ahead_; s += u(8, 30)) {
       if (in_cross(s, 0)) continue;
@@ -310,7 +299,7 @@ void EuropeanStreet::place_edges() {
       const double s = u(4, 55);
       if (in_cross(s, 1)) continue;
       put(make_clutter(actors_),
-          {.turn = chance(0.7) ? 0.05 * random_.normal() : u(-kPi, kPi),
+          {.turn = chance(0.7) ? wobble(0.05) : u(-kPi, kPi),
            .d = sign(side) * (edge + (chance(0.4) ? u(-std::min(1.2, pavement_[side]), 0.5) : u(0.5, 7))),
            .s = s},
           0.1);

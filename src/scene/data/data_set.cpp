@@ -147,9 +147,8 @@ std::optional<std::vector<int>> DataSet::tracks(const std::string& id) const {
 }
 
 std::pair<int, int> DataSet::picture_size(const std::string& id) const {
-  int width = 0, height = 0;
-  read_image_size(source_files(id).at(1).file, width, height);
-  return {width, height};
+  const PictureSize size = read_image_size(source_files(id).at(1).file);
+  return {size.width, size.height};
 }
 
 Frame DataSet::read(const std::string& id) const {
@@ -257,7 +256,7 @@ std::vector<std::string> classes_of(const std::string& list) {
   return classes;
 }
 
-void seek(const std::vector<std::string>& classes, std::vector<Label>& labels) {
+void mark_sought(const std::vector<std::string>& classes, std::vector<Label>& labels) {
   for (Label& label : labels) label.sought = std::ranges::find(classes, label.type) != classes.end();
 }
 

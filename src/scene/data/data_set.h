@@ -134,7 +134,7 @@ bool is_vehicle_type(std::string_view type);
 /// that names none.
 std::vector<std::string> classes_of(const std::string& list);
 /// Marks the labels of these classes as sought, and the others as not (Label::sought).
-void seek(const std::vector<std::string>& classes, std::vector<Label>& labels);
+void mark_sought(const std::vector<std::string>& classes, std::vector<Label>& labels);
 /// Classes where nobody asks for others.
 inline constexpr const char* kCars = "Car";
 /// The help of the option --classes.

@@ -433,20 +433,23 @@ fs::path lighting_file(const fs::path& data, const std::string& id) {
   return part(data, "lighting", id, ".json");
 }
 
+template <class Visitor, FieldsOf<Lighting> S>
+void visit_fields(Visitor& visit, S& s) {
+  constexpr double kMost = 1e3;
+  visit({.name = "to_sun_velo", .range = {-kMost, kMost}}, s.to_sun_velo);
+  visit({.name = "sun", .range = {0, kMost}}, s.sun);
+  visit({.name = "ambient", .range = {0, kMost}}, s.ambient);
+  visit({.name = "hemisphere", .range = {0, kMost}}, s.hemisphere);
+}
+
 Lighting read_lighting(const fs::path& file) {
   const nlohmann::json json = read_json(file, kMaxTextBytes);
   const JsonFields from(file, json, "write it as three numbers, e.g. [0.5, 0.5, 0.7]");
-  const auto triple = [&](const char* key, double low) {
-    return Vec3d(from.numbers(key, 3, low, 1e3).data());
-  };
   Lighting lighting;
-  lighting.to_sun_velo = triple("to_sun_velo", -1e3);
+  read_fields(from, lighting);
   if (lighting.to_sun_velo.norm() < 1e-6)
     throw InputError(file.string(), "to_sun_velo", "has no length", "give the direction towards the sun");
   lighting.to_sun_velo.normalize();
-  lighting.sun = triple("sun", 0);
-  lighting.ambient = triple("ambient", 0);
-  lighting.hemisphere = triple("hemisphere", 0);
   return lighting;
 }
 
@@ -456,11 +459,7 @@ std::optional<Lighting> generated_lighting(const fs::path& data, const std::stri
 }
 
 nlohmann::json to_json(const Lighting& lighting) {
-  const auto list = [](const Vec3d& v) { return nlohmann::json{v.x(), v.y(), v.z()}; };
-  return {{"to_sun_velo", list(lighting.to_sun_velo)},
-          {"sun", list(lighting.sun)},
-          {"ambient", list(lighting.ambient)},
-          {"hemisphere", list(lighting.hemisphere)}};
+  return fields_json(lighting);
 }
 
 fs::path true_depth_file(const fs::path& data, const std::string& id) {
@@ -619,8 +618,9 @@ Transform rigid(const MatrixRow& row) {
 
 Calibration read_calibration(const fs::path& file, int width, int height) {
   const CalibrationFile rows(file);
-  const MatrixRow projection = rows.row({"P2"}, 12), rectification = rows.row(kRectification, 9);
-  return calibration_of(projection, rectification, rows.row(kLidarPose, 12), width, height);
+  const MatrixRow projection = rows.row({"P2"}, 12), rectification = rows.row({"R0_rect", "R_rect"}, 9);
+  return calibration_of(projection, rectification, rows.row({"Tr_velo_to_cam", "Tr_velo_cam"}, 12), width,
+                        height);
 }
 
 void write_calibration(const fs::path& file, const Calibration& calibration) {

@@ -1,5 +1,3 @@
-#include "scene/data/kitti_drives.h"
-
 #include <fmt/format.h>
 #include <tinyxml2.h>
 
@@ -26,6 +24,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kEarthRadius = 6378137;  // m, the development kit's
+constexpr double kSweepSeconds = 0.1;     // between sweeps where a recording has no times
 constexpr const char* kRestoreRow = "restore the file from the recording";
 
 std::string row_name(std::size_t row) {
@@ -265,12 +264,9 @@ class KittiRaw : public KittiDrives {
   }
   /// The row of the lowest number; none without any.
   static std::optional<fs::path> first_pose(const fs::path& folder) {
-    std::optional<fs::path> first;
-    std::error_code missing;
-    for (fs::directory_iterator entry(folder, missing), end; !missing && entry != end;
-         entry.increment(missing))
-      if (entry->path().extension() == ".txt" && (!first || entry->path() < *first)) first = entry->path();
-    return first;
+    std::vector<fs::path> rows = entries_of(folder);
+    std::erase_if(rows, [](const fs::path& row) { return row.extension() != ".txt"; });
+    return rows.empty() ? std::nullopt : std::optional(*std::ranges::min_element(rows));
   }
 
   std::vector<fs::path> drives() const {
@@ -362,7 +358,7 @@ class KittiTracking : public KittiDrives {
     if (!fs::exists(poses)) return std::nullopt;
     const fs::path calibration = part_ / "calib" / (at.sequence + ".txt");
     return moment_at(at, times, oxts_row(poses, as_size(at.frame)), oxts_row(poses, 0),
-                     CalibrationFile(calibration).row(kInertialPose, 12));
+                     CalibrationFile(calibration).row({"Tr_imu_to_velo", "Tr_imu_velo"}, 12));
   }
 
  private:
@@ -386,11 +382,8 @@ class KittiTracking : public KittiDrives {
     if (is_number(sequence)) return std::stoul(sequence);
     const std::scoped_lock lock(mutex_);
     if (others_.empty()) {
-      std::error_code error;
-      for (fs::directory_iterator entry(part_ / "velodyne", error), end; !error && entry != end;
-           entry.increment(error))
-        if (const std::string name = entry->path().filename().string(); !is_number(name))
-          others_.push_back(name);
+      for (const fs::path& entry : entries_of(part_ / "velodyne"))
+        if (const std::string name = entry.filename().string(); !is_number(name)) others_.push_back(name);
       std::ranges::sort(others_);
     }
     return kOthers + as_size(std::ranges::lower_bound(others_, sequence) - others_.begin());
@@ -450,12 +443,11 @@ std::vector<Label> read_tracklets(const fs::path& file, int frame, std::size_t d
 }
 
 std::shared_ptr<const DataSet> open_kitti_raw(const fs::path& data) {
-  std::error_code error, ignored;
-  bool found = fs::exists(data / kPose, ignored);
-  for (fs::directory_iterator entry(data, error), end; !found && !error && entry != end;
-       entry.increment(error))
-    found = fs::exists(entry->path() / kPose, ignored);
-  if (!found) return nullptr;
+  const auto holds_pose = [](const fs::path& folder) {
+    std::error_code ignored;
+    return fs::exists(folder / kPose, ignored);
+  };
+  if (!holds_pose(data) && std::ranges::none_of(entries_of(data), holds_pose)) return nullptr;
   return std::make_shared<KittiRaw>(data);
 }
 

@@ -104,12 +104,6 @@ class CalibrationFile {
   std::string text_;
   std::map<std::string, std::vector<Words>, std::less<>> rows_;  ///< each as often as it stands there
 };
-/// The names of the rectifying rotation and of the LiDAR's pose in the object and the tracking benchmark.
-inline constexpr std::initializer_list<const char*> kRectification = {"R0_rect", "R_rect"},
-                                                    kLidarPose = {"Tr_velo_to_cam", "Tr_velo_cam"},
-                                                    kInertialPose = {"Tr_imu_to_velo", "Tr_imu_velo"};
-/// Seconds between sweeps where a recording of KITTI's has no times.
-inline constexpr double kSweepSeconds = 0.1;
 /// A rigid transform of 12 numbers. InputError if its turning part is further than 1e-3 from a rotation, or
 /// it moves by more than 20 m.
 Transform rigid(const MatrixRow& row);

@@ -73,8 +73,7 @@ InputError no_layout(const std::filesystem::path& data) {
   if (has({"samples"}))
     return wrong("holds samples and no tables (v1.0-*/sample_data.json)", "unpack nuScenes' metadata there");
   std::vector<std::string> found;
-  for (fs::directory_iterator entry(data, error), end; !error && entry != end; entry.increment(error))
-    found.push_back(entry->path().filename().string());
+  for (const fs::path& entry : entries_of(data)) found.push_back(entry.filename().string());
   std::sort(found.begin(), found.end());
   constexpr std::size_t kMax = 6;
   const std::size_t more = found.size() > kMax ? found.size() - kMax : 0;
@@ -91,6 +90,15 @@ std::filesystem::path benchmark_part(const std::filesystem::path& data) {
   const bool testing = !std::filesystem::is_directory(data / "training", error) &&
                        std::filesystem::is_directory(data / "testing", error);
   return data / (testing ? "testing" : "training");
+}
+
+std::vector<std::filesystem::path> entries_of(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> entries;
+  std::error_code error;
+  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error))
+    entries.push_back(entry->path());
+  return entries;
 }
 
 std::filesystem::path picture_in(const std::filesystem::path& folder, const std::string& name) {

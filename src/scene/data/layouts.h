@@ -60,6 +60,8 @@ Sweep read_points(const std::filesystem::path& file, std::size_t columns);
 InputError no_layout(const std::filesystem::path& data);
 /// DATA/training of KITTI's benchmarks, or DATA/testing, which has no labels, where that alone is there.
 std::filesystem::path benchmark_part(const std::filesystem::path& data);
+/// What lies in the folder, in no order; nothing where it cannot be read.
+std::vector<std::filesystem::path> entries_of(const std::filesystem::path& folder);
 /// FOLDER/NAME.png, or the JPEG (.jpg, .jpeg) or otherwise spelt picture of that name where there is no such
 /// file.
 std::filesystem::path picture_in(const std::filesystem::path& folder, const std::string& name);
@@ -69,5 +71,17 @@ void add_numbered_sweeps(const std::filesystem::path& folder, const std::string&
 /// The part of the name behind the last underscore, as a number, and what stands before it; none for another
 /// name. "0003_000012": {"0003", 12}.
 std::optional<std::pair<std::string, int>> split_id(const std::string& id);
+
+/// Where the car is, as the first six numbers of a row of KITTI's OXTS RT 3003 say it (Geiger et al., IJRR
+/// 2013).
+struct OxtsRow {
+  double latitude = 0, longitude = 0;   ///< degrees
+  double altitude = 0;                  ///< m
+  double roll = 0, pitch = 0, yaw = 0;  ///< rad; roll left side up, yaw counter-clockwise from east
+};
+/// Where the unit stands: the world's origin is the unit's place at `first`, x points east, y north, z up
+/// (m). Places are laid flat by Mercator's projection at the latitude of `first`, as the development kit
+/// does.
+Transform world_from_imu(const OxtsRow& row, const OxtsRow& first);
 
 }  // namespace mirage

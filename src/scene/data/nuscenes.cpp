@@ -423,11 +423,10 @@ class NuScenes : public DataSet {
     std::vector<SideCamera> cameras;
     for (const auto& [channel, shot] : sample.others) {
       const fs::path file = tables_.parent_path() / shot.file;
-      PictureSize size;
       if (!fs::is_regular_file(file))
         throw InputError(file.string(), "", "missing (the image of " + channel + ")",
                          "unpack the archive that holds it, or give --cameras first");
-      read_image_size(file, size.width, size.height);
+      const PictureSize size = read_image_size(file);
       cameras.push_back({channel, calibration_by(sample, shot, size.width, size.height),
                          Lazy<ImageF>([file, size] { return read_srgb(file, size); })});
     }
@@ -556,11 +555,11 @@ class NuScenes : public DataSet {
   }
 
   /// A frame's part of the tables, which live as long.
-  struct Found {
+  struct SampleTables {
     std::shared_ptr<const Tables> tables;
     const Sample& sample;
   };
-  Found of(const std::string& id) const {
+  SampleTables of(const std::string& id) const {
     check_id(id);
     auto tables = tables_of(tables_);
     if (const auto sample = tables->samples.find(id); sample != tables->samples.end())
@@ -610,10 +609,9 @@ std::shared_ptr<const DataSet> open_nuscenes(const fs::path& data) {
     return std::make_shared<NuScenes>(data, tables);
   }
   std::vector<fs::path> versions;
-  for (fs::directory_iterator entry(data, error), end; !error && entry != end; entry.increment(error))
-    if (entry->path().filename().string().starts_with("v1.0-") &&
-        fs::exists(entry->path() / "sample_data.json"))
-      versions.push_back(entry->path());
+  for (const fs::path& entry : entries_of(data))
+    if (entry.filename().string().starts_with("v1.0-") && fs::exists(entry / "sample_data.json"))
+      versions.push_back(entry);
   if (versions.empty()) return nullptr;
   if (versions.size() > 1)
     throw InputError(data.string(), "v1.0-*", fmt::format("{} versions of the tables", versions.size()),

@@ -37,7 +37,7 @@ void require_frame(const fs::path& data, const DataSet& set, const std::string& 
   }
   if (frames.empty() || std::ranges::find(frames, id) != frames.end() || has_files_of(set, id)) return;
   std::stable_sort(frames.begin(), frames.end(), [&](const std::string& a, const std::string& b) {
-    return slips_between(id, a) < slips_between(id, b);
+    return edit_distance(id, a) < edit_distance(id, b);
   });
   const std::size_t count = frames.size();
   if (count > kNamed) frames.resize(kNamed);
@@ -68,7 +68,7 @@ std::optional<NumberRange> range_of(const std::string& text) {
 }
 
 /// "0 of 41 labelled vehicles count: 41 vehicle.foo".
-std::string none_counts(const LabelCensus& census) {
+std::string unusable_labels_text(const LabelCensus& census) {
   return census.labels == 0
              ? fmt::format("the labels of {} frames hold no object", census.frames - census.unlabelled)
              : fmt::format("0 of {} labelled objects count as a {}: {}", census.labels,
@@ -121,14 +121,6 @@ Frame read_frame(const fs::path& data, const std::string& id, Cameras cameras) {
     require_frame(data, *set, id);  // what is wrong of a file of it says nothing to who misspelt the frame
     throw;
   }
-}
-
-std::string frame_hash(const fs::path& data, const std::string& id, Cameras cameras) {
-  return open_data_set(data, cameras)->hash(id);
-}
-
-std::optional<std::vector<int>> read_tracks(const fs::path& data, const std::string& id, Cameras cameras) {
-  return open_data_set(data, cameras)->tracks(id);
 }
 
 Annotations read_annotations(const fs::path& data, const std::string& id, Cameras cameras) {
@@ -210,7 +202,7 @@ LabelCensus count_labels(const std::filesystem::path& data, std::span<const std:
     census.unlabelled += !result.labelled;
     census.notes.clipped += result.notes.clipped;
     census.notes.projected += result.notes.projected;
-    seek(census.classes, result.labels);
+    mark_sought(census.classes, result.labels);
     for (const Label& label : result.labels) {
       if (label.type == "DontCare") continue;
       ++census.labels;
@@ -232,7 +224,7 @@ void warn_of_labels(const LabelCensus& census) {
         census.unlabelled, census.frames);
   const auto unknown = unknown_types(census);
   if (census.unlabelled < census.frames && sought(census) == 0)
-    spdlog::warn("{}: {}{}{}", data, none_counts(census), unknown.empty() ? "" : "; known are ",
+    spdlog::warn("{}: {}{}{}", data, unusable_labels_text(census), unknown.empty() ? "" : "; known are ",
                  unknown.empty() ? "" : kKnownTypes);
   else if (!unknown.empty())
     spdlog::warn("{}: labels of unknown types are ignored: {}; known types: {}", data, type_counts(unknown),
@@ -261,9 +253,9 @@ void require_cars(const LabelCensus& census, const std::string& work) {
     refuse(fmt::format("all {} cars have a box in the picture alone, and {} needs boxes in space",
                        sought(census), work),
            "give labels in 3-D; mirage detect --detector camera is scored on these");
-  refuse(none_counts(census), unknown_types(census).empty()
-                                  ? "label the cars"
-                                  : fmt::format("call cars Car: known are {}", kKnownTypes));
+  refuse(unusable_labels_text(census), unknown_types(census).empty()
+                                           ? "label the cars"
+                                           : fmt::format("call cars Car: known are {}", kKnownTypes));
 }
 
 void require_types(const LabelCensus& census, std::span<const std::string> types, const std::string& option) {
@@ -272,7 +264,7 @@ void require_types(const LabelCensus& census, std::span<const std::string> types
       std::ranges::any_of(types, [&](const std::string& type) { return census.types.contains(type); });
   if (some) return;
   throw InputError(option, fmt::format("{}", fmt::join(types, " ")),
-                   census.labels == 0 ? none_counts(census)
+                   census.labels == 0 ? unusable_labels_text(census)
                                       : fmt::format("no label of {} has this type; there are {}",
                                                     census.data.string(), type_counts(census.types)),
                    "give one of the types found");

@@ -4,7 +4,6 @@
 #include <filesystem>
 #include <map>
 #include <memory>
-#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -14,8 +13,8 @@
 
 namespace mirage {
 
-/// The data set in a folder, by what the folder holds. What is none of the layouts is taken for an empty one
-/// of KITTI's object benchmark, which frames() then complains of.
+/// The data set in a folder, by what the folder holds. An unknown layout is opened as an empty set of KITTI's
+/// object benchmark, which frames() then refuses.
 std::shared_ptr<const DataSet> open_data_set(const std::filesystem::path& data,
                                              Cameras cameras = Cameras::first);
 
@@ -23,12 +22,6 @@ std::shared_ptr<const DataSet> open_data_set(const std::filesystem::path& data,
 std::vector<std::string> list_frames(const std::filesystem::path& data);
 /// As DataSet::read().
 Frame read_frame(const std::filesystem::path& data, const std::string& id, Cameras cameras = Cameras::first);
-/// As DataSet::hash().
-std::string frame_hash(const std::filesystem::path& data, const std::string& id,
-                       Cameras cameras = Cameras::first);
-/// As DataSet::tracks().
-std::optional<std::vector<int>> read_tracks(const std::filesystem::path& data, const std::string& id,
-                                            Cameras cameras = Cameras::first);
 /// As DataSet::annotations().
 Annotations read_annotations(const std::filesystem::path& data, const std::string& id,
                              Cameras cameras = Cameras::first);

@@ -12,7 +12,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kAbout = "labels.json";
+constexpr const char* kLabelsFile = "labels.json";
 
 class SeparateLabels : public DataSet {
  public:
@@ -73,21 +73,21 @@ class SeparateLabels : public DataSet {
 
 std::shared_ptr<const DataSet> open_separate_labels(const fs::path& data) {
   std::error_code error;
-  const fs::path about = data / kAbout;
+  const fs::path about = data / kLabelsFile;
   if (!fs::is_regular_file(about, error)) return nullptr;
   const nlohmann::json json = read_json(about, kMaxRecordBytes);
   const fs::path set = JsonFields(about, json, "make the labels again").text("data");
-  if (!fs::is_directory(set, error) || fs::exists(set / kAbout, error))
+  if (!fs::is_directory(set, error) || fs::exists(set / kLabelsFile, error))
     throw InputError(about.string(), "data", set.string() + " is not a folder of a data set",
                      "write down where the data set is now");
   return std::make_shared<SeparateLabels>(data, open_data_set(set));
 }
 
 bool are_labels_of(const fs::path& folder, const fs::path& data, nlohmann::json about) {
-  if (!fs::exists(folder / kAbout)) return false;
+  if (!fs::exists(folder / kLabelsFile)) return false;
   about["data"] = fs::absolute(data).lexically_normal().string();
-  if (read_json(folder / kAbout, kMaxRecordBytes) == about) return true;
-  throw InputError((folder / kAbout).string(), "", "the folder holds the labels of another run",
+  if (read_json(folder / kLabelsFile, kMaxRecordBytes) == about) return true;
+  throw InputError((folder / kLabelsFile).string(), "", "the folder holds the labels of another run",
                    "give another --out");
 }
 
@@ -95,7 +95,7 @@ void write_separate_labels(const fs::path& folder, const fs::path& data, nlohman
   about["data"] = fs::absolute(data).lexically_normal().string();
   for (const char* name : {"dataset.json", "rig.toml"})
     if (fs::exists(data / name)) write_file(folder / name, read_file(data / name));
-  write_json(folder / kAbout, about);
+  write_json(folder / kLabelsFile, about);
 }
 
 }  // namespace mirage

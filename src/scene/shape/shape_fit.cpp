@@ -21,6 +21,14 @@
 namespace mirage {
 namespace {
 
+constexpr double kGrow = 0.20;  // m: labels are drawn by hand; returns this far outside the box still count
+constexpr double kAboveGround = 0.12;  // m: lower returns are the road's
+constexpr double kCubeSize = 0.10;     // m: one return in each cube of this size stays
+constexpr std::size_t kMaxRays = 500;  // empty segments kept, evenly over the rays
+constexpr double kBefore = 0.12;       // m before a return from which on its ray says nothing
+constexpr double kBeside = 0.4;  // m to either side in which a higher return makes a ray one through glass
+constexpr double kGroundRing = 1.5;    // m around the box in which ground is looked for
+constexpr int kMinGround = 15;         // returns a ground plane needs
 constexpr double kGroundBand = 0.4;    // m over and under the box's bottom in which ground is looked for
 constexpr double kGroundScale = 0.05;  // m, of the robust weights
 constexpr double kMaxSlope = 0.12;     // against the box's own level
@@ -28,8 +36,8 @@ constexpr int kEvidenceRounds = 8;
 
 /// Plane by iteratively reweighted least squares with Cauchy weights, started from the box's bottom; slopes
 /// are held back (0.05) so that ground seen on one side only doesn't tilt it.
-std::optional<GroundPlane> fit_ground(const std::vector<Vec3d>& points, const EvidenceSettings& settings) {
-  if (static_cast<int>(points.size()) < settings.min_ground) return std::nullopt;
+std::optional<GroundPlane> fit_ground(const std::vector<Vec3d>& points) {
+  if (static_cast<int>(points.size()) < kMinGround) return std::nullopt;
   // Start from the lower quartile: what stands on the ground is above it.
   std::vector<double> heights;
   for (const Vec3d& p : points) heights.push_back(p.z());
@@ -50,27 +58,19 @@ std::optional<GroundPlane> fit_ground(const std::vector<Vec3d>& points, const Ev
     const Eigen::Vector3d solution = normal.ldlt().solve(right);
     plane = {solution[0], solution.tail<2>()};
   }
-  if (support < settings.min_ground || plane.slope.norm() > kMaxSlope || !std::isfinite(plane.height) ||
+  if (support < kMinGround || plane.slope.norm() > kMaxSlope || !std::isfinite(plane.height) ||
       std::abs(plane.height) > kGroundBand)
     return std::nullopt;
   return plane;
 }
 
-/// Part of a ray inside a box around the origin, as ray parameters; empty where low > high.
-std::pair<double, double> clip(const Vec3d& origin, const Vec3d& direction, const Vec3d& low,
-                               const Vec3d& high) {
-  double from = 0, to = 1e9;
-  for (int a = 0; a < 3; ++a) {
-    if (std::abs(direction[a]) < 1e-12) {
-      if (origin[a] < low[a] || origin[a] > high[a]) return {1, 0};
-      continue;
-    }
-    const double t0 = (low[a] - origin[a]) / direction[a], t1 = (high[a] - origin[a]) / direction[a];
-    from = std::max(from, std::min(t0, t1));
-    to = std::min(to, std::max(t0, t1));
-  }
-  return {from, to};
-}
+constexpr double kPointSigma = 0.06, kEmptySigma = 0.10;  // m
+constexpr double kDeepest = 0.25;                         // m; a ray deeper inside went through glass
+constexpr double kGroundSigma = 0.03;                     // m
+// Of the label: m along and across, of the bottom; rad; share of length, width, height.
+constexpr double kLabelPosition = 0.10, kLabelHeight = 0.10, kLabelYaw = 0.03, kLabelSize = 0.03;
+constexpr double kPrior = 2.0;       // λ; above 1 because returns err together, not each on its own
+constexpr double kRoofDepth = 0.20;  // m; the rooftop is what lies this close under the top
 
 // Ceres' headers are heavy: no other file includes them.
 
@@ -130,8 +130,8 @@ class AffineCost : public ceres::CostFunction {
 };
 
 /// The prior of the code given the size: mean code(s) and covariance, from the joint Gaussian.
-struct Likely {
-  explicit Likely(const ShapeModel& model) : model_(model) {
+struct ConditionalPrior {
+  explicit ConditionalPrior(const ShapeModel& model) : model_(model) {
     const int k = model.dimension;
     const auto& joint = model.prior_covariance;
     slope = joint.topLeftCorner<3, 3>().ldlt().solve(joint.topRightCorner(3, k)).transpose();
@@ -148,36 +148,35 @@ struct Likely {
 
 /// Prior of the code, label and ground: rows of ‖L⁻¹ (z − code(s))‖² with the covariance L Lᵀ, then the rest.
 AffineCost* affine_terms(const ShapeModel& model, const Vec3d& label_log_size,
-                         const VehicleEvidence& evidence, const ShapeFitSettings& settings) {
+                         const VehicleEvidence& evidence) {
   const int m = model.dimension;
   Eigen::MatrixXd a = Eigen::MatrixXd::Zero(m + 8, 7 + m);
   Eigen::VectorXd c = Eigen::VectorXd::Zero(m + 8);
-  const Likely likely(model);
+  const ConditionalPrior likely(model);
   const Eigen::MatrixXd l = likely.covariance.llt().matrixL();
   const Eigen::MatrixXd whitening =
-      std::sqrt(settings.prior) * l.triangularView<Eigen::Lower>().solve(Eigen::MatrixXd::Identity(m, m));
+      std::sqrt(kPrior) * l.triangularView<Eigen::Lower>().solve(Eigen::MatrixXd::Identity(m, m));
   a.block(0, 4, m, 3) = -whitening * likely.slope;
   a.block(0, 7, m, m) = whitening;
   c.head(m) = -whitening * likely.code(Vec3d::Zero());
-  const double sigma[7] = {settings.label_position, settings.label_position, settings.label_height,
-                           settings.label_yaw,      settings.label_size,     settings.label_size,
-                           settings.label_size};
+  constexpr double sigma[7] = {kLabelPosition, kLabelPosition, kLabelHeight, kLabelYaw,
+                               kLabelSize,     kLabelSize,     kLabelSize};
   for (int i = 0; i < 7; ++i) {
     a(m + i, i) = 1 / sigma[i];
     if (i >= 4) c[m + i] = -label_log_size[i - 4] / sigma[i];
   }
   if (const auto& ground = evidence.ground) {
-    a(m + 7, 0) = -ground->slope.x() / settings.ground_sigma;
-    a(m + 7, 1) = -ground->slope.y() / settings.ground_sigma;
-    a(m + 7, 2) = 1 / settings.ground_sigma;
-    c[m + 7] = -ground->height / settings.ground_sigma;
+    a(m + 7, 0) = -ground->slope.x() / kGroundSigma;
+    a(m + 7, 1) = -ground->slope.y() / kGroundSigma;
+    a(m + 7, 2) = 1 / kGroundSigma;
+    c[m + 7] = -ground->height / kGroundSigma;
   }
   return new AffineCost(std::move(a), std::move(c));
 }
 
 /// Where a segment comes deepest into the shape; false if it stays outside or went through glass.
-bool deepest_place(const ShapeModel& model, const Eigen::VectorXd& q, const Segment& segment, double bound,
-                   double near, Vec3d& place) {
+bool deepest_place(const ShapeModel& model, const Eigen::VectorXd& q, const Segment& segment, double near,
+                   Vec3d& place) {
   const Vec3d way = segment.to - segment.from;
   const int steps = std::max(1, static_cast<int>(std::ceil(way.norm() / kRayStep)));
   double least = near;
@@ -185,7 +184,7 @@ bool deepest_place(const ShapeModel& model, const Eigen::VectorXd& q, const Segm
   for (int i = 0; i <= steps; ++i) {
     const Vec3d p = segment.from + static_cast<double>(i) / steps * way;
     const double d = model.distance(q.data(), p);
-    if (d < -bound) return false;
+    if (d < -kDeepest) return false;
     if (d >= least) continue;
     least = d;
     place = p;
@@ -195,24 +194,21 @@ bool deepest_place(const ShapeModel& model, const Eigen::VectorXd& q, const Segm
 }
 
 int solve_round(const ShapeModel& model, const VehicleEvidence& evidence, const Vec3d& label_log_size,
-                const ShapeFitSettings& settings, const Round& round, Eigen::VectorXd& q) {
+                const Round& round, Eigen::VectorXd& q) {
   ceres::Problem::Options options;
   options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  ceres::CauchyLoss on_surface(round.scale / settings.point_sigma),
-      in_empty(round.scale / settings.empty_sigma);
+  ceres::CauchyLoss on_surface(round.scale / kPointSigma), in_empty(round.scale / kEmptySigma);
   ceres::Problem problem(options);
   for (const Vec3d& p : evidence.surface)
     if (model.distance(q.data(), p) > -round.deepest)
-      problem.AddResidualBlock(new DistanceCost(model, p, 1 / settings.point_sigma, false), &on_surface,
-                               q.data());
+      problem.AddResidualBlock(new DistanceCost(model, p, 1 / kPointSigma, false), &on_surface, q.data());
   // Rays that pass close by may come to touch the shape while it moves.
   for (const Segment& segment : evidence.empty) {
     Vec3d p;
-    if (deepest_place(model, q, segment, settings.deepest, round.scale, p))
-      problem.AddResidualBlock(new DistanceCost(model, p, 1 / settings.empty_sigma, true), &in_empty,
-                               q.data());
+    if (deepest_place(model, q, segment, round.scale, p))
+      problem.AddResidualBlock(new DistanceCost(model, p, 1 / kEmptySigma, true), &in_empty, q.data());
   }
-  problem.AddResidualBlock(affine_terms(model, label_log_size, evidence, settings), nullptr, q.data());
+  problem.AddResidualBlock(affine_terms(model, label_log_size, evidence), nullptr, q.data());
   ceres::Solver::Options solver;
   solver.linear_solver_type = ceres::DENSE_NORMAL_CHOLESKY;
   solver.max_num_iterations = round.iterations;
@@ -245,10 +241,10 @@ std::filesystem::path model_file(const std::string& rooftop) {
 
 }  // namespace
 
-VehicleEvidence gather_evidence(const SweepIndex& sweep, const Box3& box, const EvidenceSettings& settings) {
+VehicleEvidence gather_evidence(const SweepIndex& sweep, const Box3& box) {
   const Transform velo_from_frame = velo_from_box(box), frame_from_velo = velo_from_frame.inverse();
   const Vec3d half(0.5 * box.bev.length, 0.5 * box.bev.width, 0.5 * box.height);
-  const double reach = half.norm() + settings.grow + settings.ground_ring;
+  const double reach = half.norm() + kGrow + kGroundRing;
   const auto rays = sweep.rays_through(velo_from_frame * Vec3d(0, 0, half.z()), reach);
 
   VehicleEvidence evidence;
@@ -259,7 +255,7 @@ VehicleEvidence gather_evidence(const SweepIndex& sweep, const Box3& box, const 
     Vec2d seen;  // where its ray crosses the upright plane through the box's middle, across the view
   };
   std::vector<Candidate> candidates;
-  const Vec3d grow = Vec3d::Constant(settings.grow);
+  const Vec3d grow = Vec3d::Constant(kGrow);
   const Vec3d low = Vec3d(-half.x(), -half.y(), 0) - grow,
               high = Vec3d(half.x(), half.y(), box.height) + grow;
   if (rays.empty()) return evidence;
@@ -281,16 +277,14 @@ VehicleEvidence gather_evidence(const SweepIndex& sweep, const Box3& box, const 
       returns.push_back(p);
       returns_seen.push_back(seen(origin, direction));
     }
-    const bool ring = std::abs(p.x()) < high.x() + settings.ground_ring &&
-                      std::abs(p.y()) < high.y() + settings.ground_ring;
-    if (ring && std::abs(p.z()) < kGroundBand && !(within && p.z() > settings.above_ground))
-      around.push_back(p);
-    auto [from, to] = clip(origin, direction, low, high);
-    to = std::min(to, ray.range - settings.before);
+    const bool ring = std::abs(p.x()) < high.x() + kGroundRing && std::abs(p.y()) < high.y() + kGroundRing;
+    if (ring && std::abs(p.z()) < kGroundBand && !(within && p.z() > kAboveGround)) around.push_back(p);
+    auto [from, to] = ray_within(origin, direction, low, high);
+    to = std::min(to, ray.range - kBefore);
     if (from < to)
       candidates.push_back({{origin + from * direction, origin + to * direction}, seen(origin, direction)});
   }
-  evidence.ground = fit_ground(around, settings);
+  evidence.ground = fit_ground(around);
   const GroundPlane ground = evidence.ground.value_or(GroundPlane{});
 
   // The highest return on the vehicle in each upright strip of the view.
@@ -300,31 +294,31 @@ VehicleEvidence gather_evidence(const SweepIndex& sweep, const Box3& box, const 
   std::set<std::array<int, 3>> taken;
   for (std::size_t i = 0; i < returns.size(); ++i) {
     const Vec3d& p = returns[i];
-    if (p.z() - ground.at(p.x(), p.y()) < settings.above_ground) continue;
+    if (p.z() - ground.at(p.x(), p.y()) < kAboveGround) continue;
     ++evidence.points;
     double& top = highest.try_emplace(strip_of(returns_seen[i].x()), -1e9).first->second;
     top = std::max(top, returns_seen[i].y());
     std::array<int, 3> cell;
-    for (int a = 0; a < 3; ++a) cell[as_size(a)] = static_cast<int>(std::floor(p[a] / settings.cell));
+    for (int a = 0; a < 3; ++a) cell[as_size(a)] = static_cast<int>(std::floor(p[a] / kCubeSize));
     if (taken.insert(cell).second) evidence.surface.push_back(p);
   }
   std::erase_if(candidates, [&](const Candidate& c) {
-    const auto end = highest.upper_bound(strip_of(c.seen.x() + settings.beside));
-    for (auto it = highest.lower_bound(strip_of(c.seen.x() - settings.beside)); it != end; ++it)
+    const auto end = highest.upper_bound(strip_of(c.seen.x() + kBeside));
+    for (auto it = highest.lower_bound(strip_of(c.seen.x() - kBeside)); it != end; ++it)
       if (it->second > c.seen.y()) return true;
     return false;
   });
-  const auto count = candidates.size(), keep = std::min(count, as_size(settings.max_rays));
+  const auto count = candidates.size(), keep = std::min(count, kMaxRays);
   for (std::size_t i = 0; i < keep; ++i) evidence.empty.push_back(candidates[i * count / keep].segment);
   return evidence;
 }
 
 ShapeFit fit_shape(const ShapeModel& model, const VehicleEvidence& evidence, const Box3& label,
-                   const ShapeFitSettings& settings) {
+                   int min_points) {
   ShapeFit fit;
   fit.points = evidence.points;
-  if (evidence.points < settings.min_points) {
-    fit.reason = fmt::format("{} returns on it, fewer than {}", evidence.points, settings.min_points);
+  if (evidence.points < min_points) {
+    fit.reason = fmt::format("{} returns on it, fewer than {}", evidence.points, min_points);
     return fit;
   }
   const Vec3d label_size(label.bev.length, label.bev.width, label.height);
@@ -332,9 +326,9 @@ ShapeFit fit_shape(const ShapeModel& model, const VehicleEvidence& evidence, con
   Eigen::VectorXd q = Eigen::VectorXd::Zero(7 + model.dimension);
   // Start from the label and the likeliest shape of its size.
   q.segment<3>(4) = label_log_size;
-  q.tail(model.dimension) = Likely(model).code(label_log_size);
+  q.tail(model.dimension) = ConditionalPrior(model).code(label_log_size);
   for (const Round& round : kFitRounds)
-    fit.iterations += solve_round(model, evidence, label_log_size, settings, round, q);
+    fit.iterations += solve_round(model, evidence, label_log_size, round, q);
   if (!q.allFinite()) {
     fit.reason = "the fit did not converge";
     return fit;
@@ -352,19 +346,18 @@ ShapeFit fit_shape(const ShapeModel& model, const VehicleEvidence& evidence, con
   }
   fit.velo_from_vehicle = velo_from_box(label) * Eigen::Translation3d(fit.shape.offset) *
                           Eigen::AngleAxisd(fit.shape.yaw, Vec3d::UnitZ());
-  fit.velo_from_roof =
-      fit.velo_from_vehicle * Eigen::Translation3d(roof_point(fit.mesh, settings.roof_depth));
+  fit.velo_from_roof = fit.velo_from_vehicle * Eigen::Translation3d(roof_point(fit.mesh));
   for (Vec3d& v : fit.mesh.vertices) v = fit.velo_from_vehicle * v;
   fit.fitted = true;
   return fit;
 }
 
-Vec3d roof_point(const Mesh& vehicle, double depth) {
+Vec3d roof_point(const Mesh& vehicle) {
   constexpr double kCell = 0.025, kNone = -std::numeric_limits<double>::infinity();
   if (vehicle.faces.empty())
     throw InputError("vehicle mesh", "faces", "there are none", "give a mesh with faces");
   const Eigen::AlignedBox3d box = bounds(vehicle);
-  const double floor = box.max().z() - depth;
+  const double floor = box.max().z() - kRoofDepth;
   const int nx = static_cast<int>(box.sizes().x() / kCell) + 1,
             ny = static_cast<int>(box.sizes().y() / kCell) + 1;
   std::vector<double> height(as_size(nx) * as_size(ny), kNone);
@@ -407,8 +400,8 @@ Vec3d roof_point(const Mesh& vehicle, double depth) {
   return {box.min().x() + (sum.x() + 0.5) * kCell, box.min().y() + (sum.y() + 0.5) * kCell, z};
 }
 
-ShapeRoofFinder::ShapeRoofFinder(ShapeModel model, LidarModel lidar, const ShapeFitSettings& settings)
-    : model_(std::move(model)), lidar_(std::move(lidar)), settings_(settings) {}
+ShapeRoofFinder::ShapeRoofFinder(ShapeModel model, LidarModel lidar, int min_points)
+    : model_(std::move(model)), lidar_(std::move(lidar)), min_points_(min_points) {}
 
 ShapeFit ShapeRoofFinder::fit(const SweepIndex& index, const Label& label) const {
   if ((label.type != "Car" && label.type != "Van") || !has_box(label)) {
@@ -416,7 +409,7 @@ ShapeFit ShapeRoofFinder::fit(const SweepIndex& index, const Label& label) const
     none.reason = "the manifold holds cars and vans, this is a " + label.type;
     return none;
   }
-  return fit_shape(model_, gather_evidence(index, label.box, settings_.evidence), label.box, settings_);
+  return fit_shape(model_, gather_evidence(index, label.box), label.box, min_points_);
 }
 
 std::shared_ptr<const SweepIndex> ShapeRoofFinder::index_of(const Sweep& sweep) const {

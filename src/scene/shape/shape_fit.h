@@ -48,40 +48,14 @@ struct VehicleEvidence {
   int points = 0;                     ///< returns on the vehicle before thinning
 };
 
-/// Which returns count for a vehicle, and how many are kept.
-struct EvidenceSettings {
-  double grow = 0.20;          ///< m: labels are drawn by hand; returns this far outside the box still count
-  double above_ground = 0.12;  ///< m: lower returns are the road's
-  double cell = 0.10;          ///< m: one return in each cube of this size stays
-  int max_rays = 500;          ///< empty segments kept, evenly over the rays
-  double before = 0.12;        ///< m before a return from which on its ray says nothing
-  double beside = 0.4;         ///< m to either side in which a higher return makes a ray one through glass
-  double ground_ring = 1.5;    ///< m around the box in which ground is looked for
-  int min_ground = 15;         ///< returns a ground plane needs
-};
-
 /// A ray without a return says nothing: dark paint and glass swallow light as the sky does. Nor does a ray
 /// that passes below a return on the vehicle in about the same direction: it may have gone through a window.
 /// Empty space is taken from rays with their laser's own origin (SweepIndex): an HDL-64E's lasers lie 20 cm
 /// apart.
-VehicleEvidence gather_evidence(const SweepIndex& sweep, const Box3& box,
-                                const EvidenceSettings& settings = {});
+VehicleEvidence gather_evidence(const SweepIndex& sweep, const Box3& box);
 
-/// Weights and bounds of the fit.
-struct ShapeFitSettings {
-  EvidenceSettings evidence;
-  int min_points = 20;           ///< fewer returns on the vehicle: no fit
-  double point_sigma = 0.06;     ///< m
-  double empty_sigma = 0.10;     ///< m
-  double deepest = 0.25;         ///< m; a ray deeper inside went through glass
-  double ground_sigma = 0.03;    ///< m
-  double label_position = 0.10;  ///< m, along and across
-  double label_height = 0.10;    ///< m, of the bottom
-  double label_yaw = 0.03;       ///< rad
-  double label_size = 0.03;      ///< share of length, width, height
-  double prior = 2.0;            ///< λ; above 1 because returns err together, not each on its own
-  double roof_depth = 0.20;      ///< m; the rooftop is what lies this close under the top
-};
+/// Fewer returns on a vehicle make no fit, unless another number is asked for.
+inline constexpr int kMinFitReturns = 20;
 
 /// A fitted vehicle.
 struct ShapeFit {
@@ -100,12 +74,12 @@ struct ShapeFit {
 /// Fits shape, pose and size to what was seen of a vehicle, from its label on, by robust non-linear least
 /// squares (`velo`, m).
 ShapeFit fit_shape(const ShapeModel& model, const VehicleEvidence& evidence, const Box3& label,
-                   const ShapeFitSettings& settings = {});
+                   int min_points = kMinFitReturns);
 
-/// The rooftop of a vehicle in its own frame: of its upper envelope, what lies within `depth` of the highest
+/// The rooftop of a vehicle in its own frame: of its upper envelope, what lies within 20 cm of the highest
 /// point; (x, y) is that region's centroid, z the envelope's height there. Grid of 2.5 cm. InputError for a
 /// mesh without faces.
-Vec3d roof_point(const Mesh& vehicle, double depth = 0.20);
+Vec3d roof_point(const Mesh& vehicle);
 
 // Roof poses from fitted shapes.
 
@@ -114,7 +88,7 @@ Vec3d roof_point(const Mesh& vehicle, double depth = 0.20);
 class ShapeRoofFinder : public RoofFinder {
  public:
   /// `lidar`: the one that recorded the frames' sweeps.
-  ShapeRoofFinder(ShapeModel model, LidarModel lidar, const ShapeFitSettings& settings = {});
+  ShapeRoofFinder(ShapeModel model, LidarModel lidar, int min_points = kMinFitReturns);
   Carrier find(const Frame& frame, const Label& label) const override;
   /// The whole fit, from an index over the frame's sweep.
   ShapeFit fit(const SweepIndex& index, const Label& label) const;
@@ -122,7 +96,7 @@ class ShapeRoofFinder : public RoofFinder {
  private:
   ShapeModel model_;
   LidarModel lidar_;
-  ShapeFitSettings settings_;
+  int min_points_;
   // Indices of the sweeps asked for last, one a thread: a frame's vehicles are asked for together.
   struct Indexed {
     Sweep sweep;

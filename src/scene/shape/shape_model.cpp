@@ -8,7 +8,6 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <mutex>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -86,24 +85,6 @@ Mesh ShapeModel::mesh(const ShapeParameters& q) const {
   return mesh;
 }
 
-ShapeParameters project(const ShapeModel& model, const Mesh& mesh) {
-  const std::vector<float> d = normalised_distances(mesh, model);
-  const std::size_t stride = 1 + as_size(model.dimension);
-  ShapeParameters q;
-  q.log_size = bounds(mesh).sizes().cwiseQuotient(model.reference).array().log();
-  q.code = Eigen::VectorXd::Zero(model.dimension);
-  Eigen::VectorXd norms = Eigen::VectorXd::Zero(model.dimension);
-  for (std::size_t n = 0; n < d.size(); ++n) {
-    const float* node = model.values.data() + n * stride;
-    for (int k = 0; k < model.dimension; ++k) {
-      q.code[k] += (d[n] - node[0]) * node[1 + k];
-      norms[k] += node[1 + k] * node[1 + k];
-    }
-  }
-  for (int k = 0; k < model.dimension; ++k) q.code[k] = norms[k] > 0 ? q.code[k] / norms[k] : 0;
-  return q;
-}
-
 namespace {
 
 constexpr double kMargin = 0.24;  // m of grid around the reference box
@@ -138,8 +119,7 @@ nlohmann::json numbers(const auto& v) {
   return out;
 }
 
-}  // namespace
-
+/// The distances that the model learns from: the mesh stretched to the reference box, both sides' mean.
 std::vector<float> normalised_distances(const Mesh& mesh, const ShapeModel& model) {
   const Eigen::AlignedBox3d box = bounds(mesh);
   const Vec3d middle(box.center().x(), box.center().y(), box.min().z());
@@ -162,8 +142,28 @@ std::vector<float> normalised_distances(const Mesh& mesh, const ShapeModel& mode
   return out;
 }
 
+}  // namespace
+
+ShapeParameters project(const ShapeModel& model, const Mesh& mesh) {
+  const std::vector<float> d = normalised_distances(mesh, model);
+  const std::size_t stride = 1 + as_size(model.dimension);
+  ShapeParameters q;
+  q.log_size = bounds(mesh).sizes().cwiseQuotient(model.reference).array().log();
+  q.code = Eigen::VectorXd::Zero(model.dimension);
+  Eigen::VectorXd norms = Eigen::VectorXd::Zero(model.dimension);
+  for (std::size_t n = 0; n < d.size(); ++n) {
+    const float* node = model.values.data() + n * stride;
+    for (int k = 0; k < model.dimension; ++k) {
+      q.code[k] += (d[n] - node[0]) * node[1 + k];
+      norms[k] += node[1 + k] * node[1 + k];
+    }
+  }
+  for (int k = 0; k < model.dimension; ++k) q.code[k] = norms[k] > 0 ? q.code[k] / norms[k] : 0;
+  return q;
+}
+
 ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeModelSettings& settings,
-                             const std::function<void(std::size_t)>& progress) {
+                             const std::function<void()>& sampled) {
   const std::size_t n = samples.size();
   const int dimension = settings.dimension;
   if (dimension < 1 || n < as_size(dimension) + kFew)
@@ -179,17 +179,13 @@ ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeMo
   const auto nodes = static_cast<Eigen::Index>(model.layout.size());
   Eigen::MatrixXf data(nodes, static_cast<Eigen::Index>(n));
   Eigen::MatrixXd q(3 + dimension, static_cast<Eigen::Index>(n));  // (s, z) of each
-  std::mutex mutex;
-  std::size_t done = 0;
   parallel_for(n, [&](std::size_t i) {
     if (interrupted()) return;
     const auto column = static_cast<Eigen::Index>(i);
     const std::vector<float> d = normalised_distances(samples[i].mesh, model);
     data.col(column) = Eigen::Map<const Eigen::VectorXf>(d.data(), nodes);
     q.col(column).head<3>() = bounds(samples[i].mesh).sizes().cwiseQuotient(model.reference).array().log();
-    const std::scoped_lock lock(mutex);
-    ++done;
-    if (progress) progress(done);
+    if (sampled) sampled();
   });
   throw_if_interrupted("no model was written");
   for (const ShapeSample& s : samples) ++model.sources[s.source];
@@ -259,9 +255,9 @@ ShapeModel read_shape_model(const std::filesystem::path& file) {
     throw InputError(name, "first line", "not a shape model of this version",
                      "make one with: mirage fit --build-model FILE");
   };
-  if (!begins_with(file, kMagic)) refuse();
   constexpr std::size_t kMaxHeaderLength = 1 << 21, kMaxValues = 100'000;  // of dimension 200: 41 000 numbers
   const std::string head = read_head(file, kMaxHeaderLength);
+  if (!head.starts_with(kMagic)) refuse();
   const std::size_t end = head.find('\n', kMagic.size());
   if (end == std::string::npos) refuse();
   const std::string_view second = std::string_view(head).substr(0, end).substr(kMagic.size());

@@ -80,12 +80,10 @@ struct ShapeModelSettings {
   Vec3d reference = Vec3d(4.3, 1.75, 1.52);
 };
 
-/// Learns the model; `tell` hears how many vehicles are sampled. InputError if there are fewer vehicles than
-/// dimensions + 2. After Ctrl-C, Interrupted.
+/// Learns the model; `sampled` hears of each vehicle, on several threads. InputError if there are fewer
+/// vehicles than dimensions + 2. After Ctrl-C, Interrupted.
 ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeModelSettings& settings = {},
-                             const std::function<void(std::size_t done)>& progress = {});
-/// The distances that the model learns from: the mesh stretched to the reference box, both sides' mean.
-std::vector<float> normalised_distances(const Mesh& mesh, const ShapeModel& model);
+                             const std::function<void()>& sampled = {});
 /// Code of a vehicle that the model need not have seen: least squares on the grid.
 ShapeParameters project(const ShapeModel& model, const Mesh& mesh);
 

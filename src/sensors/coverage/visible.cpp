@@ -158,22 +158,22 @@ Order order_of(const ScreenFace& a, const ScreenFace& b, Line& line) {
 }
 
 /// One face takes something off another.
-struct Hiding {
+struct Occlusion {
   int hidden = 0, by = 0;
-  int line = -1;    ///< where they cross: only where this one of Hidings::lines is positive
+  int line = -1;    ///< where they cross: only where this one of Occlusions::lines is positive
   double size = 0;  ///< of the overlap's bounding box: the largest goes first
 };
 
-struct Hidings {
-  std::vector<Hiding> list;  ///< as found
+struct Occlusions {
+  std::vector<Occlusion> list;  ///< as found
   std::vector<Line> lines;
-  std::vector<int> first;      ///< first entry of each hidden face in `sorted`, and the end
-  std::vector<Hiding> sorted;  ///< by the hidden face, the largest overlap first
-  std::vector<int> cursor;     ///< scratch
+  std::vector<int> first;         ///< first entry of each hidden face in `sorted`, and the end
+  std::vector<Occlusion> sorted;  ///< by the hidden face, the largest overlap first
+  std::vector<int> cursor;        ///< scratch
 };
 
 /// Compares the two faces, i before j in the mesh, whose boxes have an overlap of `size`.
-void find_hiding(const std::vector<ScreenFace>& faces, int i, int j, double size, Hidings& result) {
+void find_occlusion(const std::vector<ScreenFace>& faces, int i, int j, double size, Occlusions& result) {
   Line line;
   const Order seen = order_of(faces[as_size(i)], faces[as_size(j)], line);
   if (seen == Order::apart) return;
@@ -195,7 +195,7 @@ struct Box {
 };
 
 /// Fills `hidings`.
-void find_hidings(const std::vector<ScreenFace>& faces, Hidings& hidings) {
+void find_occlusions(const std::vector<ScreenFace>& faces, Occlusions& hidings) {
   static thread_local std::vector<Box> boxes, open;  // open: those that reach the sweep's place
   boxes.clear();
   open.clear();
@@ -217,23 +217,24 @@ void find_hidings(const std::vector<ScreenFace>& faces, Hidings& hidings) {
       ++kept;
       const double height = std::min(a.high_y, b.high_y) - std::max(a.low_y, b.low_y);
       if (!(height > 0)) continue;
-      find_hiding(faces, std::min(a.face, b.face), std::max(a.face, b.face),
-                  height * (std::min(a.high_x, b.high_x) - a.low_x), hidings);
+      find_occlusion(faces, std::min(a.face, b.face), std::max(a.face, b.face),
+                     height * (std::min(a.high_x, b.high_x) - a.low_x), hidings);
     }
     open.resize(kept);
     open.push_back(a);
   }
   // By hidden face in two steps: few entries each, but thousands in all.
   hidings.first.assign(faces.size() + 1, 0);
-  for (const Hiding& h : hidings.list) ++hidings.first[as_size(h.hidden) + 1];
+  for (const Occlusion& h : hidings.list) ++hidings.first[as_size(h.hidden) + 1];
   for (std::size_t f = 0; f < faces.size(); ++f) hidings.first[f + 1] += hidings.first[f];
   hidings.sorted.resize(hidings.list.size());
   hidings.cursor = hidings.first;
-  for (const Hiding& h : hidings.list) hidings.sorted[as_size(hidings.cursor[as_size(h.hidden)]++)] = h;
+  for (const Occlusion& h : hidings.list) hidings.sorted[as_size(hidings.cursor[as_size(h.hidden)]++)] = h;
   for (std::size_t f = 0; f < faces.size(); ++f)
-    std::sort(
-        hidings.sorted.begin() + hidings.first[f], hidings.sorted.begin() + hidings.first[f + 1],
-        [](const Hiding& a, const Hiding& b) { return a.size != b.size ? a.size > b.size : a.by < b.by; });
+    std::sort(hidings.sorted.begin() + hidings.first[f], hidings.sorted.begin() + hidings.first[f + 1],
+              [](const Occlusion& a, const Occlusion& b) {
+                return a.size != b.size ? a.size > b.size : a.by < b.by;
+              });
 }
 
 /// Takes what one face hides off polygons of another.
@@ -245,7 +246,7 @@ class Subtraction {
   std::vector<Polygon> left;
 
   /// `part`: only where this line is positive; null: all of it.
-  void take(const Hiding& hiding, const Line* part) {
+  void take(const Occlusion& hiding, const Line* part) {
     const ScreenFace& by = faces_[as_size(hiding.by)];
     const ScreenFace& of = faces_[as_size(hiding.hidden)];
     count_ = 0;
@@ -379,8 +380,8 @@ void find_visible(const ScreenMesh<double>& mesh, int width, int height, const P
     if (set_up(mesh.faces[f], width, height, window, face) && !bounds.misses(face))
       visible.faces.push_back(face);
   }
-  static thread_local Hidings hidings;
-  find_hidings(visible.faces, hidings);
+  static thread_local Occlusions hidings;
+  find_occlusions(visible.faces, hidings);
   Subtraction subtraction(visible.faces);
   for (std::size_t i = 0; i < visible.faces.size(); ++i) {
     const ScreenFace& face = visible.faces[i];
@@ -392,7 +393,7 @@ void find_visible(const ScreenMesh<double>& mesh, int width, int height, const P
     subtraction.left.clear();
     if (!start.empty()) subtraction.left.push_back(start);
     for (int h = hidings.first[i]; h < hidings.first[i + 1] && !subtraction.left.empty(); ++h) {
-      const Hiding& hiding = hidings.sorted[as_size(h)];
+      const Occlusion& hiding = hidings.sorted[as_size(h)];
       subtraction.take(hiding, hiding.line < 0 ? nullptr : &hidings.lines[as_size(hiding.line)]);
     }
     const bool whole = inside && subtraction.left.size() == 1 && subtraction.left[0].first == start.first;

@@ -80,8 +80,8 @@ struct TileJob {
   /// photograph that is covered.
   float* out[5] = {};
 
-  const float* d_out[4] = {};  ///< backward: d loss / d (I, S) of one sample
-  FaceSums* sums = nullptr;    ///< backward: one for each of `faces`
+  const float* d_out[4] = {};        ///< backward: d loss / d (I, S) of one sample
+  FaceGradientSums* sums = nullptr;  ///< backward: one for each of `faces`
   std::vector<TexelGradient>* texel_gradients = nullptr;
 };
 

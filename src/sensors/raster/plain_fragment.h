@@ -34,7 +34,7 @@ struct Fragment {
   Vec2<S> offset;                 ///< euclidean: sample − nearest boundary point
   int edge = 0;                   ///< euclidean: boundary edge (from corner edge to edge + 1)
   S along = 0;                    ///< euclidean: position on it, [0, 1]
-  int smallest = 0;               ///< barycentric: which one
+  int smallest_index = 0;         ///< barycentric: which one
   Vec3<S> raw, clipped;           ///< screen-space barycentrics before and after clipping
   Vec3<S> lookup;                 ///< barycentrics that the texture is read at, within the face (part)
   S z = 0, normalized_z = 0;      ///< z and z̄
@@ -91,7 +91,7 @@ bool cover(const FaceSetup<S>& setup, const Vec2<S>& p, const SoftRasterSettings
   S x = 0;  // signed d² or b²
   const S sign = f.inside ? S(1) : S(-1);
   if (settings.coverage == Coverage::barycentric) {
-    const S smallest = f.raw.minCoeff(&f.smallest);
+    const S smallest = f.raw.minCoeff(&f.smallest_index);
     x = sign * smallest * smallest;
     f.d_x_scale = 2 * std::abs(smallest) / settings.sigma;
   } else {
@@ -181,7 +181,7 @@ void fragment_vjp(const Fragment<S>& f, const FaceSetup<S>& setup, const SoftRas
     d_face[as_size(f.edge)].template head<2>() += (1 - f.along) * push;
     d_face[as_size(f.edge + 1) % 3].template head<2>() += f.along * push;
   } else if (settings.coverage == Coverage::barycentric) {
-    d_raw[f.smallest] = d.x * f.d_x_scale;
+    d_raw[f.smallest_index] = d.x * f.d_x_scale;
   }
   if (f.colored) {
     // z = 1 / Σ b_k / z_k, and lookup_k = z b_k / z_k or b_k.

@@ -161,7 +161,7 @@ void set_up(const ScreenMesh<double>& mesh, const SoftRasterSettings<double>& se
     });
 }
 
-void add_face_gradient(const Setup& setup, const FaceSetup& face, const FaceSums& sums,
+void add_face_gradient(const Setup& setup, const FaceSetup& face, const FaceGradientSums& sums,
                        std::array<Vec3<double>, 3>& d_face) {
   for (std::size_t k = 0; k < 3; ++k) {
     const double ratio = 1 + static_cast<double>(face.delta[k]);  // middle / z_k

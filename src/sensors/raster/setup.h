@@ -55,13 +55,13 @@ void set_up(const ScreenMesh<double>& mesh, const SoftRasterSettings<double>& se
             const RasterTarget<float>& target, Setup& setup);
 
 /// Sums over a face's samples in a tile: d loss / d what its gradient follows from.
-struct FaceSums {
+struct FaceGradientSums {
   float x[3], y[3];  ///< vertex k in sample coordinates
   float delta[3];    ///< delta_k
 };
 
 /// Adds a face's sums to the gradient of its vertices in NDC and depth.
-void add_face_gradient(const Setup& setup, const FaceSetup& face, const FaceSums& sums,
+void add_face_gradient(const Setup& setup, const FaceSetup& face, const FaceGradientSums& sums,
                        std::array<Vec3<double>, 3>& d_face);
 
 }  // namespace mirage::raster

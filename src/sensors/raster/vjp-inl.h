@@ -241,7 +241,7 @@ void DrawFacesVjp(const TileJob& job) {
         }
       }
     }
-    FaceSums& out = job.sums[i];
+    FaceGradientSums& out = job.sums[i];
     for (int e = 0; e < 3; ++e) {
       out.x[e] = Total(sums.x[e]);
       out.y[e] = Total(sums.y[e]);

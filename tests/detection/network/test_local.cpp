@@ -69,12 +69,12 @@ struct Mixed {
     added = plan.input(8, 23, 35, true);
     const int c = plan.sum(b, added, Curve::none);
     const int d = plan.conv(c, weight(12, 8, 2), bias(12), 2, 1, Curve::silu);  // 12 × 18
-    const int e = plan.join({d, plan.pool(d, 5)});
+    const int e = plan.join({d, plan.max_pool(d, 5)});
     const int f = plan.conv(e, weight(8, 24, 1), bias(8), 1, 1, Curve::none);
-    const int up = plan.twice(f, 23);
+    const int up = plan.upsample(f, 23);
     Plan& p = plan;
     const int g = p.conv(c, weight(8, 8, 3), bias(8), 1, 1, Curve::relu);
-    const int wide = p.conv(p.twice(p.halve(up), 22), weight(8, 8, 1), bias(8), 1, 1, Curve::relu);
+    const int wide = p.conv(p.upsample(p.average_pool(up), 22), weight(8, 8, 1), bias(8), 1, 1, Curve::relu);
     (void)g;
     output = p.conv(wide, weight(3, 8, 3), bias(3), 1, 1, Curve::none);
     p.keep(output);
@@ -97,11 +97,11 @@ Tensor whole(const Plan& plan, std::vector<Tensor> maps, int output) {
       y = in(0) + in(1);
     } else if (layer.op == Layer::Op::join) {
       y = torch::cat({in(0), in(1)}, 1);
-    } else if (layer.op == Layer::Op::twice) {
+    } else if (layer.op == Layer::Op::upsample) {
       y = torch::upsample_nearest2d(in(0), {2 * in(0).size(2), 2 * in(0).size(3)}).narrow(2, 0, layer.rows);
-    } else if (layer.op == Layer::Op::pool) {
+    } else if (layer.op == Layer::Op::max_pool) {
       y = torch::max_pool2d(in(0), layer.reach.kernel, 1, layer.reach.padding);
-    } else if (layer.op == Layer::Op::halve) {
+    } else if (layer.op == Layer::Op::average_pool) {
       y = torch::avg_pool2d(in(0), 2);
     }
     if (layer.curve == Curve::relu) y = torch::relu(y);

@@ -46,7 +46,7 @@ struct TwoCars {
     first.output[kSin2Yaw][40][70] = 0.8;
     first.output[kDx][40][70] = 0.13;
     first.output[kLogLength][40][70] = 0.21;
-    const std::int64_t rows = 64 / kImageStride, columns = 96 / kImageStride;  // of 48 × 80, padded
+    const std::int64_t rows = 64 / kFeatureStride, columns = 96 / kFeatureStride;  // of 48 × 80, padded
     first.bev = torch::randn({1, kBevFeatures, kCellsX, kCellsY}, torch::kDouble);
     first.picture = torch::randn({1, kCameraFeatures + 1, rows, columns}, torch::kDouble);
     first.mask = torch::randn({1, 1, 2 * rows, 2 * columns}, torch::kDouble);
