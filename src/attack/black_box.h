@@ -24,7 +24,7 @@
 #include <vector>
 
 #include "attack/adversary.h"
-#include "attack/attack.h"
+#include "attack/attack_result.h"
 #include "attack/attack_settings.h"
 #include "attack/attack_step.h"
 

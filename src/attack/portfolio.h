@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "attack/attack.h"
+#include "attack/attack_result.h"
 #include "attack/attack_settings.h"
 #include "attack/attack_step.h"
 #include "attack/black_box.h"

@@ -13,7 +13,7 @@ namespace mirage {
 /// The boxes that tell where one object is. What nobody tells is zero: a detector from above leaves bottom
 /// and height, one of the picture alone the whole box in space.
 struct ObjectBoxes {
-  ObjectBoxes() = default;
+  ObjectBoxes() = default;  ///< all 0
   /// Seen from above: bottom, height and picture are 0.
   ObjectBoxes(const BevBox& from_above) : box{from_above, 0, 0} {}
   /// In space (m, ego) and in the first camera's picture (pixels).

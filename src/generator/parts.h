@@ -11,6 +11,7 @@
 
 namespace mirage::generator {
 
+/// π.
 inline constexpr double kPi = std::numbers::pi;
 
 /// A thing of the scene in its own frame: x along its heading, y left, z up, origin on the ground under the
@@ -109,6 +110,7 @@ void add_signal_lamps(Actor& actor, Mesh& hoods, const SignalLamps& lamps, int l
 
 /// Albedo of sheeting, scene-linear.
 namespace sign_color {
+/// Linear RGB in [0, 1].
 inline const Vec3f kRed(0.50f, 0.02f, 0.02f), kWhite(0.65f, 0.65f, 0.63f), kBlue(0.015f, 0.09f, 0.42f),
     kYellow(0.65f, 0.42f, 0.02f), kGreen(0.01f, 0.18f, 0.07f), kBlack(0.02f, 0.02f, 0.02f),
     kGrey(0.25f, 0.25f, 0.25f);

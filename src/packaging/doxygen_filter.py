@@ -24,7 +24,7 @@ MEMBER = re.compile(r"^\s+(?!using |return |friend |typedef |static )(?:const |m
 
 # By base/fields.h: fields of structs, words of enums, and what a visitor does with fields.
 COMMON = [(re.compile(r"^\s*" + declaration), text) for declaration, text in (
-    (r"constexpr auto words_of\(\w+\)", "The words of options and files, in the enumerators' order (base/fields.h)."),
+    (r"constexpr auto words_of\([\w:]+\)", "The words of options and files, in the enumerators' order (base/fields.h)."),
     (r"void visit_fields\(Visitor& visit, S& s\)", "Visits the fields of S, by which files, options and checks know them (base/fields.h)."),
     (r"void operator\(\)\(const Field&", "Visits one field (base/fields.h)."),
     (r"void group\(const Field&", "Visits the fields of a struct whose fields are an object of their own (base/fields.h)."),

@@ -54,6 +54,10 @@ void check_image(const ImageF& image, const PinholeCamera& camera, const std::st
                    kNotFinite, "repair the photograph");
 }
 
+std::string in_metres(const Vec3d& size) {
+  return fmt::format("{:.4g} × {:.4g} × {:.4g} m", size.x(), size.y(), size.z());
+}
+
 /// What to do about a mesh whose longest measure is `longest`: the units in which that is an object of 0.2 to
 /// 5 m.
 std::string unit_fix(double longest) {
@@ -143,10 +147,6 @@ void check_object(const TexturedMesh& object, const std::string& where) {
     throw InputError(where, "place",
                      fmt::format("lies {:.3g} m beside its origin, which is set on the roof", outside.norm()),
                      "move the mesh to its origin");
-}
-
-std::string in_metres(const Vec3d& size) {
-  return fmt::format("{:.4g} × {:.4g} × {:.4g} m", size.x(), size.y(), size.z());
 }
 
 void warn_of_large_object(const Vec3d& size, const std::string& where) {

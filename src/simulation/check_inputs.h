@@ -21,8 +21,6 @@ void check_textured(const TexturedMesh& object, const std::string& where);
 /// within 2 m of its origin, which is set on the roof. InputError naming `where`, with the size and the unit
 /// that it may be in.
 void check_object(const TexturedMesh& object, const std::string& where);
-/// Extents (m) for messages: "1.6 × 1.6 × 1 m".
-std::string in_metres(const Vec3d& size);
 /// Warns, naming `where`, of an object whose longest measure (m) no car's roof has.
 void warn_of_large_object(const Vec3d& size, const std::string& where);
 /// The window of a camera's photograph and of its depth, which must be of the image's size; +∞ is a depth.

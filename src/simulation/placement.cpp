@@ -11,7 +11,6 @@
 #include "base/types.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/recorded_light.h"
-#include "simulation/check_inputs.h"
 
 namespace mirage {
 
@@ -132,8 +131,11 @@ void warn_of_volume(const PlaceChoice& place, const Vec3d& size, const std::stri
   constexpr double kRounding = 1e-6;  // m
   if (!place.of_file() || place.in == In::roof || (size.array() <= place.volume.array() + kRounding).all())
     return;
+  const auto words = [](const Vec3d& v) {
+    return fmt::format("{:.4g} × {:.4g} × {:.4g} m", v.x(), v.y(), v.z());
+  };
   spdlog::warn("{}: {} is larger than the volume of {}, {}: hosts are checked for room for that volume only",
-               where, in_metres(size), text_of(place), in_metres(place.volume));
+               where, words(size), text_of(place), words(place.volume));
 }
 
 Box3 grown_box(const Box3& box, const Mesh& placed) {

@@ -48,7 +48,7 @@ class Page(browser.ReportChecks, unittest.TestCase):
         self.assertEqual(self.browser.run("document.querySelector('h1').textContent"),
                          "Of 4 of the paper's findings, 1 holds, 1 holds in part, 1 does not, 1 cannot be told.")
         told = [{"claim": "a", "verdict": "cannot be told", "checks": [1]}] * 3
-        self.assertEqual(paper_page.headline(told), "None of 3 of the paper's findings can be told from these data.")
+        self.assertEqual(paper_page.headline(told), "These data are too few to decide any of 3 findings of the paper.")
         self.assertEqual(self.count("#findings .finding .tag"), 4)  # one a finding
         self.assertIn("not measured here", self.browser.run("document.querySelector('#findings').textContent.toLowerCase()"))
 

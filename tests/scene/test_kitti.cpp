@@ -472,7 +472,9 @@ TEST_F(Kitti, BrokenLightingAndImage) {
   write_file(file(name),
              R"({"to_sun_velo": [0, 0, 1], "sun": [1, 1], "ambient": [0, 0, 0], "hemisphere": [0, 0, 0]})");
   EXPECT_THAT(reading_fails(), AllOf(HasSubstr(name), HasSubstr("sun: not a list of 3")));
-  write_file(file(name), R"({"to_sun_velo": [0, 0, 0], "sun": [1, 1, 1]})");
+  write_file(
+      file(name),
+      R"({"to_sun_velo": [0, 0, 0], "sun": [1, 1, 1], "ambient": [0, 0, 0], "hemisphere": [0, 0, 0]})");
   EXPECT_THAT(reading_fails(), AllOf(HasSubstr(name), HasSubstr("to_sun_velo")));
   const std::string picture = read_file(file("image_2/000042.png"));
   write_file(file("image_2/000042.png"), picture.substr(0, 20));

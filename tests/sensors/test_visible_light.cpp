@@ -44,8 +44,8 @@ TexturedMesh texels_as_faces(const TexturedMesh& mesh) {
   return parts;
 }
 
-VisibleLight light_of(const TexturedMesh& mesh, const Lighting& light,
-                              const LightSurroundings* around, const VisibleLightSettings& settings = {}) {
+VisibleLight light_of(const TexturedMesh& mesh, const Lighting& light, const LightSurroundings* around,
+                      const VisibleLightSettings& settings = {}) {
   return visible_light(face_normals(mesh.mesh), mesh.atlas.texels, light,
                        find_visibility(mesh, light, around, nullptr, settings), settings.bounces);
 }

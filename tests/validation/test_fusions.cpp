@@ -1,4 +1,4 @@
-// Five detectors against each other: the cases, the matrix, the arms and what follows, from made-up
+// Six detectors against each other: the cases, the matrix, the arms and what follows, from made-up
 // evaluations.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -56,7 +56,7 @@ def headline(findings):
     named = {"holds": ("holds", "hold"), "holds in part": ("holds in part", "hold in part"),
              "does not hold": ("does not", "do not"), "cannot be told": ("cannot be told", "cannot be told")}
     if counts == {"cannot be told": len(own)} and len(own) > 1:
-        return f"None of {len(own)} of the paper's findings can be told from these data."
+        return f"These data are too few to decide any of {len(own)} findings of the paper."
     parts = [f"{counts[key]} {words[counts[key] > 1]}" for key, words in named.items() if key in counts]
     return f"Of {len(own)} of the paper's findings, " + ", ".join(parts) + "."
 
@@ -138,7 +138,7 @@ def page(result, folder):
 
 
 def main(folder):
-    result = figures.read_json(os.path.join(folder, "reproduce.json"))
+    result = atomic.read_json(folder, "reproduce.json")
     atomic.write(os.path.join(folder, "reproduce.html"), page(result, folder))
     for table in result["tables"]:  # for pages of others
         svg = paper_heat.heat(table) if table.get("matrix") else None

@@ -131,7 +131,7 @@ PAGES = {"audit": audit_values, "compare": compare_values, "drive": page_drive.v
 
 
 def main(folder):
-    result = figures.read_json(os.path.join(folder, "result.json"))
+    result = atomic.read_json(folder, "result.json")
     name = next(part for part in PAGES if part in result)
     fig = figures.figure_function(result)
     environment = figures.templates(HERE)

@@ -148,7 +148,7 @@ def sign_off(environment, hosts):
         style=figures.asset(HERE, "a4.css"))
 
 
-def page(environment, result, hosts, folder, model, viewer, origin):
+def page(environment, result, hosts, folder, model, viewer, origin, signed):
     fig = figures.figure_function(result, origin)
     beside, verdict = result["beside"], result["verdict"]
     note = result["reliance"]["note"]  # stands in place of statements about images
@@ -162,7 +162,7 @@ def page(environment, result, hosts, folder, model, viewer, origin):
         result=result, fig=fig, interval=figures.interval_function(result, fig), group=verdict["of"], shown=plots.SHOWN,
         arms=arms(result), checks=figures.targets(result), made_of=figures.made_of(result), objects=objects(result), flips=flips_of(result, titles, folder),
         words=words(result), note=note, light_names=plots.LIGHT, tradeoff=beside.get("tradeoff"), pareto=plots.pareto(beside.get("tradeoff")),
-        viewer_missing=NO_VIEWER, model=model,
+        viewer_missing=NO_VIEWER, model=model, signed=signed,
         plots={"loss": plots.loss(beside.get("loss")), "recall": plots.recall(beside.get("evaluation")),
                "success": plots.arms(verdict, bool(note)), "scores": plots.scores(verdict, titles), "ladder": plots.ladder(result),
                "remaining": plots.remaining(result), "ladder_cost": plots.ladder_cost(result)},
@@ -190,7 +190,7 @@ def main():
                             atomic.read_json(options.tradeoff) if options.tradeoff else None)
     environment = figures.templates(HERE)
     text = page(environment, result, hosts, folder, model_uri(os.path.join(options.run, "adversary.glb")),
-                viewer_script(options.viewer), figures.origin_function(hosts, options.evaluation, options.tradeoff))
+                viewer_script(options.viewer), figures.origin_function(hosts, options.evaluation, options.tradeoff), options.sign_off)
     atomic.write(os.path.join(folder, "report.html"), text)
     if options.sign_off:
         atomic.write(os.path.join(folder, "sign-off.html"), sign_off(environment, hosts))
