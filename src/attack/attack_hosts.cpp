@@ -5,7 +5,6 @@
 #include <cmath>
 #include <functional>
 #include <map>
-#include <ranges>
 #include <set>
 #include <string>
 
@@ -52,8 +51,8 @@ std::vector<std::vector<FrameHosts>> distribute_to_lanes(const std::vector<Frame
 }
 
 bool even(const std::vector<std::vector<FrameHosts>>& lanes) {
-  const auto [least, most] = std::ranges::minmax(lanes | std::views::transform(hosts_of));
-  return static_cast<double>(most) <= kMaxUnevenness * static_cast<double>(least);
+  const auto [least, most] = std::ranges::minmax_element(lanes, {}, hosts_of);
+  return static_cast<double>(hosts_of(*most)) <= kMaxUnevenness * static_cast<double>(hosts_of(*least));
 }
 
 }  // namespace

@@ -5,7 +5,6 @@
 #include <charconv>
 #include <mutex>
 #include <optional>
-#include <ranges>
 #include <string_view>
 
 #include "base/fields.h"
@@ -39,6 +38,17 @@ namespace {
 
 bool stands_around(const std::string& word) {
   return word == kConsistency || word == kShadows || jpeg_quality(word) > 0 || ceiling_height(word) > 0;
+}
+
+/// Not std::views::split, which clang 14 does not compile with GCC 12's library.
+std::vector<std::string> split_words(const std::string& text) {
+  std::vector<std::string> words(1);
+  for (const char letter : text)
+    if (letter == '+')
+      words.emplace_back();
+    else
+      words.back() += letter;
+  return words;
 }
 
 /// The number that a word gives after its name and a colon; none for another word, −1 for one that gives
@@ -79,8 +89,7 @@ bool Defense::has(const std::string& word) const {
 Defense read_defense(const std::string& text) {
   Defense defense;
   if (text.empty() || text == "none") return defense;
-  for (const auto letters : std::views::split(text, '+')) {
-    const std::string word(letters.begin(), letters.end());
+  for (const std::string& word : split_words(text)) {
     if (word.empty() || word == "none" ||
         (!stands_around(word) && word.find_first_not_of("abcdefghijklmnopqrstuvwxyz-") != std::string::npos))
       throw FieldError("defense", text, "is not a defence",

@@ -97,6 +97,7 @@ std::vector<py::array_t<double>> hits_vjp(const Hits& hits, const py::object& d_
     for (std::size_t k = 0; k < 3; ++k) gradients[mesh][as_size(face[k])] += d_face[k];
   }
   std::vector<py::array_t<double>> arrays;
+  arrays.reserve(gradients.size());
   for (auto& gradient : gradients) arrays.push_back(own_rows(std::move(gradient)));
   return arrays;
 }
