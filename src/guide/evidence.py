@@ -227,16 +227,6 @@ def transfer(source):
     return table(["learned on", "attacked", "vanished, %", "95 %", "white box, %", "net", "95 %"], rows) + commands(made)
 
 
-def sides(source):
-    """What an attack through one sensor hides from each fusion, net of a random mesh of its size."""
-    made = experiment(source, "fusions")
-    less = {check["rig"].rsplit(", ", 1)[1]: check["comparisons"][0]["difference"] for check in made["findings"]["fusions-side"]}
-    net = {(row["source"], row["target"]): row["values"]["net_vanished"] for row in made["rows"]}
-    rows = [[f"`{name}`, {said}", *(signed(net[f"{name}, {sensor}", name]["value"]) for sensor in ("image", "LiDAR")), *points(less[name])]
-            for name, said in (("painted", "early"), ("fusion", "mid"), ("refined", "mid, second stage"), ("late", "late"))]
-    return table(["detector", "through the image", "through LiDAR", "image less LiDAR", "95 %"], rows) + commands(made)
-
-
 def real_frames(source):
     """Meshes learned on generated frames, on the vehicles of recorded ones."""
     made = experiment(source, "fusions-real")
@@ -255,34 +245,6 @@ def light_models(source):
     vehicles = sorted({figures["plain"][side]["vehicles"] for figures, side in columns})
     return table(["light", *(f"{meshes}, {side}-lit, %" for meshes in ("random mesh", "learned mesh") for side in ("front", "back"))],
                  rows) + commands(*made) + f"\nEach column has {' to '.join(map(str, vehicles))} vehicles.\n"
-
-
-def light_attacks(source):
-    """Success before the rasteriser that the mesh was learned by, and in Cycles with realistic returns."""
-    made = stored(source, "attack-light")
-    rows = [[f"`{row['detector']}`, {said}", str(row["vehicles"]), *(percent(row["arms"][arm][0]) for arm in ("own ideal", "cycles realistic")),
-             *points(dict(zip(("value", "low", "high"), row["difference"])))]
-            for row in made["figures"]["rows"] for light, said in (("plain", "plain light"), ("exact-visible", "exact areas and visible light"))
-            if row["light"] == light]
-    return table(["learned under", "cars", "rasteriser", "Cycles", "difference", "95 %"], rows) + commands(made)
-
-
-def qualities(source):
-    """What each --quality costs in the camera's picture and gradient."""
-    made = stored(source, "tradeoff")
-    rows = []
-    for advice in made["recommended"]:
-        of = advice["shipped"]
-        rows.append([f"`{advice['name']}`", f"{of['ratio']:.2f}", f"{of['errors']['image_levels']:.1f}", f"{of['errors']['gradient_cosine']:.2f}"])
-    return table(["quality", "relative time", "image error of 255", "gradient cosine"], rows) + commands(made)
-
-
-def approximations(source):
-    """What bfloat16 and a bounded surrounding cost in the adversary's gradient."""
-    made = stored(source, "tradeoff")
-    rows = [[f"`--{of['axis']} {of['label'].removesuffix(' m')}`", f"{of['errors']['gradient_cosine']:.3f}", f"{of['errors']['gradient_cosine_least']:.3f}", f"{of['ratio']:.2f}"]
-            for of in made["points"] if of["group"] == "detector" and of["axis"] != "passes"]
-    return table(["option", "cosine with the exact gradient, mean", "worst car", "relative time"], rows) + commands(made)
 
 
 def option(row):
