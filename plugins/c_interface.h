@@ -1,4 +1,4 @@
-// What every plugin's C interface needs: no exception leaves a function, and its reason fits one line.
+// Common code of the plugins' C interfaces: no exception leaves a function, and its message fits one line.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +15,7 @@
 
 namespace mirage {
 
-/// The user's file is to blame; its text says what and how to mend it.
+/// The user's file is to blame; the text says what is wrong and how to mend it.
 class BadFile : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -31,7 +31,7 @@ inline void report(const std::string& what, char* error, std::size_t error_size)
     std::snprintf(error, error_size, "%s", what.substr(0, what.find('\n')).c_str());
 }
 
-/// Runs work(). 0; 2 for a BadFile; 1 for anything else that is thrown.
+/// Runs work(). Returns 0; 2 for a BadFile; 1 for any other exception.
 template <class Work>
 int guarded(char* error, std::size_t error_size, const Work& work) noexcept {
   try {
@@ -48,18 +48,18 @@ int guarded(char* error, std::size_t error_size, const Work& work) noexcept {
   return 1;
 }
 
-/// Answers that live on in the instance, as a table's function gives them.
+/// Returns answers that live on in the instance, in the form of a table's function.
 template <class Answer>
 void give(const std::vector<Answer>& answers, const Answer** first, std::int64_t* count) {
   *first = answers.data();
   *count = static_cast<std::int64_t>(answers.size());
 }
 
-/// Functions of a table that are the same for every instance of type T that has a method of that name.
+/// Functions of a table for instances of type T, each by T's method of that name.
 template <class T>
 struct CFunctions {
   static T& of(void* instance) { return *static_cast<T*>(instance); }
-  /// What make() gives. Null if it throws.
+  /// The instance that make() returns. Null if it throws.
   template <class Make>
   static void* made(char* error, std::size_t error_size, const Make& make) noexcept {
     std::unique_ptr<T> instance;

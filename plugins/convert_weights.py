@@ -33,7 +33,7 @@ class Refused(Exception):
 
 
 class Module:
-    """What LibTorch's OutputArchive writes: named values, tensors and further modules."""
+    """The content of LibTorch's OutputArchive: named values, tensors and further modules."""
 
     def __setstate__(self, state):
         if not isinstance(state, dict):
@@ -72,7 +72,7 @@ class Reader(pickle.Unpickler):
 
 
 def flat(module, prefix=""):
-    """The module's tensors by the names of LibTorch's named_parameters."""
+    """The module's tensors under the names of LibTorch's named_parameters."""
     for name, value in module.values.items():
         if isinstance(value, Module):
             yield from flat(value, prefix + name + ".")
@@ -81,7 +81,7 @@ def flat(module, prefix=""):
 
 
 def read_state(optimiser):
-    """AdamW's state by the number of the parameter."""
+    """AdamW's state by parameter index."""
     states = optimiser.values["state"].values
     group = optimiser.values["param_groups"].values["param_groups/0"].values
     for k in range(int(group["params/size"])):
@@ -162,7 +162,7 @@ def read_weights(file):
 
 
 def halved(name, value):
-    """Kernels and matrices as halves; what is small and decides more (biases, norms, their statistics) as it is."""
+    """Kernels and matrices as halves; small, decisive tensors (biases, norms, their statistics) unchanged."""
     if value.ndim < 2 or value.dtype != TYPES["F32"]:
         return value
     half = value.astype("<f2")
@@ -176,7 +176,7 @@ def same(a, b):
 
 
 def without_parts(file, tensors, parts):
-    """What is left once the parts are named; and their lines, as sha256sum prints them."""
+    """The tensors without those of the named parts, and the parts' lines as sha256sum prints them."""
     used, left, known = set(), {}, [(part, read_tensors(part)[1]) for part in parts]
     for name, value in tensors.items():
         first = next(((part, its[name]) for part, its in known if name in its), None)

@@ -84,7 +84,7 @@ std::vector<NamedPart> read_parts(std::string_view lines) {
   return parts;
 }
 
-/// `data`: all that follows the header.
+/// `data`: all bytes after the header.
 StoredTensor read_tensor(const nlohmann::json& json, std::string_view data) {
   if (!json.is_object() || !json.contains("dtype") || !json.contains("shape") ||
       !json.contains("data_offsets") || json.size() != 3)
@@ -125,7 +125,7 @@ void require_cover(const StoredTensors& tensors, std::string_view data) {
   if (at != data.data() + data.size()) unreadable("bytes belong to no tensor");
 }
 
-/// Of what a key says twice, a parser keeps the last.
+/// Refuses repeated keys: a parser would keep the last value.
 void require_single_keys(std::string_view text) {
   using Event = nlohmann::json::parse_event_t;
   std::vector<std::set<std::string>> open;  // the keys of each object around

@@ -4,7 +4,7 @@
 //
 // A file may name other files in its folder, its parts, by name and SHA-256 ("parts" in "__metadata__", as
 // sha256sum prints them): networks that share a frozen branch hold it once. A tensor that the file does not
-// hold is that of the first part that holds it; of a part only its own tensors count.
+// hold comes from the first part that holds it; only a part's own tensors count.
 #pragma once
 
 #include <cstdint>
@@ -24,7 +24,7 @@ inline constexpr std::size_t kMaxParts = 8;
 enum class Element { float32, float16, float64, int64 };
 std::size_t element_size(Element element);
 
-/// Row-major, little-endian; `data` is somebody else's memory.
+/// Row-major, little-endian; `data` is a view of memory.
 struct StoredTensor {
   Element element = Element::float32;
   std::vector<std::int64_t> shape;

@@ -1,4 +1,4 @@
-// How many threads LibTorch takes, and the BLAS under it.
+// Thread counts of LibTorch and of the BLAS under it.
 #pragma once
 
 #include <ATen/Parallel.h>
@@ -19,15 +19,15 @@
 #include "base/sizes.h"
 
 extern "C" {
-/// OpenBLAS's own, where that is the BLAS at hand; else null.
+/// OpenBLAS's function, if that is the BLAS in use; otherwise null.
 void openblas_set_num_threads(int) __attribute__((weak));
 }
 
 namespace mirage {
 
-/// From here on: LibTorch in the calling thread, OpenBLAS in the whole process. With one they work in the
-/// thread that asks them. More spin while they wait, which costs a multiple of the work on a busy machine,
-/// and make sums depend on their number.
+/// Sets the count for LibTorch in the calling thread, and for OpenBLAS in the whole process. With one, they
+/// work in the caller's thread. More threads spin while they wait, which costs a multiple of the work on a
+/// busy machine, and make sums depend on their number.
 inline void set_torch_threads(int count) {
   static std::atomic<int> blas = 0;
   at::set_num_threads(count);
@@ -63,9 +63,9 @@ void for_each_sample(std::size_t count, int threads, const Work& work) {
     if (problem) std::rethrow_exception(problem);
 }
 
-/// Steps against the sum of the samples' gradients over `divisor`; the loss terms, summed alike. An undefined
-/// gradient is 0. The sum's norm is at most max_gradient. Summed in the samples' order, so that the number of
-/// threads changes nothing. std::runtime_error if the total is not finite.
+/// One step by the sum of the samples' gradients over `divisor`. Returns the loss terms, summed alike. An
+/// undefined gradient is 0. The sum's norm is at most max_gradient. Summed in the samples' order, so that the
+/// number of threads changes nothing. std::runtime_error if the total is not finite.
 inline std::array<float, 3> take_step(torch::optim::Optimizer& optimiser,
                                       const std::vector<at::Tensor>& parameters,
                                       const std::vector<SampleResult>& results, float divisor,

@@ -46,7 +46,7 @@ std::string sha256(std::string_view bytes) {
   return fmt::format("{:02x}", fmt::join(digest.data(), digest.data() + size, ""));
 }
 
-/// The bytes; of a file that is none of ours by its first bytes, those alone.
+/// The file's bytes, or only its first ones if these are not a weights file's.
 std::string read_weights(const std::filesystem::path& file) {
   std::string head = read_head(file, kHeadBytes);
   return head.size() == kHeadBytes && head.back() == '{' ? read_file(file) : head;

@@ -14,18 +14,18 @@
 
 namespace mirage {
 
-/// A weights file and its parts, read whole and checked before anything in them is believed.
+/// A weights file and its parts, read whole and checked before use.
 class WeightsFile {
  public:
-  /// InputError as read_file's; else std::runtime_error, in words for the user: what parse_tensor_file
-  /// refuses, and a part that is missing or of another SHA-256.
+  /// InputError as read_file's; otherwise std::runtime_error, in words for the user, as parse_tensor_file's,
+  /// and for a part that is missing or of another SHA-256.
   explicit WeightsFile(const std::filesystem::path& file);
   WeightsFile(WeightsFile&&) = default;
   WeightsFile& operator=(WeightsFile&&) = default;
   /// "" for a fact that the file does not state.
   std::string fact(std::string_view key) const;
   bool holds(std::string_view tensor) const { return find(tensor) != nullptr; }
-  /// Of the file's own tensors, without those of its parts.
+  /// Names of the file's own tensors, without those of its parts.
   std::vector<std::string> names() const;
   /// On the CPU, in the type that it is stored in. std::runtime_error if the file has no such tensor of
   /// `sizes`.
@@ -37,7 +37,7 @@ class WeightsFile {
   std::vector<TensorFile> files_;   ///< of bytes_
 };
 
-/// What a weights file is going to hold.
+/// The content of a weights file to be written.
 class WeightsWriter {
  public:
   void state(std::string key, std::string text) { facts_[std::move(key)] = std::move(text); }
@@ -51,10 +51,10 @@ class WeightsWriter {
   std::map<std::string, torch::Tensor, std::less<>> tensors_;
 };
 
-/// The state of an optimiser in a training's checkpoint, without what a training sets at each step. It is
-/// read into the memory formats that a fresh one has: sums go on to the same bits.
+/// Writes an optimiser's state to a training's checkpoint, without the values that a training sets at each
+/// step. It is read into the memory formats of a fresh one, so that sums continue bit for bit.
 void add_state(WeightsWriter& writer, torch::optim::AdamW& optimiser);
-/// std::runtime_error if the file holds the state of another network's.
+/// std::runtime_error if the file holds the state for another network.
 void read_state(const WeightsFile& file, torch::optim::AdamW& optimiser);
 
 }  // namespace mirage

@@ -1,4 +1,4 @@
-// A made-up scene on which a user's network is tried as soon as it is loaded.
+// A made-up scene to run a user's network on as soon as it is loaded.
 #pragma once
 
 #include <array>

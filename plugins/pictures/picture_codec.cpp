@@ -17,7 +17,7 @@ OIIO::TypeDesc type_of(PixelType type) {
                                     : OIIO::TypeDesc::FLOAT;
 }
 
-/// A file whose reads give all that was asked for, or what is left of it: OpenImageIO's decoders take fewer
+/// A file whose reads give all requested bytes, or the rest of the file: OpenImageIO's decoders take fewer
 /// bytes, which a system call may give at any time, for a damaged picture.
 class CompleteReads : public OIIO::Filesystem::IOFile {
  public:
@@ -42,7 +42,7 @@ class Decoder : public PictureDecoder {
   bool open(const std::string& format, std::string& error) {
     input_ = OIIO::ImageInput::create(format);
     OIIO::ImageSpec ignored, config;
-    config.attribute("oiio:UnassociatedAlpha", 1);  // else a PNG's colours come multiplied by its alpha
+    config.attribute("oiio:UnassociatedAlpha", 1);  // otherwise a PNG's colours come multiplied by its alpha
     if (!input_ || !input_->set_ioproxy(proxy_.get()) ||
         !input_->open("picture." + format, ignored, config)) {
       error = input_ ? input_->geterror() : OIIO::geterror();
@@ -61,15 +61,15 @@ class Decoder : public PictureDecoder {
   }
   const PictureHeader& header() const override { return header_; }
   bool read(PixelType pixels, void* values, std::string& error) override {
-    // libjpeg fills up what a truncated or damaged file lacks, and only says so.
+    // libjpeg fills up the missing part of a truncated or damaged file, and only warns.
     const bool decoded = decode(pixels, values) && !input_->has_error();
     if (!decoded) error = input_->geterror();
     return decoded;
   }
 
  private:
-  /// OpenImageIO's own conversion sets 16 MB or more aside, however small the picture, so it is left to what
-  /// needs it: tiles, and channels of several types.
+  /// OpenImageIO's own conversion sets 16 MB or more aside, however small the picture, so it is used only
+  /// where needed: tiles, and channels of several types.
   bool decode(PixelType pixels, void* values) {
     const OIIO::ImageSpec& is = input_->spec();
     const OIIO::TypeDesc type = type_of(pixels);

@@ -1,6 +1,6 @@
 // libpng prints a line when an error handler returns, and OpenImageIO's returns. This library's
 // png_set_error_fn stands before libpng's: it gives it a handler that does not, so that a damaged file is
-// told of once, in Mirage's line. Without libpng's header: what passes through here is opaque.
+// told of once, in Mirage's line. Without libpng's header: the data that pass through here are opaque.
 #include <dlfcn.h>
 
 #include <array>

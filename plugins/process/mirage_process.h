@@ -35,7 +35,7 @@
  *              tracker reads "detections": M × 8, x, y, z of the centre, length, width, height, yaw, score
  *   clean      with local: the frame without the object. cameras and lidars as above, each camera with
  *              changed (left, top, right, bottom; pixels, exclusive), outside which its pictures are equal;
- *              key: a text that stays while the clean frame does, under which to keep what is made of it.
+ *              key: a text that stays while the clean frame does, under which to cache its results.
  *              Gradients of unchanged pixels and of the clean sweep's returns may then be 0
  *   ← boxes    M × 5: x, y, length, width, yaw; M × 7: x, y, z of the centre, length, width, height, yaw;
  *              M × 9: and vx, vy; for "picture" M × 4: left, top, right, bottom
@@ -45,9 +45,9 @@
  *   size, answer_at
  *   d_logits   M, of the last detect
  *   ← cameras  {NAME: {d_image: H × W × 3}}; with "srgb8" by the level, 0 … 255
- *   ← lidars   {NAME: {d_points: N × 4}}; sensors: {NAME: {d_data}}; what is left out is 0
+ *   ← lidars   {NAME: {d_points: N × 4}}; sensors: {NAME: {d_data}}; missing ones are 0
  *
- * Keys that you do not know are not for you. Standard input ends when Mirage is done: end, too. A program
+ * Ignore keys that you do not know. Standard input ends when Mirage is done: end, too. A program
  * that dies or gives no answer is started again and asked once more. Metres, radians; x forward, y left,
  * z up, in the LiDAR's frame. */
 #ifndef MIRAGE_PROCESS_H_
@@ -84,8 +84,8 @@ typedef struct MirageProgram {
 
 enum { MIRAGE_MOST_BOXES = 100000 };
 
-/* What stands after "key": within the object that begins at `text`, or NULL. Texts between quotes, as a
- * frame's id, are passed over. */
+/* The text after "key": within the object that begins at `text`, or NULL. Quoted texts, such as a
+ * frame's id, are skipped. */
 static const char* mirage_after(const char* text, const char* key) {
   char quoted[64];
   const int length = snprintf(quoted, sizeof quoted, "\"%s\":", key);
@@ -107,7 +107,7 @@ static long mirage_number(const char* text, const char* key) {
   return at ? strtol(at, NULL, 10) : 0;
 }
 
-/* Up to `most` numbers of the list after the key; how many. */
+/* Reads up to `most` numbers of the list after the key; returns how many. */
 static int mirage_numbers(const char* text, const char* key, double* numbers, int most) {
   const char* at = mirage_after(text, key);
   int count = 0;

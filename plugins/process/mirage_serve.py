@@ -7,7 +7,7 @@ detector(points), detector(image) for boxes in the picture, or detector(frame) f
 the program has imported torch, else numpy arrays. This file imports nothing of Mirage; Mirage puts it on the path.
 
 Attributes of the detector, all optional:
-reads: some of "image", "points" and the names of other sensors (default: ("image", "points")); an array that it leaves out is empty.
+reads: some of "image", "points" and the names of other sensors (default: ("image", "points")); omitted arrays are empty.
 pictures: "linear" (float32, scene-linear in [0, 1]) or "srgb8" (0 … 255 as in a file, uint8; float32 for torch).
 region: x_min, x_max, y_min, y_max, m, where it searches. classes: ["Car", …], in the order of its class numbers.
 heights: True if its boxes of 7 or 9 numbers are also compared in 3-D. local: True if frame.clean saves it work. version: a text
@@ -96,7 +96,7 @@ class Network:
         self._inputs, self._logits = {}, None
 
     def word(self):
-        """Its description of itself: the answer to the job hello."""
+        """The answer to the job hello: its description of itself."""
         return {"reads": self.reads, "pictures": self.pictures, "finds": "picture" if self.finds_picture else "boxes",
                 "region": self.region, "gradient": self.differentiable, "classes": self.classes,
                 "heights": self.heights, "local": self.local, "version": self.version,
@@ -106,7 +106,7 @@ class Network:
         return self.error(f"detector: {field}: {problem}; {fix}")
 
     def _takes(self):
-        """Its arguments: "image" (it finds boxes in the picture), "points", "frame", or "all": (image, points, pixel_from_velo)."""
+        """Its arguments: "image" (its boxes are in the picture), "points", "frame", or "all": (image, points, pixel_from_velo)."""
         module = self.torch is not None and isinstance(self.function, self.torch.nn.Module)
         try:
             parameters = inspect.signature(self.function.forward if module else self.function).parameters.values()
@@ -266,9 +266,9 @@ def serve(function, **attributes):
                 for name, part in network.backward(memory.read(job["d_logits"]).copy()).items():
                     group, field = next(kind for kind in KINDS if name in asked.get(kind[0], {}))
                     answer.setdefault(group, {})[name] = {"d_" + field: memory.write(part)}
-        except Exception as problem:  # the detector's own: Mirage shows it in one line
+        except Exception as problem:  # the detector's own error: Mirage shows it in one line
             blind = "image" in network.reads and not any("image" in camera for camera in job.get("cameras", {}).values())
-            if not (job["job"] == "detect" and blind):  # Mirage asks whether it can do without its picture
+            if not (job["job"] == "detect" and blind):  # Mirage asks whether it works without its picture
                 traceback.print_exc()
             answer = {"id": job["id"], "ok": False, "error": f"{type(problem).__name__}: {problem}"}
         print(json.dumps(answer), file=answers, flush=True)

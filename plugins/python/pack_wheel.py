@@ -24,7 +24,7 @@ from wheel.wheelfile import WheelFile
 
 SOURCE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 CODE = ("*.py", "*.pyi", "py.typed", "_core{suffix}", "plugins/process/*", "report/*.js", "mirage.commit")
-# Of the project, what commands read as they run: as src/packaging/install.cmake installs it.
+# Files of the project that commands read at run time, as src/packaging/install.cmake installs them.
 SHIPPED = re.compile(r"(scenes/.*\.(toml|shape|glb|ti3)|scenes/objects/zoo\.json|plugins/blender/mirage_blender/.*\.py|"
                      r"validation/(?!benchmarks|studies).*\.(py|toml|j2|html|css|js))")
 PLUGINS = ("plugins/*.so", "plugins/*.json")
@@ -43,13 +43,13 @@ Generator: mirage
 Root-Is-Purelib: {pure}
 Tag: {tag}
 """
-# Of the policies manylinux_2_*: on every Linux, and not to be carried. Those of X are carried all the same: a server lacks them.
+# From the policies manylinux_2_*: on every Linux, so not carried. X libraries are carried all the same: a server lacks them.
 EVERYWHERE = re.compile(r"(ld-linux.*|lib(c|m|dl|rt|pthread|util|resolv|nsl|anl|mvec|gcc_s|stdc\+\+|z|expat|GL|gobject-2\.0|gthread-2\.0|"
                         r"glib-2\.0))\.so\.\d+")
 
 
 def resolved(file):
-    """{name: path} of all that the loader takes for a library."""
+    """{name: path} of all libraries that the loader resolves for a file."""
     told = subprocess.run(["ldd", file], check=True, capture_output=True, text=True).stdout
     found = dict(re.findall(r"^\s*(\S+) => (/\S+)", told, re.M))
     missing = re.findall(r"^\s*(\S+) => not found", told, re.M)
@@ -77,7 +77,7 @@ def carry(modules, folder):
         file = os.path.join(folder, os.path.basename(place))
         shutil.copyfile(source, file)
         origin = os.path.normpath(os.path.join("$ORIGIN", os.path.relpath("mirage.libs", os.path.dirname(place))))
-        changes = [["--set-rpath", origin, "--force-rpath"]]  # one call each: together, some are lost
+        changes = [["--set-rpath", origin, "--force-rpath"]]  # one call each: in one call some are lost
         if place not in modules:
             changes.append(["--set-soname", os.path.basename(place)])
         changes.append([word for name in needed(file) if name in names for word in ("--replace-needed", name, names[name])])

@@ -12,11 +12,11 @@ namespace mirage {
 /// Vertex box, metres: |x| ≤ half.x, |y| ≤ half.y, |z| ≤ half.z; texels stay in [0, 1].
 struct AdversaryLimits {
   Vec3d half = kRoofBox;
-  /// As a size; else an attack takes the volume of its placement (fit_limits).
+  /// Set by --size; otherwise an attack takes the volume of its placement (fit_limits).
   bool is_explicit = false;
 };
 
-/// m; half lengths outside are no object for a car's roof.
+/// m; half lengths outside this range fit no object on a car's roof.
 inline constexpr double kMinAdversarySize = kMinObject, kMaxAdversarySize = kMaxObject / 2;
 
 template <class Visitor, FieldsOf<AdversaryLimits> S>
@@ -26,9 +26,9 @@ void visit_fields(Visitor& visit, S& s) {
 
 /// The box of the paper's proportions (0.8 : 0.8 : 0.5) whose half length is `size` m.
 AdversaryLimits limits_of_size(double size);
-/// That size as a text, or what stands for it where none was asked for. FieldError if it is no number.
+/// limits_of_size() of the number in `text`. FieldError if it is no number.
 void set_from_text(const std::string& text, AdversaryLimits& value);
-/// The half length along x (m), or "the placement's volume" where no size was asked for.
+/// The half length along x (m), or "the placement's volume" if no size was set.
 std::string text_of(const AdversaryLimits& value);
 
 /// grey_ellipsoid (geometry/mesh.h: 162 vertices, 320 faces) that fills `share` of the box.
@@ -38,10 +38,10 @@ TexturedMesh random_adversary(std::uint64_t seed, const AdversaryLimits& limits 
 /// Clamps vertices into the box and texels into [0, 1].
 void project(TexturedMesh& adversary, const AdversaryLimits& limits);
 
-/// m, half the size along each axis of a mesh around the origin: the largest |x|, |y|, |z| of its vertices.
+/// m, half lengths of a mesh around the origin: the largest |x|, |y|, |z| of its vertices.
 Vec3d half_lengths(const Mesh& mesh);
-/// Size alone (`--parts size`): a vertex is v_i = h ∘ u_i, with h the half lengths (m) and u_i the start's
-/// place in a box of half lengths 1. d loss / d h from d loss / d v_i: Σ_i u_i ∘ d loss / d v_i.
+/// Gradient of the half lengths (`--parts size`): vertex v_i = h ∘ u_i, with h the half lengths (m) and u_i
+/// the start vertex scaled to half lengths 1. Returns d loss / d h = Σ_i u_i ∘ d loss / d v_i.
 Vec3d half_length_gradient(const std::vector<Vec3d>& unit, const std::vector<Vec3d>& d_vertices);
 
 /// Adam (Kingma & Ba, ICLR 2015) over one group of parameters.

@@ -26,8 +26,8 @@
 namespace mirage {
 namespace {
 
-/// FieldError if the detector does not read the one sensor that the target names, or where colours alone are
-/// learned and reach nothing: no gradient would reach the adversary.
+/// FieldError if the detector does not read the one sensor that the target names, or if only colours are
+/// learned and it does not see them.
 void check_target(const AttackSettings& settings, const Detector& detector) {
   const AttackTarget target = settings.target;
   const Capabilities can = detector.capabilities();
@@ -44,15 +44,15 @@ void check_target(const AttackSettings& settings, const Detector& detector) {
                      "use shape, or --lidar-effects albedo, by which returns show colours");
 }
 
-/// FieldError for a renewal that is none, or a detector that would not look at the pictures.
+/// FieldError for an invalid redraw, or a detector that does not read the picture.
 void check_renderer(const AttackSettings& settings, const Detector& detector) {
-  check_number({.name = "cycles_renew", .range = kNotNegative}, settings.renewal.metres);
-  check_number({.name = "cycles_renew_texels", .range = kNotNegative}, settings.renewal.texels);
+  check_number({.name = "cycles_renew", .range = kNotNegative}, settings.redraw.metres);
+  check_number({.name = "cycles_renew_texels", .range = kNotNegative}, settings.redraw.texels);
   if (settings.renderer && !detector.capabilities().reads_image)
     throw FieldError("renderer", "cycles", detector.name() + " does not read the picture", "leave it out");
 }
 
-/// FieldError for a detector without gradients where they are followed.
+/// FieldError for a detector without gradients if the attack needs them.
 void check_gradient(const AttackSettings& settings, const Detector& detector) {
   if (settings.attack == AttackSearch::black_box || settings.target == AttackTarget::random) return;
   if (!detector.capabilities().has_gradients)
@@ -60,8 +60,8 @@ void check_gradient(const AttackSettings& settings, const Detector& detector) {
                      "use --attack black-box, which learns from scores alone");
 }
 
-/// Loss terms of the last iteration, and how many of the hosts attacked last are hidden, of those that were
-/// found as recorded.
+/// Loss terms of the last iteration, and, for the hosts attacked last, how many of those found as recorded
+/// are hidden.
 std::string progress_note(const LossRow& row, const std::vector<LossRow>& rows, int batch) {
   constexpr int kHosts = 50;
   int hosts = 0, found = 0, hidden = 0;
@@ -75,7 +75,7 @@ std::string progress_note(const LossRow& row, const std::vector<LossRow>& rows, 
       row.loss(), row.hide, row.false_positive, row.laplacian, hidden, found);
 }
 
-/// All but the mesh that was kept.
+/// The report except kept_iteration.
 PlateauReport plateau_report(const HeldOutRecord& record, const std::vector<Host>& hosts,
                              const AttackSettings& settings) {
   PlateauReport report;
@@ -87,7 +87,7 @@ PlateauReport plateau_report(const HeldOutRecord& record, const std::vector<Host
   return report;
 }
 
-/// FieldError for what no run can use.
+/// FieldError for settings that no run can use.
 void check_settings(const AttackSettings& settings) {
   check_fields(settings);
   if (settings.buildable.on && settings.parts == AttackParts::size)
@@ -107,13 +107,13 @@ void check_settings(const AttackSettings& settings) {
                      "give a weight above 0, or another --place");
 }
 
-/// The files of the mesh that was learned, and what a result says of a run however it was learned. `steps`:
-/// those of this process; `seconds` they took, on `workers` detectors.
+/// Writes the learned mesh, and fills the fields of the result that all kinds of attack share. `steps`: those
+/// of this process, which took `seconds` on `workers` detectors.
 void finish(const AttackSettings& settings, const AttackState& state, const std::vector<Host>& train,
             const std::vector<Host>& test, long steps, double seconds, const StepTimings& stages,
             std::size_t workers, AttackResult& result) {
   if (rank() == 0) write_adversary(settings.out / "adversary.glb", state.adversary);
-  await_ranks();  // whoever called may read the run's files
+  await_ranks();  // the caller may read the run's files
   result.vehicles_train = static_cast<int>(train.size());
   result.vehicles_test = static_cast<int>(test.size());
   Clusters clusters;
@@ -170,9 +170,7 @@ AttackResult run_attack(const AttackSettings& requested, const DetectorPool& det
   FrameStore store(settings);
   std::vector<std::string> train_frames, test_frames;
   const std::vector<std::string> frames = list_frames(settings.data);
-  const LabelCensus census = count_labels(settings.data, frames, settings.classes, settings.cameras);
-  require_cars(census, "an attack");
-  if (rank() == 0) warn_of_labels(census);
+  check_labels(settings.data, frames, "an attack", settings.classes, settings.cameras);
   split_frames(frames, settings.seed, train_frames, test_frames);
   SkippedHosts left_out;
   const auto hosts_in = [&](const std::vector<std::string>& of) {
@@ -192,7 +190,7 @@ AttackResult run_attack(const AttackSettings& requested, const DetectorPool& det
       !why.empty() && target != AttackTarget::random)
     spdlog::info("each detector pass covers the whole frame, which is slower: {}", why);
 
-  // Only of a detector that was loaded from its options do these tell the weights.
+  // The options identify the weights only if the detector was loaded from them.
   const auto clean_cache = std::make_shared<CleanDetectionCache>(
       store, settings.weights_hash.empty()
                  ? std::string()
@@ -206,17 +204,17 @@ AttackResult run_attack(const AttackSettings& requested, const DetectorPool& det
   spdlog::info("{} {}", detectors.front()->name(), describe(result.found_clean));
   require_detections(result.found_clean, *detectors.front());
 
-  // The hosts belong to a run's identity: with other frames or labels the split would be another one, and a
-  // resumed run would be tested on what it was trained on.
+  // The hosts are part of a run's identity: other frames or labels would change the split, and a resumed run
+  // would be tested on its training hosts.
   RunIdentity id = identity(settings);
   id.json["train"] = to_json(host_ids(train));
   id.json["test"] = to_json(host_ids(test));
   for (const auto& [key, of] : {std::pair(kTrainFrames, &train), std::pair(kTestFrames, &test)})
-    id.json[key] = id.lacking[key] =  // runs of before say nothing of it
+    id.json[key] = id.lacking[key] =  // missing in runs of earlier versions
         frames_hash(settings.data, host_frames(host_ids(*of)), settings.cameras);
   id.json["renderer"] = settings.renderer ? settings.renderer->identity() : nlohmann::json(kRasterRenderer);
   if (settings.renderer)
-    id.json["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};
+    id.json["renewal"] = {{"metres", settings.redraw.metres}, {"texels", settings.redraw.texels}};
   const TexturedMesh random = random_baseline(settings.seed, settings.limits, settings.buildable);
   const auto began = Clock::now();
   if (settings.attack != AttackSearch::plain) {
@@ -254,7 +252,7 @@ AttackResult run_attack(const AttackSettings& requested, const DetectorPool& det
     write_checkpoint(checkpoint_file, state, id.json);
     write_losses(settings.out / "loss.csv", state.losses);
   };
-  // What an earlier, shorter run left stays until this one's result takes its place: each file by itself.
+  // Files of an earlier, shorter run stay until this run replaces them, one by one.
   const long iterations = target == AttackTarget::random ? 0 : settings.iterations;
   Progress progress("attack", as_size(iterations), settings.quiet);
   StepTimings stages;
@@ -265,11 +263,11 @@ AttackResult run_attack(const AttackSettings& requested, const DetectorPool& det
     try {
       return stepper.step(state, &stages);
     } catch (const std::exception&) {
-      if (settings.renderer) save();  // it may be lost at any step, and steps are dear
+      if (settings.renderer) save();  // the renderer can fail at any step, and steps are expensive
       throw;
     }
   };
-  // The same checks at the same steps however often the run was stopped: those that are due, and no others.
+  // The checks happen at the same steps however often the run was stopped.
   const auto at_plateau = [&] {
     if (part.held_out.empty()) return false;
     HeldOutRecord& record = state.held_out;
@@ -296,8 +294,7 @@ AttackResult run_attack(const AttackSettings& requested, const DetectorPool& det
   if (target == AttackTarget::random) state.adversary = random;
   if (!part.held_out.empty()) {
     result.plateau = plateau_report(state.held_out, part.held_out, settings);
-    // Of a run that ended between two checks the last mesh is judged as well, without a trace in the
-    // checkpoint.
+    // If the run ended between two checks, the last mesh is judged as well, but not stored in the checkpoint.
     HeldOutRecord best = state.held_out;
     if (best.iterations.back() < state.iteration)
       best.add(state.iteration, stepper.held_out(state.adversary, part.held_out), state.adversary);

@@ -7,9 +7,9 @@
 namespace mirage {
 
 /// Runs or resumes the attack in settings.out (see attack/run.h for the files). The result is bit-identical
-/// however often it was stopped. InputError when the folder holds a run with other settings.
+/// however often the run was stopped. InputError if the folder holds a run with other settings.
 AttackResult run_attack(const AttackSettings& settings);
-/// The same with detectors at hand.
+/// The same with detectors that are already loaded.
 AttackResult run_attack(const AttackSettings& settings, const DetectorPool& detectors);
 
 }  // namespace mirage

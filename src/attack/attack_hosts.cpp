@@ -23,7 +23,7 @@
 namespace mirage {
 namespace {
 
-/// The cars of a frame, by what a detector finds there.
+/// Labels for the cars that a detector finds in a frame.
 std::vector<Label> found_cars(Detector& detector, const Frame& frame, double score) {
   std::vector<Label> labels;
   for (const Detection& found : detect_vehicles(detector, frame, score))
@@ -42,7 +42,7 @@ std::size_t hosts_of(const std::vector<FrameHosts>& lane) {
   return sum;
 }
 
-/// Frames of most hosts first, each to the lane that has the fewest.
+/// Gives each frame to the lane with the fewest hosts; `frames` come with most hosts first.
 std::vector<std::vector<FrameHosts>> distribute_to_lanes(const std::vector<FrameHosts>& frames,
                                                          std::size_t lanes) {
   std::vector<std::vector<FrameHosts>> dealt(lanes);
@@ -70,8 +70,8 @@ std::filesystem::path label_by_detections(const AttackSettings& settings, const 
     throw FieldError("hosts_from", "detections", "every frame has labels", "leave it out");
   std::filesystem::path folder = settings.out / "labelled";
   const double score = EvaluationSettings{}.score_threshold;
-  // All that a detector's answers depend on. Of programs and plugins no hash: a finished run goes on with
-  // newer ones.
+  // Everything that determines the detections, except hashes of programs and plugins: a finished run
+  // continues with newer ones.
   const nlohmann::json about = {{"detector", settings.detector.detector},
                                 {"weights_hash", settings.weights_hash},
                                 {"defense", settings.detector.defense},
@@ -80,7 +80,7 @@ std::filesystem::path label_by_detections(const AttackSettings& settings, const 
                                 {"classes", settings.classes},
                                 {"frames_hash", frames_hash(settings.data, unlabelled, settings.cameras)},
                                 {"score", score}};
-  // A finished run's labels stay as they are: its hosts are among them.
+  // Existing labels stay: a finished run's hosts are among them.
   if (are_labels_of(folder, settings.data, about))
     std::erase_if(unlabelled, [&](const std::string& id) {
       return std::filesystem::exists(folder / "label_2" / (id + ".txt"));
@@ -102,7 +102,7 @@ std::filesystem::path label_by_detections(const AttackSettings& settings, const 
 
 ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t seed, std::size_t at_most,
                                 const char* field) {
-  std::map<std::string, std::size_t> hosts;  // of each frame
+  std::map<std::string, std::size_t> hosts;  // by frame
   for (const Host& host : train) ++hosts[host.id.frame];
   std::vector<std::string> frames;
   for (const auto& [frame, count] : hosts) frames.push_back(frame);
@@ -135,7 +135,7 @@ HostOrder::HostOrder(std::span<const Host> hosts, int batch, std::uint64_t seed)
   shuffle(frames, random);
   std::ranges::stable_sort(frames, std::greater(), std::ranges::size);
   std::size_t lanes = std::min(as_size(batch), frames.size());
-  while (!even(lanes_ = distribute_to_lanes(frames, lanes))) --lanes;  // one lane is even
+  while (!even(lanes_ = distribute_to_lanes(frames, lanes))) --lanes;  // a single lane is always even
 }
 
 std::vector<std::size_t> HostOrder::drawn_order(std::size_t lane, long pass) const {
@@ -167,13 +167,13 @@ std::size_t HostOrder::places(std::size_t lane) const {
 
 std::vector<std::size_t> HostOrder::order(std::size_t lane, long pass) const {
   std::vector<std::size_t> order = drawn_order(lane, pass);
-  const std::size_t head = places(lane) - 1;  // places that may share a batch with the end of the pass before
+  const std::size_t head = places(lane) - 1;  // places that may share a batch with the previous pass
   if (head == 0 || pass == 0 || order.size() < 3 * head) return order;
   const std::vector<std::size_t> before = drawn_order(lane, pass - 1);
   const auto just_met = [&](std::size_t host) {
     return std::find(before.end() - static_cast<std::ptrdiff_t>(head), before.end(), host) != before.end();
   };
-  // Exchanged with the middle alone, so that the end stays as drawn, on which the next pass relies.
+  // Swaps only with the middle: the next pass relies on the end as drawn.
   std::size_t other = head;
   for (std::size_t i = 0; i < head; ++i) {
     if (!just_met(order[i])) continue;

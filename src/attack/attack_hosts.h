@@ -1,4 +1,4 @@
-// Hosts in frames that nobody has labelled: what the detector finds there without the object.
+// Hosts in unlabelled frames: the vehicles that the detector finds there without the object.
 #pragma once
 
 #include <cstdint>
@@ -12,55 +12,54 @@
 
 namespace mirage {
 
-/// Lets the detector look at each unlabelled frame of settings.data, and takes what it finds with a score
-/// over that of an evaluation (evaluation.h) for the frame's cars: bird's-eye boxes with bottom and height
-/// from the sweep (detection/car_in_picture.h), as labels that are neither truncated nor occluded but by the
-/// picture's frame. They go to OUT/labelled, a data set (scene/data/layouts.h, open_given_labels) whose
-/// folder is returned: what reads it meets these labels. Frames with labels keep theirs. Labels that lie
-/// there are kept if they are of this detector and of these frames, by content; else InputError. FieldError
-/// where every frame has labels, and for a detector of the picture alone, whose boxes stand nowhere;
-/// Interrupted between frames.
+/// Runs the detector on each unlabelled frame of settings.data. Its detections above the score threshold of
+/// an evaluation (evaluation.h) become labelled cars. Boxes are bird's-eye, with bottom and height from the
+/// sweep (detection/car_in_picture.h); never occluded, and truncated by the picture's edge alone. The labels
+/// go to OUT/labelled, a data set (scene/data/layouts.h, open_given_labels); returns its folder. Labelled
+/// frames keep their labels. Existing labels in OUT/labelled are kept if their detector and frames are the
+/// same, by content; otherwise InputError. FieldError if every frame has labels, or if the detector finds
+/// boxes in the picture alone. Interrupted between frames.
 std::filesystem::path label_by_detections(const AttackSettings& settings, const DetectorPool& detectors);
 
-// The part of an attack's training vehicles that tells when the attack is at its plateau.
+// The validation part of the training vehicles, which tells when an attack has reached its plateau.
 
-/// At most this share of the training frames is held out, and no more frames than show kMaxHeldOut hosts.
+/// Largest share of the training frames that is held out.
 inline constexpr double kHeldOutShare = 0.2;
-/// Hosts that are held out at most, unless a single frame shows more.
+/// Frames are held out only until they show this many hosts; the last frame may exceed it.
 inline constexpr std::size_t kMaxHeldOut = 16;
 
-/// Training hosts, apart: whole frames are drawn, so that no vehicle held out stands in a picture that is
-/// learned on.
+/// Training hosts, split by whole frames: no training picture shows a validation vehicle.
 struct ValidationPart {
   std::vector<Host> learn, held_out;
 };
 
-/// Draws frames of `train` at random by seed: one at least, and one at least is left; no more than show
-/// `most` hosts. FieldError naming `field` if the hosts stand in fewer than two frames.
+/// Draws validation frames of `train` at random by seed until they show `most` hosts. Draws at least one
+/// frame, at most kHeldOutShare of the frames, and leaves at least one. FieldError naming `field` if the
+/// hosts stand in fewer than two frames.
 ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t seed,
                                 std::size_t most = kMaxHeldOut, const char* field = "until_plateau");
 
-// In which order an attack meets its hosts: at random, and such that a detector that keeps what it made of a
-// frame (detection/detector.h, clean_memory_mb) meets all hosts of a frame while it still has it.
+// The order in which an attack visits its hosts. It is random, but a detector that caches its clean
+// activations of a frame (detection/detector.h, clean_memory_mb) sees all hosts of that frame while they are
+// cached.
 
-/// Frames that are open at a time, of all lanes together: what the largest shipped detector keeps in 2 GiB
-/// (110 MB a frame). A constant, because the order decides what is learned and memory must not.
+/// Number of frames open at a time, over all lanes: the largest shipped detector caches as many in 2 GiB (110
+/// MB a frame). It is a constant because the order decides the result, and memory must not.
 inline constexpr std::size_t kOpenFrames = 16;
 
-/// Place k of every batch belongs to a lane, k mod lanes(); a lane has frames of its own. Where every place
-/// is a lane, so has each of several processes (a process has certain places, attack/attack_step.h): no two
-/// of them make the same frame's clean activations. A lane is an endless sequence of passes over its hosts.
-/// In a pass its frames are opened in random order, some at a time; the next host is drawn among all that are
-/// left of the open ones, and a frame of which none is left makes room for the next. A batch meets no host
-/// twice where there are enough. Known by (hosts, batch, seed) alone.
+/// Place k of every batch belongs to lane k mod lanes(); lanes share no frames. If every place is its own
+/// lane, processes share no frames either (attack/attack_step.h assigns places to processes), so no two of
+/// them compute the same clean activations. A lane is an endless sequence of passes over its hosts. A pass
+/// opens its frames in random order, some at a time, and draws the next host among the remaining hosts of the
+/// open frames. A frame without remaining hosts makes room for the next. No host occurs twice in a batch if
+/// there are enough. The order depends on (hosts, batch, seed) alone.
 class HostOrder {
  public:
-  /// As many lanes as the batch has places, fewer where frames could not be dealt so that the hosts of no
-  /// lane outnumber those of another by more than a quarter: hosts are to be met equally often. `batch` ≥ 1;
-  /// `hosts` not empty.
+  /// One lane for each place of the batch, but fewer if some lane would have over 25 % more hosts than
+  /// another. Hosts are to be visited equally often. `batch` ≥ 1; `hosts` not empty.
   HostOrder(std::span<const Host> hosts, int batch, std::uint64_t seed);
 
-  /// Indices into the hosts for iteration `iteration`, `batch` of them.
+  /// The `batch` host indices of iteration `iteration`.
   std::vector<std::size_t> batch(long iteration) const;
   /// Number of lanes, at least 1.
   std::size_t lanes() const { return lanes_.size(); }
@@ -68,12 +67,12 @@ class HostOrder {
  private:
   /// Frames, each a list of hosts.
   using Lane = std::vector<std::vector<std::size_t>>;
-  /// Of a batch, the lane's.
+  /// The lane's number of places in a batch.
   std::size_t places(std::size_t lane) const;
-  /// The hosts of a lane in the order of pass `pass`, as drawn.
+  /// The hosts of a lane in the order drawn for pass `pass`.
   std::vector<std::size_t> drawn_order(std::size_t lane, long pass) const;
-  /// The same; those of its first batch were not met in it by the end of the pass before, if the lane has
-  /// three times as many hosts as that takes.
+  /// The same, changed so that the batch which spans two passes repeats no host. Unchanged if the lane has
+  /// too few hosts for that.
   std::vector<std::size_t> order(std::size_t lane, long pass) const;
 
   int batch_;

@@ -1,4 +1,4 @@
-// What an attack ends with, beside the files in its folder.
+// The result of an attack, besides the files in its folder.
 #pragma once
 
 #include <cstddef>
@@ -16,16 +16,16 @@
 
 namespace mirage {
 
-/// With until_plateau: the objective on vehicles held out, and whether it ended the attack.
+/// With until_plateau: the objective on the validation vehicles, and whether it ended the attack.
 struct PlateauReport {
-  bool stopped = false;          ///< at the plateau; false: after all iterations
-  std::vector<long> iterations;  ///< at which the vehicles held out were looked at, rising
+  bool stopped = false;          ///< ended at the plateau; false: after all iterations
+  std::vector<long> iterations;  ///< of the checks on validation vehicles, rising
   std::vector<double> values;    ///< the objective then
   long best_iteration = 0;       ///< of the lowest value
   double best = 0;               ///< that value
   long kept_iteration = 0;       ///< of the mesh that was written
   std::size_t vehicles = 0;      ///< held out
-  std::size_t frames = 0;        ///< that these stand in
+  std::size_t frames = 0;        ///< frames of these vehicles
   int steps = 0, every = 0;      ///< AttackSettings::until_plateau, validation_every
 };
 
@@ -36,8 +36,8 @@ void visit_fields(Visitor& visit, S& s) {
               "frames", s.frames, "steps", s.steps, "every", s.every);
 }
 
-/// With AttackSearch::automatic: what was tried (attack/portfolio.h). `held_out`: the objective on the
-/// vehicles held out.
+/// With AttackSearch::automatic: starts, candidates and search (attack/portfolio.h). `held_out`: the
+/// objective on the validation vehicles.
 struct AutoReport {
   /// A mesh that candidates may start from.
   struct Start {
@@ -51,19 +51,19 @@ struct AutoReport {
     double vertex_rate = 0, texel_rate = 0;
     std::uint64_t seed = 0;
     long steps = 0;
-    int rounds = 0;           ///< taken part in
+    int rounds = 0;           ///< rounds that it entered
     double held_out = 0;      ///< at its best look
-    long kept_iteration = 0;  ///< of that look
+    long kept_iteration = 0;  ///< iteration of that look
   };
-  /// Of shapes, without gradients.
+  /// The gradient-free search of shapes.
   struct Search {
-    int generations = 0;         ///< 0: there was none
-    std::size_t vehicles = 0;    ///< that each shape was judged on
-    long steps = 0;              ///< that it cost
+    int generations = 0;         ///< 0: no search
+    std::size_t vehicles = 0;    ///< for judging each shape
+    long steps = 0;              ///< cost of the search
     std::vector<double> values;  ///< of the shapes, in their order
   };
   std::vector<Candidate> candidates;
-  std::size_t chosen = 0;  ///< its place among them
+  std::size_t chosen = 0;  ///< index into candidates
   std::vector<Start> starts;
   Search search;
   std::size_t vehicles = 0;  ///< held out
@@ -92,20 +92,20 @@ void visit_fields(Visitor& visit, S& s) {
               "vehicles", s.vehicles, "steps", s.steps);
 }
 
-/// With AttackSearch::black_box: what was looked at (attack/black_box.h).
+/// With AttackSearch::black_box: the search and its cost (attack/black_box.h).
 struct BlackBoxReport {
-  std::size_t vehicles = 0;  ///< that the search looked at
+  std::size_t vehicles = 0;  ///< in the search's sample
   long queries = 0;          ///< passes of the detector with the object, in all
-  std::size_t numbers = 0;   ///< that make a mesh
+  std::size_t numbers = 0;   ///< parameters of a mesh
   int samples = 0;           ///< meshes a generation
   long generations = 0;
   /// A mesh that the search may start from.
   struct Start {
     std::string name;
-    double loss = 0;  ///< the objective on the vehicles that it looks at
+    double loss = 0;  ///< the objective on the search's vehicles
   };
   std::vector<Start> starts;
-  std::string start;  ///< the one searched from
+  std::string start;  ///< name of the start that was used
   double loss = 0;    ///< of the mesh that was written, on the same vehicles
 };
 template <class Visitor, FieldsOf<BlackBoxReport::Start> S>
@@ -118,11 +118,11 @@ void visit_fields(Visitor& visit, S& s) {
               "generations", s.generations, "starts", s.starts, "start", s.start, "loss", s.loss);
 }
 
-/// Of this process and the run that it went on with.
+/// Result of this process and of the run that it resumed.
 struct AttackResult {
   AttackSearch attack = AttackSearch::plain;
   int vehicles_train = 0, vehicles_test = 0, iterations = 0;
-  long steps = 0;   ///< of these, by this process: 0 of a run that was finished
+  long steps = 0;   ///< done by this process: 0 for a finished run
   double loss = 0;  ///< mean of the last tenth of the iterations
   double seconds_per_iteration = 0;
   CleanPerformance found_clean;             ///< of the training vehicles

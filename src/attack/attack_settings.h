@@ -1,5 +1,5 @@
-// What an attack is asked for. Each setting is said once, in its struct's visit_fields (base/fields.h):
-// option, key of run.json, range, and whether it decides the result.
+// Settings of an attack. Each setting is defined once, in its struct's visit_fields (base/fields.h): option,
+// key of run.json, range, and whether it decides the result.
 #pragma once
 
 #include <array>
@@ -20,15 +20,15 @@
 
 namespace mirage {
 
-/// Whose gradient reaches the adversary. Both sensors always see it (modality gating). random: no sensor's;
-/// the adversary is the random mesh.
+/// The sensor whose gradient reaches the adversary. Both sensors always see it (modality gating). random: no
+/// gradient; the adversary is the random mesh.
 enum class AttackTarget { both, image, lidar, random };
 constexpr auto words_of(AttackTarget) {
   return std::to_array<const char*>({"both", "image", "lidar", "random"});
 }
 
-/// What of the adversary is learned; the rest stays as it starts.
-/// size: the half lengths of the start's ellipsoid alone, as a control (adversary.h, half_length_gradient).
+/// The learned part of the adversary; the rest keeps its start value. size: the half lengths of the start's
+/// ellipsoid alone, as a control (adversary.h, half_length_gradient).
 enum class AttackParts { both, shape, texture, size };
 constexpr auto words_of(AttackParts) {
   return std::to_array<const char*>({"both", "shape", "texture", "size"});
@@ -41,8 +41,8 @@ constexpr auto words_of(AttackSearch) {
   return std::to_array<const char*>({"plain", "auto", "black-box"});
 }
 
-/// Which vehicles carry the object in frames that nobody has labelled. labels: none. detections: what the
-/// detector finds there without it (attack/attack_hosts.h).
+/// Host vehicles in unlabelled frames. labels: no hosts there. detections: the vehicles that the detector
+/// finds without the object (attack/attack_hosts.h).
 enum class HostSource { labels, detections };
 constexpr auto words_of(HostSource) {
   return std::to_array<const char*>({"labels", "detections"});
@@ -50,19 +50,19 @@ constexpr auto words_of(HostSource) {
 
 class ObjectRenderer;
 
-/// What run.json calls the simulation's own pictures.
+/// Name of the simulation's own rasteriser in run.json.
 inline constexpr const char* kRasterRenderer = "raster";
 
 /// How far a mesh may move before an ObjectRenderer draws it anew (attack/observation.h).
-struct RedrawLimits {
+struct RedrawThresholds {
   double metres = 0.01;  ///< of its vertices, root mean square
   double texels = 0.05;  ///< of its texels' channels, root mean square
 };
 
-/// More than any machine does: of an attack that ends by the clock, and the most that a file may say.
+/// Upper limit of iterations, beyond any machine: for attacks limited by time, and for values in files.
 inline constexpr int kMaxIterations = 1'000'000'000;
 
-/// The data, the detector, what is attacked and learned, rates and limits.
+/// All settings of an attack: data, detector, target, learned parts, rates and limits.
 struct AttackSettings : FrameSource {
   std::filesystem::path out;
   DetectorOptions detector;
@@ -73,18 +73,18 @@ struct AttackSettings : FrameSource {
   EotSettings expectation;
   BuildableSettings buildable;
   int iterations = 200;
-  int queries = 2000;  ///< passes of the detector with the object that a black-box attack may make
-  /// > 0: the attack ends where the objective on vehicles held out from training (attack_hosts.h) has not
-  /// improved for so many steps, or after `iterations`, and the mesh with the best of its checks is what it
-  /// learned. 0: all training vehicles are learned on, and the last mesh is kept.
+  int queries = 2000;  ///< a black-box attack's limit of detector passes with the object
+  /// > 0: the attack ends when the objective on held-out validation vehicles (attack_hosts.h) has not
+  /// improved for this many steps, or after `iterations`. It keeps the mesh of the best check. 0: trains on
+  /// all training vehicles, and keeps the last mesh.
   int until_plateau = 0;
   int validation_every = 20;  ///< steps between two checks of that objective
-  /// > 0: iterations end after so many seconds, which makes the result depend on the machine.
+  /// > 0: limit of the iterations' time in seconds, which makes the result depend on the machine.
   double seconds = 0;
-  int batch = 8;  ///< hosts an iteration; their losses are averaged
+  int batch = 8;  ///< hosts per iteration; their losses are averaged
   std::uint64_t seed = 0;
-  /// Adam's. Tu et al. learn for thousands of steps at 1e-3 and 4e-3. These find their meshes in hundreds,
-  /// and need the batch (src/README.md, Adversary).
+  /// Adam's rates. Tu et al. train for thousands of steps at 1e-3 and 4e-3. These rates need only hundreds of
+  /// steps, but require the batch (src/README.md, Adversary).
   double vertex_rate = 2e-2, texel_rate = 2e-2;
   double min_view = 0.7;
   HostSource hosts_from = HostSource::labels;
@@ -93,12 +93,12 @@ struct AttackSettings : FrameSource {
   AdversaryLimits limits;
   ObjectiveSettings objective;
   SimulationSettings simulation;
-  /// Who draws the object for the detector; null: the simulation's own rasteriser.
+  /// Draws the object for the detector; null: the simulation's own rasteriser.
   std::shared_ptr<ObjectRenderer> renderer;
-  RedrawLimits renewal;  ///< of its pictures
+  RedrawThresholds redraw;  ///< limits for redrawing
 };
 
-/// Limits that nobody asked for, and that nobody set, become the volume of the placement.
+/// Sets the limits to the placement's volume unless they were set.
 void fit_limits(AttackSettings& settings);
 
 template <class Visitor, FieldsOf<AttackSettings> S>
@@ -146,9 +146,9 @@ void visit_fields(Visitor& visit, S& s) {
          .decides = false},
         s.queries);
   visit({.name = "until_plateau",
-         .help = "stop when the objective on validation vehicles (a fifth of the training frames, "
-                 "at most 16 vehicles) has not improved for N steps, and keep the best mesh. 0: "
-                 "stop after --iterations with the last mesh",
+         .help = "stop when the validation objective has not improved for N steps, and keep the best "
+                 "mesh. Validation takes a fifth of the training frames at most, until they show 16 "
+                 "vehicles. 0: stop after --iterations with the last mesh",
          .range = kNotNegative,
          .decides = false},  // but for the vehicles held out, which run.json names
         s.until_plateau);

@@ -14,21 +14,21 @@ namespace mirage {
 
 namespace {
 
-/// Of the hosts 0 … n − 1 of a batch those of this rank: every rank_count()-th, from its own number on.
+/// This rank's hosts among 0 … n − 1 of a batch: every rank_count()-th, starting at its rank.
 std::vector<std::size_t> own_hosts(std::size_t n) {
   std::vector<std::size_t> own;
   for (auto k = as_size(rank()); k < n; k += as_size(rank_count())) own.push_back(k);
   return own;
 }
 
-/// Those of all points, one after the other, as they lie in memory.
+/// The coordinates of all points as one contiguous span.
 std::span<double> coordinates(std::vector<Vec3d>& points) {
   static_assert(sizeof(Vec3d) == 3 * sizeof(double));
   return {points.empty() ? nullptr : points.front().data(), 3 * points.size()};
 }
 
-/// Gives every rank the steps that the others computed: then each sums all of them in the batch's order, to
-/// the same bits as one process. `adversary` tells how long gradients are. A call of all ranks.
+/// Exchanges the steps between ranks; each then sums all of them in the batch's order, to the same bits as a
+/// single process. `adversary` gives the gradients' sizes. A collective call.
 void share_steps(std::vector<HostStep>& steps, const TexturedMesh& adversary) {
   if (rank_count() == 1) return;
   std::vector<std::vector<double>> blocks;  // hide, false positive, hidden, found, vertices, texels
@@ -53,7 +53,7 @@ void share_steps(std::vector<HostStep>& steps, const TexturedMesh& adversary) {
   }
 }
 
-/// Of the hosts of a batch the frames of this rank's.
+/// Frames of this rank's hosts in a batch.
 std::vector<std::string> own_frames(const std::vector<HostId>& batch) {
   std::vector<std::string> frames;
   for (const std::size_t k : own_hosts(batch.size())) frames.push_back(batch[k].frame);
@@ -73,15 +73,15 @@ void check_finite(const HostStep& step, const HostId& host, long iteration) {
                   "check the detector; the last checkpoint is good");
 }
 
-/// Of what the weights and rates make of gradients that are finite themselves: of the loss, of its gradient,
-/// and of the mesh that a step leads to.
+/// Failure unless `finite`: loss, gradient or mesh can overflow by weights and rates although each host's
+/// gradient is finite.
 void check_weights(bool finite, long iteration) {
   if (!finite)
     throw Failure("attack", fmt::format("the step of iteration {} is not finite", iteration),
                   "use smaller weights (--lambda-lap, --lambda-fp) and rates; the last checkpoint is good");
 }
 
-/// Whom the objective is about: the host's targets, or the object itself as placed.
+/// Ground truths of the objective: the host's targets, or the placed object itself.
 std::vector<HostTruth> truths_of(const Observation& seen, const TexturedMesh& adversary, Matching matching) {
   const Placement& placement = seen.host().placement;
   const Frame& frame = seen.host().prepared.frame;
@@ -99,9 +99,9 @@ std::vector<HostTruth> truths_of(const Observation& seen, const TexturedMesh& ad
   return truths;
 }
 
-/// The objective over them: what hides each, and the false positives once. An object is found by any box on
-/// it, for detectors of vehicles do not measure other things; as recorded it is not there and counts as
-/// found.
+/// The objective over these truths: the hiding terms of each, and the false positives once. An object is
+/// found by any box on it, since vehicle detectors do not fit other objects. It is absent as recorded, and
+/// counts as found there.
 ObjectiveValue loss_of(const Observation& seen, const TexturedMesh& adversary,
                        std::span<const Detection> proposals, Matching matching, ObjectiveSettings settings,
                        HostStep& step) {
@@ -172,7 +172,7 @@ HostStep step_host(Detector& detector, StepHost host, const TexturedMesh& advers
       HostStep step = attack_host(detector, host, adversary, settings, false);
       selection += step.seconds;
       const double loss = step.hide + step.false_positive, most = worst.hide + worst.false_positive;
-      if (k == 0 || !(loss <= most)) worst = std::move(step), chosen = k;  // not a number is told, not passed
+      if (k == 0 || !(loss <= most)) worst = std::move(step), chosen = k;  // NaN is kept, to be reported
       if (!std::isfinite(loss)) break;
     }
     if (!back) {
@@ -221,14 +221,14 @@ std::vector<HostStep> AttackStepper::steps_of(const std::vector<HostId>& hosts, 
     const auto clean = clean_cache_->of(*prepared, detector);
     const StepHost host{*prepared,       hosts[k], store_.placement(hosts[k]), clean, nullptr,
                         pictures_.get(), &rendered};
-    isolated([&] {  // or a loop inside would take another host's work, and its time
+    isolated([&] {  // otherwise an inner loop would run (and time) another host's work
       steps[k] = step_host(detector, host, adversary, settings_, first_world + k, back);
     });
   });
   for (const std::size_t k : mine) stages.threads += steps[k].seconds;
   stages.hosts = clock.lap();
   meanwhile();
-  const TexturedMesh none;  // no gradient is shared
+  const TexturedMesh none;  // no gradients to share
   share_steps(steps, back ? adversary : none);
   stages.exchange = clock.lap();
   return steps;
@@ -267,7 +267,7 @@ double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<
 void AttackStepper::open_ahead(std::span<const std::string> next, std::span<const std::string> seen) const {
   Detector& detector = *detectors_.front();
   Arrival arrival;
-  // In a drawn environment the frame is another one each time.
+  // In a drawn environment the frame differs each time.
   if (!detector.capabilities().why_whole.empty() || settings_.expectation.any()) return;
   for (const std::string& name : next) {
     if (std::ranges::find(seen, name) != seen.end()) continue;
@@ -283,7 +283,7 @@ void AttackStepper::open_ahead(std::span<const std::string> next, std::span<cons
 LossRow AttackStepper::step(AttackState& state, StepTimings* spent) const {
   const AttackSettings& settings = settings_;
   if (pictures_ &&
-      (state.rendered.iteration < 0 || has_moved(state.rendered.mesh, state.adversary, settings.renewal)))
+      (state.rendered.iteration < 0 || has_moved(state.rendered.mesh, state.adversary, settings.redraw)))
     state.rendered = {state.iteration, state.adversary};
   StepTimings stages;
   Stopwatch clock;

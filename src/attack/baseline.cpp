@@ -12,7 +12,7 @@
 namespace mirage {
 namespace {
 
-constexpr int kPatches = 12;     // of 320 faces: some 0.4 m across on a mesh that fills the box
+constexpr int kPatches = 12;     // on 320 faces: about 0.4 m across on a mesh that fills the box
 constexpr int kCuboidCells = 5;  // 300 faces, about as many as a learned mesh has
 
 /// Faces that share an edge with each face.
@@ -25,7 +25,7 @@ std::vector<std::vector<std::size_t>> neighbours(const Mesh& mesh) {
   return beside;
 }
 
-/// Cuboid of the given half sizes (m) with n × n × 2 faces a side, watertight; n ≥ 1.
+/// Watertight cuboid with half lengths `half` (m) and n × n × 2 faces a side; n ≥ 1.
 Mesh divided_cuboid(const Vec3d& half, int n) {
   Mesh mesh;
   std::map<std::array<int, 3>, int> numbers;
@@ -68,7 +68,7 @@ TexturedMesh size_matched_mesh(const Run& run, std::uint64_t seed) {
   fit_bounds(start.mesh, target);
   TexturedMesh baseline = start;
   const TexturedMesh random = random_adversary(seed, run.settings.limits);
-  // The old baseline's displacements, in metres, on the start as stretched.
+  // Displacements of the baseline `start`, in metres, applied to the stretched start.
   const TexturedMesh plain = initial_adversary(run.settings.limits);
   for (std::size_t i = 0; i < baseline.mesh.vertices.size(); ++i)
     baseline.mesh.vertices[i] += random.mesh.vertices[i] - plain.mesh.vertices[i];
@@ -174,8 +174,8 @@ void paint_patches(TexturedMesh& mesh, int patches, std::uint64_t seed) {
     const auto face = as_size(random.below(static_cast<int>(faces)));
     if (patch[face] < 0) begin_patch(face);
   }
-  for (std::size_t left = faces - colours.size(); left > 0;) {  // a face at a time joins a random neighbour's
-    if (front.empty()) {  // the mesh has more parts than patches reached
+  for (std::size_t left = faces - colours.size(); left > 0;) {  // a face joins a random neighbour's patch
+    if (front.empty()) {  // the patches have not reached every part of the mesh
       begin_patch(as_size(std::find(patch.begin(), patch.end(), -1) - patch.begin()));
       --left;
       continue;

@@ -77,8 +77,8 @@ std::vector<Host> search_hosts(std::vector<Host> hosts, std::uint64_t seed) {
 }
 
 struct Evolution::Method {
-  /// What pagmo asks for within a generation, and what it is answered. It asks for all of a generation before
-  /// it looks at any answer: so a copy of it, answered with zeros, tells what the next generation is.
+  /// The points that pagmo evaluates in a generation, and the values it gets. It requests a whole generation
+  /// before it uses any value, so a copy that gets zeros reveals the next generation.
   struct Requests {
     std::vector<std::vector<double>> points;
     std::vector<double> fitness_values;
@@ -93,7 +93,7 @@ struct Evolution::Method {
       requests->points.push_back(at);
       return {i < requests->fitness_values.size() ? requests->fitness_values[i] : 0};
     }
-    /// pagmo's first standard deviations are their distances.
+    /// pagmo's initial standard deviations are the widths of these bounds.
     std::pair<pagmo::vector_double, pagmo::vector_double> get_bounds() const {
       return {pagmo::vector_double(numbers, -0.5), pagmo::vector_double(numbers, 0.5)};
     }
@@ -104,9 +104,9 @@ struct Evolution::Method {
                /*force_bounds=*/false, RandomStream(seed, "evolution").next_u32()),
         population(pagmo::problem(GenerationFunction{requests, numbers})) {}
 
-  static constexpr double kOwn = -1;  // pagmo's rates
+  static constexpr double kOwn = -1;  // pagmo's default rates
   std::shared_ptr<Requests> requests = std::make_shared<Requests>();
-  pagmo::cmaes method;  // one generation a call
+  pagmo::cmaes method;  // runs one generation a call
   pagmo::population population;
 };
 
@@ -137,7 +137,7 @@ void Evolution::add(double value) {
   std::vector<std::size_t> order(values_.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::ranges::stable_sort(order, {}, [&](std::size_t i) { return values_[i]; });
-  order.resize(order.size() / 2);  // pagmo keeps its mean to itself; this is how it is made
+  order.resize(order.size() / 2);  // pagmo does not expose its mean; this recomputes it
   double sum = 0;
   std::fill(centre_.begin(), centre_.end(), 0.0);
   for (std::size_t rank = 0; rank < order.size(); ++rank) {
@@ -154,10 +154,10 @@ void Evolution::add(double value) {
 namespace {
 
 constexpr int kModeDegree = 2;
-/// What a search draws at first, as standard deviations: of log sizes, of displacements in half lengths of
-/// the box, of colours' logits.
+/// Initial standard deviations of a search: of log sizes, of displacements in half lengths of the box, and of
+/// colour logits.
 constexpr double kSize = 0.2, kWarp = 0.2, kColour = 1.5;
-/// So that the colours of a black or white start have a logit.
+/// Keeps the logits of black and white colours finite.
 constexpr double kMinColour = 1e-3;
 
 /// Legendre polynomials of degree 0 … kModeDegree.
@@ -172,8 +172,8 @@ std::array<double, kModeDegree + 1> legendre(double t) {
 
 enum class Axis { x, y, z, colour };
 
-/// Products of total degree ≤ kModeDegree: along y odd in y, else even; without the one that stretches the
-/// axis.
+/// Products of total degree ≤ kModeDegree: odd in y along y, otherwise even; without the mode that stretches
+/// the axis.
 std::vector<double> modes(const Vec3d& u, Axis axis) {
   const auto px = legendre(u.x()), py = legendre(u.y()), pz = legendre(u.z());
   std::vector<double> values;
@@ -188,9 +188,9 @@ std::vector<double> modes(const Vec3d& u, Axis axis) {
   return values;
 }
 
-/// Of what makes meshes in this file: a folder of another one is not gone on with.
+/// Version of this file's mesh construction: a folder of another version cannot be resumed.
 constexpr int kBlackBoxRecipe = 2;
-/// Worlds of the whole sample are beyond those of any generation.
+/// Worlds for the whole sample, which no generation uses.
 constexpr std::uint64_t kSampleWorlds = std::uint64_t{1} << 61;
 
 class BlackBox {
@@ -265,7 +265,7 @@ class BlackBox {
   AttackStepper stepper_of(const TexturedMesh& mesh) const {
     return {settings_, run_.detectors, run_.store, sample_, mesh.mesh, run_.clean_cache};
   }
-  /// Of the first so many meshes.
+  /// Queries that the first `meshes` meshes took.
   long queries(long meshes) const {
     const long starts = std::min(meshes, std::ssize(starts_));
     return starts * std::ssize(sample_) + (meshes - starts) * settings_.batch;
@@ -312,7 +312,7 @@ class BlackBox {
     if (timer_.due(std::ssize(rows_))) save();
   }
 
-  /// The best of them.
+  /// Judges the starts; returns the best.
   NamedStart& judge_starts() {
     for (std::size_t i = 0; i < starts_.size(); ++i) {
       NamedStart& start = starts_[i];
@@ -333,7 +333,7 @@ class BlackBox {
   CheckpointTimer timer_;
   Progress progress_;
   BlackBoxPlan plan_;
-  std::vector<LossRow> rows_;  // of the meshes looked at: first the starts
+  std::vector<LossRow> rows_;  // of the judged meshes: first the starts
   StepTimings stages_;
 };
 
@@ -401,7 +401,7 @@ BlackBoxPlan black_box_plan(const AttackSettings& settings, std::size_t starts, 
   plan.samples = 4 + static_cast<int>(3 * std::log(static_cast<double>(numbers)));  // Hansen's default
   plan.samples = std::max(plan.samples, 5);
   const long generation = static_cast<long>(plan.samples) * settings.batch;
-  const long beside = static_cast<long>((starts + 1) * vehicles);  // the starts, and where it arrives
+  const long beside = static_cast<long>((starts + 1) * vehicles);  // the starts and the final mean
   plan.generations = (settings.queries - beside) / generation;
   if (settings.queries < beside + generation)
     throw FieldError("queries", std::to_string(settings.queries),

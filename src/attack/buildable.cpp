@@ -24,8 +24,8 @@ namespace fs = std::filesystem;
 constexpr const char *kGamutField = "gamut", *kBox = "box:", *kChartFile = ".ti3";
 constexpr std::uintmax_t kMaxPrintFileBytes = std::uintmax_t{1} << 24;
 constexpr int kMaxPatches = 5'000, kMaxColumns = 1'000;
-constexpr std::size_t kMaxCorners = 20'000;  // of a run.json, all its values being bounded
-/// Beyond rounding, a texel is outside.
+constexpr std::size_t kMaxCorners = 20'000;  // limit in a run.json, whose values are all bounded
+/// Tolerance of the gamut test, for rounding.
 constexpr double kInGamut = 1e-9;
 constexpr const char* kCharts = "give an ICC profile of a CMYK printer, or a chart of patches (CGATS text)";
 
@@ -35,7 +35,7 @@ constexpr const char* kCharts = "give an ICC profile of a CMYK printer, or a cha
 }
 
 /// Linear RGB of Rec. 709 primaries and D65 from XYZ relative to D50, by Bradford's adaptation (ICC.1:2010,
-/// annex E). White has 1 each.
+/// annex E). White maps to 1, 1, 1.
 Eigen::Matrix3d rgb_from_d50() {
   const auto xyz = [](double x, double y) { return Vec3d(x / y, 1, (1 - x - y) / y); };
   const Vec3d d65 = xyz(0.3127, 0.3290), d50(0.9642, 1, 0.8249);
@@ -49,7 +49,7 @@ Eigen::Matrix3d rgb_from_d50() {
   return xyz_from_rgb.inverse() * d65_from_d50;
 }
 
-/// A context of Little CMS that keeps the first complaint.
+/// A context of Little CMS that keeps the first error message.
 class ColorEngine {
  public:
   ColorEngine() : context_(cmsCreateContext(nullptr, this)) {
@@ -62,7 +62,7 @@ class ColorEngine {
   ColorEngine(const ColorEngine&) = delete;
   ColorEngine& operator=(const ColorEngine&) = delete;
   cmsContext get() const { return context_; }
-  /// The complaint, or else `otherwise`.
+  /// The error message, or `otherwise` if there is none.
   std::string problem(const char* otherwise) const { return reported.empty() ? otherwise : reported; }
   std::string reported;
 
@@ -104,7 +104,7 @@ std::vector<Vec3d> patches_of_profile(const std::string& bytes, const fs::path& 
   return patches;
 }
 
-/// None if the text is no number.
+/// nullopt if the text is no number.
 std::optional<double> number_in(const std::string& text) {
   try {
     return parse_number(text, kGamutField);
@@ -113,14 +113,14 @@ std::optional<double> number_in(const std::string& text) {
   }
 }
 
-/// Whether the text has Little CMS open another file.
+/// Whether the text would make Little CMS open another file.
 bool includes(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(),
                  [](char c) { return c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c; });
   return text.find(".INCLUDE") != std::string::npos || text.find("$INCLUDE") != std::string::npos;
 }
 
-/// The same of a chart's patches.
+/// XYZ (D50, perfect white 1) of a chart's patches.
 std::vector<Vec3d> patches_of_chart(const std::string& text, const fs::path& file) {
   if (text.find('\0') != std::string::npos || text.empty()) fail(file, "", "is not text", kCharts);
   if (includes(text)) fail(file, "INCLUDE", "names another file, which is not read", "copy its patches here");
@@ -158,7 +158,7 @@ std::vector<Vec3d> patches_of_chart(const std::string& text, const fs::path& fil
       const char* cell = cmsIT8GetDataRowCol(chart.get(), row, from[k]);
       const std::string where = fmt::format("{} of patch {}", called[k], row + 1);
       const std::optional<double> number = cell ? number_in(cell) : std::nullopt;
-      // Black backings and noise measure a little below 0; whiteners shine above a perfect white.
+      // Black backings and noise give values slightly below 0; optical brighteners exceed a perfect white.
       const Range range = xyz ? Range{-1, 150} : k == 0 ? Range{-1, 120} : Range{-200, 200};
       if (!number || !range.contains(*number))
         fail(file, where,
@@ -200,13 +200,13 @@ PrintGamut read_gamut_box(const std::string& text) {
   return PrintGamut::box(number(0), number(1), text);
 }
 
-/// m, what smooths an optimiser's step: a Gaussian's standard deviation as a share of the box's half height.
+/// Standard deviation of the Gaussian that smooths an optimiser's step, as a share of the box's half height.
 constexpr double kReach = 0.3;
-/// Share of the box's half height before its sides over which steps towards them fade out.
+/// Distance from a side over which steps towards it fade out, as a share of the box's half height.
 constexpr double kMargin = 0.2;
-/// Of the optimiser's rate: means of neighbours are shorter than their parts.
+/// Factor on the optimiser's rate, because averaging over neighbours shortens steps.
 constexpr double kRate = 1.5;
-/// m beyond the thinnest wall: walls below are moved apart before they are too thin.
+/// m above the minimum thickness: thinner walls are already moved apart.
 constexpr double kReserve = 0.005;
 
 /// The field's mean around each vertex, weighted by a Gaussian of the distance in space.
@@ -249,7 +249,7 @@ std::set<int> offenders(const Mesh& mesh, double min_thickness) {
   return vertices;
 }
 
-/// Base vertices are those that `before` has on the floor: they stay there, to the bit, and others above.
+/// Keeps base vertices (those on the floor in `before`) on the floor, to the bit, and all others above it.
 void pin_base(std::vector<Vec3d>& vertices, const Mesh& before) {
   const std::vector<Vec3d>& old = before.vertices;
   const double floor = bounds(before).min().z(),
@@ -258,7 +258,7 @@ void pin_base(std::vector<Vec3d>& vertices, const Mesh& before) {
     vertices[i].z() = old[i].z() <= floor ? floor : std::max(vertices[i].z(), above);
 }
 
-/// m², of the faces whose corners are all at the lowest height.
+/// m², area of the faces with all corners at the lowest height.
 double base_area(const Mesh& mesh) {
   const double floor = bounds(mesh).min().z();
   const std::vector<Vec3d> normals = face_normals(mesh);
@@ -301,8 +301,8 @@ void thicken(Mesh& mesh, const Mesh& before, double least, const AdversaryLimits
   }
 }
 
-/// Takes the vertices that break a rule back to `old`, first half the way and then all of it, until none is
-/// left: faces all of whose vertices are back are as good as they were.
+/// Returns vertices that break a rule to `old`, first halfway, then fully, until no face breaks one. A face
+/// with all vertices back at `old` is as valid as before.
 void revert_invalid_vertices(Mesh& mesh, const std::vector<Vec3d>& old, double min_thickness) {
   std::vector<int> returned(old.size(), 0);
   for (bool moved = true; moved;) {
@@ -322,7 +322,7 @@ std::optional<PrintGamut> PrintGamut::of(std::string name, const std::vector<Vec
   const auto whole = ConvexPolytope::hull(points);
   const auto clipped = whole ? whole->within({Vec3d::Zero(), Vec3d::Ones()}) : std::nullopt;
   if (!clipped) return std::nullopt;
-  // Anew from its corners, so that a run which tells them has the same facets.
+  // Rebuilt from its corners, so that a run which stores them gets the same facets.
   const auto again = ConvexPolytope::hull(clipped->corners());
   if (!again || again->corners().size() != clipped->corners().size()) return std::nullopt;
   PrintGamut gamut;
@@ -363,7 +363,7 @@ void set_from_text(const std::string& text, PrintGamut& gamut) {
 
 PrintGamut read_gamut(const fs::path& file, const std::string& name) {
   const std::string bytes = read_file(file, kMaxPrintFileBytes);
-  constexpr std::size_t kSignature = 36;  // of the ICC's header
+  constexpr std::size_t kSignature = 36;  // offset in the ICC header
   const bool profile = bytes.size() >= 128 && bytes.compare(kSignature, 4, "acsp") == 0;
   std::vector<Vec3d> points = profile ? patches_of_profile(bytes, file) : patches_of_chart(bytes, file);
   const Eigen::Matrix3d rgb = rgb_from_d50();
@@ -405,7 +405,7 @@ PrintGamut read_gamut(const nlohmann::json& written, const fs::path& file, const
 }
 
 void check_buildable(const BuildableSettings& settings, const AdversaryLimits& limits) {
-  // The start is 0.75 of the box: what is thinner than its walls can hold.
+  // Limit of the thickness for a start that fills 0.75 of the box.
   const double most = 0.5 * limits.half.minCoeff();
   if (!Range{0, most}.contains(settings.min_thickness))
     throw FieldError("min_thickness", fmt::format("{}", settings.min_thickness), "out of range",

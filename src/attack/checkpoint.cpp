@@ -41,7 +41,7 @@ nlohmann::json to_json(const Adam& adam) {
 
 constexpr double kAny = std::numeric_limits<double>::max();
 
-/// Moments of `count` parameters; none before the first of its steps, which are at most the run's.
+/// Reads the moments of `count` parameters; empty before the first step. step_count is at most `iteration`.
 void read_adam(const JsonFields& json, std::size_t count, long iteration, Adam& adam) {
   adam.step_count = json.integer("step_count", 0, iteration);
   const std::size_t size = adam.step_count > 0 ? count : 0;
@@ -49,7 +49,7 @@ void read_adam(const JsonFields& json, std::size_t count, long iteration, Adam& 
   adam.second = json.numbers("second", size, 0, kAny);
 }
 
-/// The mesh of the fields "vertices" and "texels", into one with as many of both.
+/// Reads the fields "vertices" and "texels" into `mesh`, which already has as many of both.
 void read_mesh(const JsonFields& json, const AdversaryLimits& limits, TexturedMesh& mesh) {
   mesh.mesh.vertices = read_points(json, "vertices", mesh.mesh.vertices.size());
   mesh.atlas.texels = read_points(json, "texels", mesh.atlas.texels.size());
@@ -79,7 +79,7 @@ void read_held_out(const JsonFields& json, const AdversaryLimits& limits, Attack
   read_mesh(json, limits, record.mesh);
 }
 
-/// The field "iteration" alone; 0 where there is none.
+/// The field "iteration" alone; 0 if it is missing.
 std::size_t claimed_iteration(const std::filesystem::path& file) {
   using Event = nlohmann::json::parse_event_t;
   bool at_iteration = false;
@@ -94,17 +94,17 @@ std::size_t claimed_iteration(const std::filesystem::path& file) {
   return std::min<std::size_t>(found->get<std::size_t>(), kMaxIterations);
 }
 
-/// The file, if it holds no more values than its mesh and its steps account for: values take up to eighty
-/// bytes each, and so thirty times the file.
+/// Reads the file if it has no more values than its mesh and steps explain. Parsed values take up to eighty
+/// bytes each, thirty times the file's size.
 nlohmann::json read_bounded(const std::filesystem::path& file, const TexturedMesh& start) {
   constexpr std::size_t kBeside = 200'000, kBytesBeside = 1 << 22;  // hosts and settings: as run.json
   constexpr std::size_t kMeshes = 5;          // the mesh, two moments, the best one, the rendered one
-  constexpr std::size_t kRow = 5, kHeld = 2;  // a step's losses and counts; what is held out, at a step
-  constexpr std::size_t kBytes = 64;          // of a number, with what parts it from the next
+  constexpr std::size_t kRow = 5, kHeld = 2;  // losses and counts of a step; validation values of a step
+  constexpr std::size_t kBytes = 64;          // of a number with its separator
   const std::size_t steps = claimed_iteration(file);
   const std::size_t numbers = 3 * (start.mesh.vertices.size() + start.atlas.texels.size());
   const std::size_t values = kMeshes * numbers + (kRow + kHeld) * (steps + 1);
-  if (kRow * steps > OpenFile(file).size())  // or it would account for values of any number
+  if (kRow * steps > OpenFile(file).size())  // otherwise it would allow any number of values
     throw InputError(file.string(), "iteration", "the file is too small for the losses of so many",
                      kStartAgain);
   const std::string text = read_file(file, kBytesBeside + kBytes * values);
@@ -125,10 +125,10 @@ void check_identity(const std::filesystem::path& file, nlohmann::json written, c
     throw InputError(file.string(), key, "the run in this folder has another value",
                      "use another --out folder or the run's own settings");
   };
-  // These follow from the settings, so the setting is named where one differs.
+  // The hosts follow from the settings, so a differing setting is named first.
   const std::vector<std::string> hosts = {"train", kTrainFrames, kTestFrames};
   for (const nlohmann::json* all :
-       {&expected, &std::as_const(written)})  // a key that only one of them has differs as well
+       {&expected, &std::as_const(written)})  // a key in only one of them differs as well
     for (const auto& [key, value] : all->items())
       if (std::ranges::find(hosts, key) == hosts.end()) compare(key);
   for (const std::string& key : hosts) compare(key);

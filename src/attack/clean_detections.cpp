@@ -25,7 +25,7 @@ namespace {
 
 using Undo = std::function<Detection(Detection, const CleanFrame&)>;
 
-/// A mistake that a detector's boxes may hold, and the boxes without it.
+/// A possible mistake in a detector's boxes, and the function that undoes it.
 struct Mistake {
   std::string name;
   Undo undo;
@@ -38,7 +38,7 @@ Mistake of_bev(std::string name, std::function<BevBox(BevBox)> undo) {
           }};
 }
 
-/// Axes that are given as others: x and y exchanged or turned round, and the heading with them or for itself.
+/// Axis mistakes: x and y swapped or negated, and the heading with them or independently.
 void add_axes(std::vector<Mistake>& list) {
   for (const bool exchanged : {false, true})
     for (const int sx : {1, -1})
@@ -65,7 +65,7 @@ void add_axes(std::vector<Mistake>& list) {
         }
 }
 
-/// `beyond_a_turn`: headings are.
+/// `beyond_a_turn`: whether headings exceed ±2π.
 std::vector<Mistake> mistakes(Matching matching, bool beyond_a_turn) {
   std::vector<Mistake> list;
   if (matching.in_picture()) {
@@ -81,7 +81,7 @@ std::vector<Mistake> mistakes(Matching matching, bool beyond_a_turn) {
          }});
     return list;
   }
-  if (beyond_a_turn) {  // or small headings would become none, which many cars have
+  if (beyond_a_turn) {  // otherwise small headings would turn to 0, the heading of many cars
     list.push_back(of_bev("yaw read as degrees", [](BevBox box) {
       box.yaw *= kDegree;
       return box;
@@ -122,7 +122,7 @@ int count_found(const std::vector<CleanFrame>& frames, double score, double iou,
   return found;
 }
 
-/// From each host to the nearest box of any score, as (x, y); of hosts whose frame has a box.
+/// Offset (x, y) from each host to the nearest box of any score, for hosts whose frame has a box.
 std::vector<Vec2d> nearest_offsets(const std::vector<CleanFrame>& frames, Matching matching) {
   std::vector<Vec2d> offsets;
   for (const CleanFrame& frame : frames)
@@ -138,7 +138,7 @@ std::vector<Vec2d> nearest_offsets(const std::vector<CleanFrame>& frames, Matchi
   return offsets;
 }
 
-/// All logits between 0 and 1, and of more than one value: no network's logits are, all probabilities are.
+/// Whether all logits lie in [0, 1], with many distinct values, as probabilities do and logits do not.
 bool looks_like_probabilities(const std::vector<CleanFrame>& frames) {
   constexpr std::size_t kEnough = 10;
   std::set<double> logits;
@@ -150,7 +150,7 @@ bool looks_like_probabilities(const std::vector<CleanFrame>& frames) {
   return logits.size() >= kEnough;
 }
 
-/// What is wrong with the boxes where too few vehicles are found.
+/// Adds hints on mistakes in the boxes if too few vehicles are found.
 void add_hints(const std::vector<CleanFrame>& frames, Matching matching, CleanPerformance& result) {
   const EvaluationSettings by;
   std::vector<std::string>& hints = result.hints;

@@ -21,7 +21,7 @@
 namespace mirage {
 namespace {
 
-/// A host under one object, by both detectors.
+/// Outcomes of both detectors on a host under one object.
 struct Pair {
   const HostOutcome* first;
   const HostOutcome* second;
@@ -48,7 +48,7 @@ ComparedPart part_of(const std::string& by, const std::string& name, const std::
   ClusteredShare first, second;
   Clusters clusters;
   std::set<HostId> vehicles;
-  // Of each vehicle the objects that count for a side, so that it weighs 1 there: a side may have others.
+  // Number of a vehicle's objects that count for each side, so that it weighs 1 on either side.
   std::map<HostId, int> of_first, of_second;
   for (const Pair& pair : pairs) {
     if (counts_first(pair)) ++of_first[pair.first->id];
@@ -90,14 +90,14 @@ int found_as_recorded(std::span<const HostOutcome> hosts) {
   return static_cast<int>(found.size());
 }
 
-/// What a run simulated, but for the draws of its noise.
+/// A run's simulation settings without its noise seed.
 SimulationSettings without_draws(SimulationSettings simulation) {
   simulation.lidar_effects.seed = 0;
   return simulation;
 }
 
-/// FieldError where one of the runs, which are in the order of --runs, was learned elsewhere than its object
-/// is put now, or as another simulation shows it than that of the first.
+/// FieldError if a run (in the order of --runs) is named twice, was learned at another placement than
+/// `place`, or with another simulation than the first run.
 void check_runs(const std::vector<Run>& runs, const PlaceChoice& place) {
   std::set<std::filesystem::path> folders;
   const auto shown_by = [](const Run& run) {
@@ -145,19 +145,19 @@ void check_attacked(const Run& run, const DetectorOptions& options) {
     refuse("other weights of ", word, "these");
 }
 
-/// Whether nothing tells the two apart.
+/// Whether the two are the same detector.
 bool are_the_same(const DetectorOptions& a, const DetectorOptions& b) {
   const std::string identity = detector_identity(a);
   if (!identity.empty()) return identity == detector_identity(b);
   return a.detector == b.detector && a.weights == b.weights && a.defense == b.defense;
 }
 
-/// What lies within both (Detector::region).
+/// The intersection of both regions (Detector::region).
 std::array<double, 4> common_region(const std::array<double, 4>& a, const std::array<double, 4>& b) {
   return {std::max(a[0], b[0]), std::min(a[1], b[1]), std::max(a[2], b[2]), std::min(a[3], b[3])};
 }
 
-/// Where a detector finds few vehicles as recorded, as an attack on it does.
+/// Warns if a detector finds few vehicles as recorded, as an attack does.
 void warn_of_few(const Comparison& result) {
   for (const std::size_t which : {0u, 1u})
     if (result.found[which] == 0 || result.found[which] < kFewFound * result.hosts)
@@ -206,7 +206,7 @@ Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const 
   for (const double difference : {0.02, 0.05, 0.1})
     result.needed.push_back({difference, result.detectable < 1
                                              ? sample_size(all.vehicles, result.detectable, difference)
-                                             : std::nullopt});  // so few tell nothing
+                                             : std::nullopt});  // too few to estimate
   result.bounds = {hidden_bound(first), hidden_bound(second)};
   result.worse = newly_missed(pairs, objects);
   return result;
@@ -249,15 +249,12 @@ Comparison compare(const ComparisonRequest& request, Provenance* provenance) {
     object_names.push_back(object.name);
   }
 
-  std::vector<std::string> frames = list_frames(request.data);
-  if (request.frames > 0 && frames.size() > request.frames) frames.resize(request.frames);
+  std::vector<std::string> frames = list_frames(request.data, request.frames);
   std::erase_if(frames, [&](const std::string& frame) { return learned_on.contains(frame); });
   if (frames.empty())
     throw InputError(request.data.string(), "frames", "holds no frame that the runs have not learned on",
                      "give another data set");
-  const LabelCensus census = count_labels(request.data, frames, request.classes, request.cameras);
-  require_cars(census, "a comparison");
-  warn_of_labels(census);
+  check_labels(request.data, frames, "a comparison", request.classes, request.cameras);
   FrameStore store(request);
   std::vector<DetectorPool> pools;
   pools.reserve(detectors.size());
@@ -276,7 +273,7 @@ Comparison compare(const ComparisonRequest& request, Provenance* provenance) {
   std::vector<std::vector<HostOutcome>> outcomes;
   std::vector<std::string> names;
   for (const DetectorOptions& options : detectors) {
-    const DetectorPool pool = std::move(pools[outcomes.size()]);  // what it keeps goes before the next works
+    const DetectorPool pool = std::move(pools[outcomes.size()]);  // frees its memory before the next one runs
     EvaluationSettings settings = request.settings;
     const Capabilities can = pool.front()->capabilities();
     settings.detector_identity = detector_identity(options, can.version);

@@ -1,14 +1,14 @@
 // Is one detector easier to fool than another? Both see the same vehicles with the same objects on their
-// roofs; a vehicle counts where both find it as recorded. The outcome of a vehicle is whether it vanishes
-// (attack/host_outcome.h), and the answer is the paired difference of shares, second detector less first.
+// roofs. A vehicle counts if both find it as recorded. Its outcome is whether it vanishes
+// (attack/host_outcome.h). The answer is the paired difference of shares, second detector minus first.
 //
-// An object that was learned against the first detector flatters the second. So the first two objects may be
-// each detector's own: then the difference of "own" is that of each detector under its own object.
+// An object learned against the first detector favours the second. So the first two objects may be each
+// detector's own: the difference "own" then compares each detector under its own object.
 //
-// The power is reported, too: the smallest true difference that 80 % of such sets would detect
-// (detectable_difference), and the numbers of vehicles that would detect 2, 5 and 10 points. Several
-// questions are asked of one set (ranges, occlusions, objects); their p values are Holm's (Scandinavian
-// Journal of Statistics 6, 1979).
+// The power is reported, too: the smallest true difference that 80 % of equal data sets would detect
+// (detectable_difference). So are the numbers of vehicles needed to detect 2, 5 and 10 points. One data set
+// answers several questions (ranges, occlusions, objects), so p values are adjusted by Holm's method
+// (Scandinavian Journal of Statistics 6, 1979).
 #pragma once
 
 #include <array>
@@ -25,29 +25,29 @@
 
 namespace mirage {
 
-/// What `mirage compare` is asked for.
+/// Inputs of `mirage compare`.
 struct ComparisonRequest : FrameSource {
   /// Two; `rig` is set by the data set.
   std::vector<DetectorOptions> detectors;
-  std::vector<std::filesystem::path> runs;    ///< folders of mirage attack, whose objects are compared under
+  std::vector<std::filesystem::path> runs;    ///< runs of mirage attack whose objects are used
   std::vector<std::filesystem::path> meshes;  ///< objects (attack/zoo.h)
-  /// The first of `runs` was learned against the first detector, the second against the second: as their
-  /// run.json say.
+  /// runs[0] was learned against the first detector and runs[1] against the second, according to their
+  /// run.json.
   bool adaptive = false;
   TrustRun trust = TrustRun::no;
-  std::size_t frames = 0;  ///< the first so many of the data set; 0: all
+  std::size_t frames = 0;  ///< the first N of the data set; 0: all
   double min_view = 0.7;   ///< as AttackSettings::min_view
   EvaluationSettings settings;
 };
 
-/// One question.
+/// The comparison on one part of the vehicles.
 struct ComparedPart {
   std::string by, name;    ///< "all" and "", "range" and "15-30 m", "object" and the mesh's name, …
   int vehicles = 0;        ///< found as recorded by both
-  ClusterCount clusters;   ///< of these
-  Interval first, second;  ///< shares that vanish
+  ClusterCount clusters;   ///< clusters of these vehicles
+  Interval first, second;  ///< shares of vehicles that vanish
   Interval difference;     ///< second − first, paired, by cluster
-  double p = 1;            ///< two-sided, Holm's over all parts but the first, which is the main question
+  double p = 1;            ///< two-sided; Holm-adjusted over all parts except the first, the main question
 };
 template <class Visitor, FieldsOf<ComparedPart> S>
 void visit_fields(Visitor& visit, S& s) {
@@ -55,12 +55,12 @@ void visit_fields(Visitor& visit, S& s) {
               "first", s.first, "second", s.second, "difference", s.difference, "p", s.p);
 }
 
-/// A vehicle that only the second detector loses.
+/// A vehicle that only the second detector misses.
 struct NewlyMissedVehicle {
   HostId id;
   std::string object;
   double range = 0;                                ///< m
-  double first_score = 0, second_clean_score = 0;  ///< the first's under attack, the second's as recorded
+  double first_score = 0, second_clean_score = 0;  ///< first detector under attack, second as recorded
 };
 template <class Visitor, FieldsOf<NewlyMissedVehicle> S>
 void visit_fields(Visitor& visit, S& s) {
@@ -68,26 +68,26 @@ void visit_fields(Visitor& visit, S& s) {
               "first_score", s.first_score, "second_clean_score", s.second_clean_score);
 }
 
-/// What `mirage compare` answers. Differences are second detector less first.
+/// Result of `mirage compare`. Differences are second detector minus first.
 struct Comparison {
-  std::vector<std::string> detectors, objects;  ///< names; objects: those of the runs before the meshes
-  int hosts = 0;                                ///< tried
-  std::array<int, 2> found{};                   ///< of them, as recorded by the first and by the second
+  std::vector<std::string> detectors, objects;  ///< names; objects of the runs come before the meshes
+  int hosts = 0;                                ///< hosts tried
+  std::array<int, 2> found{};                   ///< found as recorded by the first and by the second
   std::vector<ComparedPart> parts;              ///< "all" first; parts without vehicles are left out
-  /// Each under its own object, second − first, with `adaptive`.
+  /// With `adaptive`: each detector under its own object, second − first.
   std::optional<ComparedPart> own;
-  std::array<HiddenBound, 2> bounds;  ///< of the first and the second, under any of the objects
-  double detectable = 1;              ///< smallest true difference told in 80 % of such sets
-  /// A difference of shares, and how many vehicles would tell it.
+  std::array<HiddenBound, 2> bounds;  ///< of each detector, under any of the objects
+  double detectable = 1;              ///< detectable_difference() at 80 % power
+  /// A difference of shares, and the number of vehicles needed to detect it.
   struct Needed {
     double difference;
-    std::optional<long> vehicles;  ///< none: more than any plan takes
+    std::optional<long> vehicles;  ///< nullopt: over a million
   };
   std::vector<Needed> needed;             ///< for 2, 5 and 10 points
   std::vector<NewlyMissedVehicle> worse;  ///< nearest first
 
-  /// Whether both find fewer than kFewFound of the vehicles, or none: of a difference over so few little
-  /// follows.
+  /// Whether fewer than kFewFound of the vehicles, or none, are found by both: a difference over so few says
+  /// little.
   bool few() const;
 };
 template <class Visitor, FieldsOf<Comparison::Needed> S>
@@ -95,17 +95,17 @@ void visit_fields(Visitor& visit, S& s) {
   visit_named(visit, "difference", s.difference, "vehicles", s.vehicles);
 }
 
-/// From outcomes of the same hosts and meshes by both detectors, in any order. `objects`: names of the
-/// meshes.
+/// Compares the outcomes of both detectors on the same hosts and meshes, in any order. `objects`: names of
+/// the meshes.
 Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const HostOutcome> second,
                             const std::vector<std::string>& objects, bool adaptive);
 
-/// Evaluates both detectors on every usable vehicle within the regions of both that no run has learned on, as
-/// the runs simulate; noise is drawn by the first detector's seed. FieldError for anything but two detectors
-/// that differ, for no object, for a run that is named twice, is of another placement than the request's or
-/// simulates otherwise than the first, and, with `adaptive`, for one that attacked another detector.
-/// InputError where no vehicle is left. Warns where a detector finds few. `provenance`, if it is not null,
-/// learns what both detectors, the frames and the objects are. Ranks but the first get nothing.
+/// Evaluates both detectors on every usable vehicle within both regions that no run has learned on, with the
+/// runs' simulation settings. The first detector's seed draws the noise. FieldError unless there are two
+/// different detectors and at least one object. FieldError for a run that is named twice, has another
+/// placement than the request, or simulates differently from the first. With `adaptive`, also for a run that
+/// attacked another detector. InputError if no vehicle is left. Warns if a detector finds few. `provenance`,
+/// if not null, receives both detectors, the frames and the objects. Only the first rank gets a result.
 Comparison compare(const ComparisonRequest& request, Provenance* provenance = nullptr);
 
 /// {detectors, objects, hosts, found: [2], vehicles, clusters, difference, low, high, told, first, second,

@@ -15,6 +15,12 @@ std::size_t pool_size(int most) {
 
 }  // namespace
 
+std::vector<Detector*> instances(const DetectorPool& pool) {
+  std::vector<Detector*> all(pool.size());
+  std::ranges::transform(pool, all.begin(), [](const auto& detector) { return detector.get(); });
+  return all;
+}
+
 void add_shared(DetectorPool& pool, int most) {
   while (pool.size() < pool_size(most)) {
     auto other = pool.front()->share();

@@ -28,7 +28,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A frame of a sequence with all that is known of it before anything is inserted.
+/// A frame of a sequence before insertion.
 struct SceneFrame {
   std::string id;
   Moment moment;
@@ -36,44 +36,43 @@ struct SceneFrame {
   Calibration calibration;
 };
 
-/// What a detector finds in each frame of a scene.
+/// Detections in each frame of a scene.
 using SceneDetections = std::vector<std::vector<Detection>>;
-/// The tracks that live in each frame of a scene, in `velo`.
+/// The live tracks in each frame of a scene, in `velo`.
 using Tracks = std::vector<std::vector<TrackState>>;
 
-/// Tracks through one version of a scene: by whoever tracks in the drive, and by our tracker at each of
+/// Tracks through one version of a scene: by the drive's own tracker, and by Mirage's tracker at each of
 /// kDeaths.
 struct VersionTracks {
   Tracks own;
   std::array<Tracks, kDeaths.size()> at_death;
 };
 
-/// The vehicle that carries the object in a frame; null where it is not followed.
+/// The vehicle that carries the object in a frame; null if it is not tracked there.
 struct FrameCarrier {
   const Carrier* carrier = nullptr;
   HostId host;
 };
-/// By the place of a frame in its scene.
+/// Indexed by frame of the scene.
 using FrameCarriers = std::vector<FrameCarrier>;
 
-/// One way through a scene: an object on one vehicle, or nothing on any.
+/// One pass through a scene: an object on one vehicle, or no object.
 struct Pass {
   const FrameCarriers* carriers = nullptr;
   const TexturedMesh* object = nullptr;
 };
 
-/// For Interrupted.
+/// How to resume, for the message of Interrupted.
 const char* how_to_go_on(const DriveRequest& request) {
   return request.goes_on ? "finished vehicles are kept; run the same command again to go on"
                          : "nothing is kept of a detector or tracker without a version; run it again";
 }
 
-/// One sequence of a drive, as all its vehicles share it: its frames before anything is inserted, what a
-/// detector finds in them, as recorded or with an object on a vehicle, and the tracks through them. Its
-/// arguments must outlive it.
+/// One sequence of a drive, shared by all its vehicles: frames before insertion, detections in them (as
+/// recorded or with an object on a vehicle), and the tracks. Its arguments must outlive it.
 class DriveScene {
  public:
-  /// Reads the sequence, and looks at it and follows it as recorded. InputError as judge_drive's.
+  /// Reads the sequence, and detects and tracks in it as recorded. InputError as judge_drive.
   DriveScene(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request,
              const Sequence& sequence)
       : detectors_(detectors),
@@ -98,19 +97,19 @@ class DriveScene {
   const VersionTracks& clean_tracks() const { return clean_tracks_; }  ///< as recorded
   /// How boxes are compared with the vehicle's label.
   Matching matching() const { return can_.matching(); }
-  /// Whether a frame's answer depends on others.
+  /// Whether a frame's detections depend on other frames.
   bool needs_all() const { return can_.remembers || request_.settings.sweeps > 1; }
-  /// Detections that confirm a track on a vehicle: a tracker of the user's confirms by its own rule.
+  /// Detections that confirm a track on a vehicle; 1 if another tracker confirms by its own rule.
   int birth() const { return request_.tracker || can_.remembers ? 1 : request_.settings.tracker.birth; }
 
-  /// The detection's box; one from above is given a height.
+  /// The detection's box; a bird's-eye box gets a default height.
   Box3 upright(const Box3& box) const {
     constexpr double kUnknownHeight = 1.5;  // m, from the road up
     return box.height > 0 ? box : Box3{box.bev, road_, kUnknownHeight};
   }
 
-  /// What the detector finds in each pass. Passes go through a frame one after the other, so that what it
-  /// makes of the frame without an object serves them all. After Ctrl-C, Interrupted.
+  /// Detections of each pass. All passes visit a frame before the next one, so that they share the detector's
+  /// clean activations of it. Interrupted after Ctrl-C.
   std::vector<SceneDetections> see(const std::vector<Pass>& passes,
                                    const std::function<void()>& frame_done) const {
     std::vector<SceneDetections> scene_detections(passes.size(), SceneDetections(frames_.size()));
@@ -127,7 +126,7 @@ class DriveScene {
       for (std::size_t p = 0; p < passes.size(); ++p)
         for (std::size_t i = 0; i < frames_.size(); ++i)
           sweeps[p].emplace_back([&sweep_of, &pass = passes[p], i] { return sweep_of(pass, i); });
-    // Whether nothing of the object is in what the detector sees of the frame.
+    // Whether the detector's input for the frame contains nothing of the object.
     const auto is_as_recorded = [&](const Pass& pass, std::size_t i) {
       if (can_.remembers || !pass.object) return false;
       const auto last = pass.carriers->begin() + static_cast<std::ptrdiff_t>(i) + 1;
@@ -155,7 +154,7 @@ class DriveScene {
     return scene_detections;
   }
 
-  /// `own` by the detector itself, the user's tracker, or ours.
+  /// Tracks; `own` are by the user's tracker, the detector itself, or Mirage's tracker.
   VersionTracks follow(const SceneDetections& scene_detections) const {
     VersionTracks tracks;
     TrackerSettings settings = request_.settings.tracker;
@@ -179,7 +178,7 @@ class DriveScene {
   }
 
  private:
-  /// Boxes with identities as tracks: each is confirmed, and coasts where no detection touches it.
+  /// Boxes with identities as tracks: all are confirmed, and coast if no detection overlaps them.
   std::vector<TrackState> tracks_of(const std::vector<Detection>& boxes, const std::vector<Detection>& found,
                                     const std::string& who) const {
     std::vector<TrackState> tracks;
@@ -199,7 +198,7 @@ class DriveScene {
     return tracks;
   }
 
-  /// By the tracker of these settings.
+  /// Tracks by Mirage's tracker with these settings.
   Tracks tracks_by(const TrackerSettings& settings, const SceneDetections& scene_detections) const {
     Tracker tracker(settings);
     Tracks tracks(frames_.size());
@@ -216,7 +215,7 @@ class DriveScene {
     return tracks;
   }
 
-  /// By the user's tracker, which reads kDetections.
+  /// Tracks by the user's tracker, which reads kDetections.
   Tracks tracks_by(Detector& tracker, const SceneDetections& scene_detections) const {
     Tracks tracks;
     for (std::size_t i = 0; i < frames_.size(); ++i) {
@@ -285,7 +284,7 @@ class DriveScene {
       return detections(detector, view, request_.evaluation);
     };
     if (!frame_carrier.carrier) return found(view_of(prepared->frame));
-    RenderedMesh rendered;  // of no step: its pictures are not kept
+    RenderedMesh rendered;  // iteration −1: its pictures are not cached
     if (pictures) rendered.mesh = *pass.object;
     const StepHost host{*prepared,
                         frame_carrier.host,
@@ -310,8 +309,8 @@ class DriveScene {
 };
 
 constexpr double kHalfLane = 1.75;  // m to each side of straight ahead
-/// Vehicles that are judged together: they share what a detector makes of their frames as recorded, and an
-/// interruption loses all of them.
+/// Vehicles judged together: they share the detector's clean activations of their frames; an interruption
+/// loses all of them.
 constexpr std::size_t kVehiclesPerBatch = 8;
 
 /// A vehicle of a sequence: its frames, and its label in each.
@@ -331,7 +330,7 @@ struct Sought {
   std::array<double, 4> region;
 };
 
-/// Whether it is one of these that the data set follows.
+/// Whether the label is sought and has a track.
 bool is_judged(const Label& label, const Sought& sought) {
   const BevBox& box = label.box.bev;
   const auto& region = sought.region;
@@ -361,7 +360,7 @@ std::vector<TrackedVehicle> vehicles_of(const std::vector<SceneFrame>& scene, co
   return long_enough;
 }
 
-/// InputError where it is no tracker.
+/// InputError if it is no tracker.
 void check_tracker(const Detector& tracker) {
   const Capabilities can = tracker.capabilities();
   if (can.reads_image || can.reads_points || can.reads != std::vector<std::string>{kDetections})
@@ -372,8 +371,8 @@ void check_tracker(const Detector& tracker) {
                      "give it new_sequence(), which is called where a sequence begins");
 }
 
-/// Whether a thing there would have a label: the picture shows the middle of its box, and no DontCare region
-/// holds half of it or more.
+/// Whether an object there would be labelled: the picture shows its box's centre, and no DontCare region
+/// covers half of it or more.
 bool would_be_labelled(const Box3& box, const SceneFrame& frame) {
   const auto seen = projected(box, frame.calibration);
   if (!seen) return false;
@@ -402,7 +401,7 @@ bool is_phantom(const Box3& box, const DriveScene& scene, std::size_t at, DriveV
                                [&](const Detection& detection) { return touches(detection.box); }));
 }
 
-/// Velocity of the car in the world at one of two frames or more, m/s.
+/// Velocity of the ego car in the world at frame i, m/s; at least two frames.
 Vec3d ego_velocity(const std::vector<SceneFrame>& frames, std::size_t i) {
   const Moment &before = frames[i > 0 ? i - 1 : 0].moment,
                &after = frames[std::min(i + 1, frames.size() - 1)].moment;
@@ -410,13 +409,13 @@ Vec3d ego_velocity(const std::vector<SceneFrame>& frames, std::size_t i) {
          (after.time - before.time);
 }
 
-/// What one version shows of the vehicle.
+/// Fills in the vehicle's observations in one version.
 void set_observations(DriveVersion version, const DriveScene& scene, const TrackedVehicle& followed,
                       const SceneDetections& scene_detections, const Tracks& tracks, int birth,
                       VehicleDrive& vehicle) {
   const double least = kVanished.iou;
   std::set<int> phantoms;
-  std::map<int, int> hits;  // of tracks on the vehicle, since it carries the object
+  std::map<int, int> hits;  // by track on the vehicle, since it carries the object
   for (std::size_t i = 0; i < followed.frames.size(); ++i) {
     const std::size_t at = followed.frames[i];
     const ObjectBoxes truth = boxes_of(followed.label(scene, i));
@@ -446,7 +445,7 @@ void set_observations(DriveVersion version, const DriveScene& scene, const Track
   vehicle.phantom_tracks[version] = static_cast<int>(phantoms.size());
 }
 
-/// To a millimetre.
+/// Box and `last` as a row, rounded to 0.001.
 nlohmann::json row_of(const Box3& box, double last) {
   nlohmann::json row;
   for (const double value :
@@ -455,7 +454,7 @@ nlohmann::json row_of(const Box3& box, double last) {
   return row;
 }
 
-/// See DriveRequest::folder.
+/// Boxes and tracks for DriveRequest::folder.
 nlohmann::json shown(const DriveScene& scene, const TrackedVehicle& followed,
                      const SceneDetections& scene_detections, const Tracks& tracks) {
   nlohmann::json json = {{"boxes", nlohmann::json::array()}, {"tracks", nlohmann::json::array()}};
@@ -474,7 +473,7 @@ nlohmann::json shown(const DriveScene& scene, const TrackedVehicle& followed,
   return json;
 }
 
-/// A vehicle's roof through its scene, and where it is in it.
+/// A vehicle's roof track, and its carrier in each frame.
 struct Driver {
   RoofTrack roof_track;
   FrameCarriers carriers;
@@ -492,7 +491,7 @@ Driver driver_of(FrameStore& store, const DriveScene& scene, const TrackedVehicl
   return driver;
 }
 
-/// All but what was seen of it.
+/// The vehicle without its observations.
 VehicleDrive unseen_drive(const DriveScene& scene, const TrackedVehicle& followed, const RoofTrack& roof) {
   VehicleDrive vehicle;
   vehicle.sequence = scene.name();
@@ -523,7 +522,7 @@ fs::path file_of(const DriveRequest& request, const DriveScene& scene, int track
   return request.folder / (vehicle_name(scene.name(), track) + ".json");
 }
 
-/// The vehicle's stored result if it may be read, is of the same key and whole; none otherwise.
+/// The vehicle's stored result if it may be reused, has the same key and is complete; otherwise nullopt.
 std::optional<VehicleDrive> stored_vehicle(const DriveRequest& request, const fs::path& file,
                                            const std::string& key) {
   if (!request.goes_on) return std::nullopt;
@@ -531,13 +530,13 @@ std::optional<VehicleDrive> stored_vehicle(const DriveRequest& request, const fs
                      [](const JsonFields& fields) { return std::optional(read_vehicle_drive(fields)); });
 }
 
-/// A vehicle, followed, and as it is judged.
+/// A tracked vehicle and its result.
 struct Judged {
   TrackedVehicle followed;
   VehicleDrive vehicle;
 };
 
-/// Vehicles of one scene, together; each is kept.
+/// Judges vehicles of one scene together, and stores each result.
 void judge_vehicles(FrameStore& store, const DriveRequest& request, const DriveScene& scene,
                     const std::vector<Judged*>& together, const std::function<void()>& frame_done) {
   const std::array objects = {std::pair(DriveVersion::attacked, &request.object),
@@ -594,7 +593,7 @@ void add_track_frames(const DriveScene& scene, const Sought& sought, int sequenc
       }
     for (const TrackState& track : scene.clean_tracks().own[i]) {
       if (!track.confirmed) continue;
-      // As the benchmark has it, what nobody would have labelled is no false alarm.
+      // As in the benchmark, tracks on unlabelled regions are no false alarms.
       const bool on_truth =
           std::ranges::any_of(boxes, [&](const BevBox& box) { return iou(box, track.box.bev) > 0; });
       if (!on_truth && !would_be_labelled(track.box, scene.frames()[i])) continue;
@@ -608,7 +607,7 @@ void add_track_frames(const DriveScene& scene, const Sought& sought, int sequenc
   }
 }
 
-/// The first frame that leaves the vehicle out: what it carries all the way can be nowhere else.
+/// Why the vehicle is left out. One frame without room suffices, since the object keeps its place.
 LeftOut left_out_of(const PlaceChoice& place, const DriveScene& scene, const TrackedVehicle& vehicle) {
   for (std::size_t i = 0; i < vehicle.frames.size(); ++i) {
     const Carrier carrier{.label = vehicle.label(scene, i)};

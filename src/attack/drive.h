@@ -1,6 +1,6 @@
 // `mirage drive`: every vehicle of a drive carries the object once, through all its frames. A detector
-// processes each frame, a tracker (tracking/tracker.h) the whole drive. How long and until what distance the
-// vehicle goes unseen is compared with the drive as recorded, and with a random object of the same size.
+// processes each frame, a tracker (tracking/tracker.h) the whole drive. The vehicle's undetected time and
+// distance are compared with the drive as recorded, and with a random object of the same size.
 //
 // Vehicles are cars and vans that the data set follows through at least `least_frames` frames in the
 // detector's region. The object rides on the vehicle's smoothed track (attack/vehicle_drive.h). Frames in
@@ -22,11 +22,11 @@
 
 namespace mirage {
 
-/// What a drive is judged by.
+/// Settings for judging a drive.
 struct DriveSettings {
   TrackerSettings tracker;
-  int least_frames = 20;  ///< of a vehicle's track
-  int sweeps = 1;         ///< that a detector sees at a time: the frame's own and those before it
+  int least_frames = 20;  ///< fewest frames of a vehicle's track
+  int sweeps = 1;         ///< seen at a time: the frame's own and earlier ones
 };
 
 template <class Visitor, FieldsOf<DriveSettings> S>
@@ -43,8 +43,8 @@ void visit_fields(Visitor& visit, S& s) {
         s.sweeps);
 }
 
-/// What a tracker of the user's reads: a sensor of kind other, N × 8 float32: x, y, z of the centre, length,
-/// width, height, yaw (m, rad, ego frame), score.
+/// Input of a user's tracker: a sensor of kind other, N × 8 float32: x, y, z of the centre, length, width,
+/// height, yaw (m, rad, ego frame), score.
 inline constexpr const char* kDetections = "detections";
 
 /// A drive to be judged.
@@ -57,32 +57,31 @@ struct DriveRequest {
   SimulationSettings simulation;
   EvaluationSettings evaluation;  ///< the score of a detection, and the identity of the detector
   DriveSettings settings;
-  Detector* tracker = nullptr;         ///< reads kDetections, in place of settings.tracker; null: that
+  Detector* tracker = nullptr;         ///< reads kDetections; null: settings.tracker
   ObjectRenderer* renderer = nullptr;  ///< draws both objects for the detector; null: the rasteriser
-  std::optional<DriveVehicles> only;   ///< these alone are judged; none: all
-  /// Finished vehicles are written here, as SEQUENCE_TRACK.json; empty: they are not. Such a file also holds
-  /// what the vehicle's frames showed: by version, a list a frame of boxes [x, y, bottom, length, width,
-  /// height, yaw, score] and of confirmed tracks [identity, x, y, bottom, length, width, height, yaw, whether
-  /// it has a detection] (m, rad, `velo`).
+  std::optional<DriveVehicles> only;   ///< judges only these; nullopt: all
+  /// Finished vehicles are written here as SEQUENCE_TRACK.json; empty: not written. The file also holds boxes
+  /// and confirmed tracks by version and frame (m, rad, `velo`): [x, y, bottom, length, width, height, yaw,
+  /// score] and [identity, x, y, bottom, length, width, height, yaw, whether it has a detection].
   std::filesystem::path folder;
   Provenance provenance;
-  /// Finished vehicles are read again while `provenance` says the same. Not so where it cannot say all: of a
-  /// detector without a detector_identity(), or of a tracker that tells no version.
+  /// Reads finished vehicles from `folder` if their `provenance` is the same. False if the provenance is
+  /// incomplete: the detector has no detector_identity(), or the tracker no version.
   bool goes_on = true;
 };
 
-/// InputError if the detector finds boxes in the picture alone or is judged there, if no vehicle has frames
-/// enough, and for a tracker that does not read kDetections alone, remembers nothing or gives a box no
-/// identity. After Ctrl-C, Interrupted: finished vehicles go on where DriveRequest::goes_on. Ranks share the
-/// vehicles. Results do not depend on the number of detectors or ranks.
+/// InputError if the detector finds boxes in the picture alone or is judged there, or if no vehicle has
+/// enough frames. InputError for a tracker that reads anything but kDetections, remembers nothing, or returns
+/// a box without an identity. Interrupted after Ctrl-C: with DriveRequest::goes_on, finished vehicles are
+/// kept. Ranks share the vehicles. Results do not depend on the number of detectors or ranks.
 DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const DriveRequest& request);
 
-// The tracker works in a world laid flat: x, y and heading move with the car's pose, heights are over the
-// car's road, because a detector's boxes follow the road and not the horizon.
+// The tracker works in a flattened world: x, y and heading move with the ego pose, and heights are over the
+// ego's road. A detector's boxes follow the road, not the horizon.
 
-/// The box in the flat world, or back with the inverse: `pose` moves x, y and heading alone.
+/// Moves the box into the flat world, or back with the inverse: `pose` changes x, y and heading alone.
 Box3 moved_flat(const Box3& box, const Transform& pose);
-/// world_from_ego, or its inverse, laid flat.
+/// world_from_ego, or its inverse, without roll, pitch and z.
 Transform laid_flat(const Transform& pose);
 
 }  // namespace mirage

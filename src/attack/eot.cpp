@@ -3,13 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <numbers>
 #include <opencv2/core.hpp>
 #include <set>
 
 #include "base/error.h"
+#include "base/names.h"
 #include "base/sizes.h"
 #include "base/types.h"
 
@@ -19,16 +19,13 @@ namespace {
 constexpr double kLowestSun = 3 * kDegree;
 constexpr double kShape = 0.01, kMaxShape = 0.2;  // m
 
-/// What stands behind the word's colon; none if that is no such number.
+/// The number after the word's colon; nullopt if it is invalid.
 template <class Number>
 std::optional<Number> number_after_colon(const std::string& word) {
-  const char *first = word.data() + word.find(':') + 1, *end = word.data() + word.size();
-  Number number = 0;
-  const auto [read, error] = std::from_chars(first, end, number);
-  return error == std::errc() && read == end ? std::optional(number) : std::nullopt;
+  return try_parse_number<Number>(std::string_view(word).substr(word.find(':') + 1));
 }
 
-/// Of "shape:0.02", in m.
+/// The distance in "shape:0.02", in m.
 double shape_of(const std::string& word) {
   const auto sigma = number_after_colon<double>(word);
   if (!sigma || !(*sigma > 0 && *sigma <= kMaxShape))
@@ -37,7 +34,7 @@ double shape_of(const std::string& word) {
   return *sigma;
 }
 
-/// Of "worst:4", "paints:24": a number of `what`.
+/// The count in "worst:4" or "paints:24", a number of `what`.
 double count_of(const std::string& word, const char* what, double most) {
   const auto count = number_after_colon<int>(word);
   if (!count || *count < 2 || *count > most)
@@ -46,7 +43,7 @@ double count_of(const std::string& word, const char* what, double most) {
   return *count;
 }
 
-/// Of each texel the cluster among `count` (k-means, from quantiles of luminance: the same every time).
+/// The cluster of each texel, out of `count` (k-means, seeded by quantiles of luminance: deterministic).
 std::vector<int> clusters_of(const std::vector<Vec3d>& texels, int count) {
   count = std::min(count, static_cast<int>(texels.size()));
   cv::Mat colours(static_cast<int>(texels.size()), 3, CV_32F), labels(colours.rows, 1, CV_32S);
@@ -66,7 +63,7 @@ std::vector<int> clusters_of(const std::vector<Vec3d>& texels, int count) {
   return {labels.begin<int>(), labels.end<int>()};
 }
 
-/// Each value becomes the mean of its cluster's: its own VJP.
+/// Replaces each value by its cluster's mean; this linear map is its own VJP.
 void average(const std::vector<int>& cluster, std::vector<Vec3d>& values) {
   std::vector<Vec3d> sum(cluster.size(), Vec3d::Zero());
   std::vector<double> count(cluster.size(), 0);
@@ -80,7 +77,7 @@ void average(const std::vector<int>& cluster, std::vector<Vec3d>& values) {
   }
 }
 
-/// `sun` turned by `angle` about a random axis square to it.
+/// `sun` turned by `angle` about a random perpendicular axis.
 Vec3d turned_sun(const Vec3d& sun, double angle, double side) {
   const Vec3d across = sun.unitOrthogonal(), axis = Eigen::AngleAxisd(side, sun) * across;
   Vec3d turned = Eigen::AngleAxisd(angle, axis) * sun;
@@ -105,7 +102,7 @@ EotSettings parse_expectation(const std::string& words) {
   std::set<std::string> names;
   for (const std::string& word : listed) {
     if (word == "none" && std::ranges::any_of(listed, [](const std::string& other) {
-          return other != "none" && !other.starts_with("worst:");  // of which check_settings says why
+          return other != "none" && !other.starts_with("worst:");  // check_settings explains that error
         }))
       throw FieldError("expectation", words, "names none and something else",
                        "leave none out, or the others");

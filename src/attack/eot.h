@@ -1,5 +1,5 @@
-// Expectation over what is uncertain in the world (Athalye et al., Synthesizing Robust Adversarial Examples,
-// ICML 2018): each simulated host of an attack is drawn anew, so that the mesh is made for all of them.
+// Expectation over transformation (Athalye et al., Synthesizing Robust Adversarial Examples, ICML 2018): each
+// simulated host of an attack gets a new draw of the uncertain world, so the mesh works in all of them.
 #pragma once
 
 #include <cstdint>
@@ -12,12 +12,12 @@
 
 namespace mirage {
 
-/// Of EotSettings::paints.
+/// Upper limit of EotSettings::paints.
 inline constexpr double kMaxPaints = 1000;
-/// Of EotSettings::worst.
+/// Upper limit of EotSettings::worst.
 inline constexpr double kMaxWorstDraws = 64;
 
-/// What varies, each with its spread (standard deviations of normal draws; 0: as it is).
+/// Spread of each random variation (standard deviation of a normal draw; 0: no variation).
 struct EotSettings {
   double roof_shift = 0;   ///< m, along and across the roof; height a fifth of it
   double roof_yaw = 0;     ///< rad
@@ -29,23 +29,23 @@ struct EotSettings {
   double tilt = 0;         ///< rad, about both horizontal axes of the roof
   double shape = 0;   ///< m, rms distance of a vertex of the object from its design: prints, scans, dents
   double colour = 0;  ///< of the logarithm of each channel of all texels: a print's cast; white clips
-  /// Colours that the whole object is made of (kMaxPaints at most): each texel gets the mean of its cluster
-  /// among so many. 0: any colour.
+  /// Number of colours of the whole object (at most kMaxPaints): texels are clustered into as many, and each
+  /// gets its cluster's mean. 0: any colour.
   double paints = 0;
-  /// Draws for each host and step (kMaxWorstDraws at most), of which the one with the greatest loss is
-  /// learned on: the inner maximum of Madry et al., ICLR 2018, by sampling, as R-PGA (2026) mines it. 0: one
-  /// draw, and so their mean over the steps.
+  /// Draws for each host and step (at most kMaxWorstDraws), of which the step uses the one with the greatest
+  /// loss. This samples the inner maximum of Madry et al., ICLR 2018, as R-PGA (2026) mines it. 0: one draw,
+  /// so steps average over draws.
   double worst = 0;
 
   /// Whether anything is drawn.
   bool any() const;
-  /// Whether the object is another one than designed (SampledEnvironment::built).
+  /// Whether the object differs from its design (SampledEnvironment::built).
   bool any_in_object() const { return shape > 0 || colour > 0 || paints > 0; }
   /// Whether the frame itself changes (SampledEnvironment::frame).
   bool any_in_frame() const { return sun > 0 || light > 0 || exposure > 0; }
   /// Whether pixels differ from the recorded ones away from the object.
   bool any_in_picture() const { return exposure > 0 || image_noise > 0; }
-  /// Draws to choose the worst of; 1: nothing is chosen.
+  /// Number of candidate draws for the worst; 1: no choice.
   int draws() const { return worst > 1 ? static_cast<int>(worst) : 1; }
 };
 
@@ -65,64 +65,64 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "worst", .range = {0, kMaxWorstDraws}, .lacking = "0"}, s.worst);
 }
 
-/// "none", or words of roof, tilt, shape, colour, sun, light, exposure, noise separated by commas, or "all":
-/// the named ones at 5 cm and 2°, 2°, 1 cm, 0.15, 20°, 0.3, 0.2, 0.01 and 2 cm. "shape:0.02" is a shape off
-/// by 2 cm, beside "all", too; "paints:24" an object of 24 colours. "worst:4" beside others learns on the
-/// worst of 4 draws. FieldError for any other word, one that is named twice, and "none" beside others. The
-/// worst of draws in which nothing varies is refused by run_attack.
+/// "none", or words of roof, tilt, shape, colour, sun, light, exposure, noise separated by commas, or "all".
+/// They stand for 5 cm and 2°, 2°, 1 cm, 0.15, 20°, 0.3, 0.2, 0.01 and 2 cm. "shape:0.02" is a shape off by 2
+/// cm, also with "all"; "paints:24" an object of 24 colours. "worst:4" with other words learns on the worst
+/// of 4 draws. FieldError for any other word, a repeated word, and "none" with others. run_attack refuses
+/// "worst" if nothing varies.
 EotSettings parse_expectation(const std::string& words);
 /// parse_expectation, with its errors.
 inline void set_from_text(const std::string& text, EotSettings& value) {
   value = parse_expectation(text);
 }
-/// FieldError for words that only an attack understands (worst): what is judged meets one draw.
+/// FieldError for words that only an attack understands (worst): an evaluation uses one draw.
 void require_judged(const EotSettings& expectation);
 /// FieldError for words that change more than the object and its pose (sun, light, exposure, noise), and for
-/// worst: a renderer draws the recorded world with the object as the workshop made it.
+/// worst: a renderer draws the recorded world with the object as manufactured.
 void require_built(const EotSettings& expectation);
-/// The number of candidate k (from 0) of the draws to choose from in the place of draw `number` (below 2^50,
-/// or 2^62 more): of none other, and of no draw that is not chosen.
+/// The number of candidate draw k (from 0) for draw `number` (below 2^50, or that plus 2^62). It is unique:
+/// no other candidate and no plain draw has it.
 constexpr std::uint64_t candidate_draw(std::uint64_t number, int k) {
   return number + (std::uint64_t{1} << 61) + (static_cast<std::uint64_t>(k) << 50);
 }
 /// "none", or "some".
 std::string text_of(const EotSettings& value);
 
-/// One draw of the world around a host, from the random stream of (seed, draw).
+/// One random draw of the world around a host, from the random stream of (seed, draw).
 class SampledEnvironment {
  public:
   /// Draw number `draw` of the attack's seed.
   SampledEnvironment(const EotSettings& expectation, std::uint64_t seed, std::uint64_t draw);
 
-  /// What varies in the draws.
+  /// The spreads of the draws.
   const EotSettings& expectation() const { return expectation_; }
-  /// Which draw it is.
+  /// The number of this draw.
   std::uint64_t number() const { return draw_; }
-  /// The object's pose, shifted and turned, and with it the roof that it stands on.
+  /// The object's pose, shifted and turned together with the roof under it.
   Placement placement(const Placement& as_recorded) const;
   /// The frame under another light and exposure.
   PreparedFrame frame(const PreparedFrame& as_recorded) const;
   /// The settings with the range noise of the object's returns.
   SimulationSettings simulation(const SimulationSettings& as_recorded) const;
-  /// The object as it comes from the workshop: vertices off, few colours, with a cast.
+  /// The object as manufactured: displaced vertices, few colours, a colour cast.
   TexturedMesh built(const TexturedMesh& designed) const;
-  /// Turns d loss / d built into d loss / d designed; which texels share a colour is held fixed.
+  /// Turns d loss / d built into d loss / d designed, with the colour clusters of texels held fixed.
   void built_vjp(const TexturedMesh& designed, AdversaryGradient& gradient) const;
-  /// The camera's noise, on the picture that has the object in it, which stays in [0, 1].
+  /// Adds camera noise to the picture with the object, and clips it to [0, 1].
   void add_noise(ImageF& image) const;
-  /// Turns d loss / d `noisy`, what add_noise made, into d loss / d what it was given, both H×W×3: zero where
-  /// it clipped. The empty gradient of a detector that reads no picture stays as it is.
+  /// Turns d loss / d `noisy` (the output of add_noise) into d loss / d its input, both H×W×3: zero where it
+  /// clipped. An empty gradient (the detector reads no picture) stays empty.
   void noise_vjp(const ImageF& noisy, ImageF& gradient) const;
 
  private:
-  /// Of each channel of all texels.
+  /// The drawn colour cast: one factor per channel, for all texels.
   Vec3d cast() const;
 
   EotSettings expectation_;
   std::uint64_t seed_, draw_;
 };
 
-/// One host with what a draw changes, or as recorded without one. Its arguments must outlive it.
+/// One host in a drawn world, or as recorded without a draw. Its arguments must outlive it.
 class SampledHost {
  public:
   /// `draw`: null for the world as recorded.
@@ -131,9 +131,9 @@ class SampledHost {
   SampledHost(const SampledHost&) = delete;
   SampledHost& operator=(const SampledHost&) = delete;
 
-  /// The frame in the draw's light and exposure, or the recorded one where no draw changes these.
+  /// The frame in the draw's light and exposure, or the recorded frame if the draw changes neither.
   const PreparedFrame& prepared() const { return frame_ ? *frame_ : recorded_; }
-  /// The object as the draw's workshop makes it, or the designed one where no draw changes that.
+  /// The object as manufactured in the draw, or as designed if the draw does not change it.
   const TexturedMesh& object() const { return built_ ? *built_ : designed_; }
   /// The object's pose in the draw.
   const Placement& placement() const { return placement_; }

@@ -38,12 +38,11 @@ Reliance cached_reliance(const DetectorPool& detectors, const std::string& ident
                          const FrameSource& source, bool quiet, CleanDetections* seen) {
   const std::vector<std::string> ids = spread_evenly(list_frames(source.data), kAuditFrames);
   const auto measure = [&] {
-    std::vector<Detector*> instances;
-    for (const auto& detector : detectors) instances.push_back(detector.get());
-    // Processes share the passes by what is kept of them.
+    // Processes share the passes through the cache.
     const RecordedFrames frames =
         rank_count() > 1 ? recorded_frames(source, identity, "evaluate") : recorded_frames(source);
-    return measure_reliance(instances, frames, ids, progress_of("use of the picture", quiet), seen);
+    return measure_reliance(instances(detectors), frames, ids, progress_of("use of the picture", quiet),
+                            seen);
   };
   const auto disk = DiskCache::from_environment();
   if (identity.empty() || !disk->on() || !detectors.front()->capabilities().reads_image) return measure();
@@ -68,7 +67,7 @@ void require_unchanged(const Run& run, std::span<const HostId> hosts) {
     const auto as_chosen = [&](Cameras cameras) {
       return frames_hash(run.settings.data, frames, cameras) == hash;
     };
-    // What is asked for may look at other cameras than the run chose its vehicles with.
+    // The request may use other cameras than the run did.
     const Cameras own = run.settings.cameras;
     if (!as_chosen(own) && !as_chosen(own == Cameras::all ? Cameras::first : Cameras::all))
       throw InputError(run.settings.data.string(), "frames",
@@ -104,14 +103,7 @@ std::vector<HostId> hosts_of_split(const Run& run, const std::string& which) {
   return hosts;
 }
 
-void check_labels(const FrameSource& source, const std::vector<std::string>& frames) {
-  if (frames.empty()) return;
-  const LabelCensus census = count_labels(source.data, frames, source.classes, source.cameras);
-  require_cars(census, "an evaluation");
-  warn_of_labels(census);
-}
-
-/// Complains about what --hosts-of leaves no choice in.
+/// FieldError for options that contradict --hosts-of.
 void check_hosts_of(const EvaluationRequest& request, const Run& target_run) {
   const auto data = request.overrides.find("data");
   if (data != request.overrides.end() && is_other_data(target_run, data->second))
@@ -123,7 +115,7 @@ void check_hosts_of(const EvaluationRequest& request, const Run& target_run) {
                      "leave --hosts out");
 }
 
-/// What contradicts itself before anything is read.
+/// FieldError for contradictory options, before anything is read.
 void check_request(const EvaluationRequest& request) {
   if (request.random_meshes < 0)
     throw FieldError("random_meshes", std::to_string(request.random_meshes), "out of range",
@@ -149,8 +141,7 @@ void check_request(const EvaluationRequest& request) {
                      "use sized, ellipsoid or cuboid");
 }
 
-/// The frames of a data set that is not the run's own, but for those that the run was learned on: with
-/// --hosts all these count, too.
+/// Frames of another data set than the run's; only --hosts all includes those in `learned`.
 std::vector<std::string> unseen_frames(const EvaluationRequest& request, const std::filesystem::path& data,
                                        const std::set<std::string>& learned) {
   if (!request.hosts.empty() && request.hosts != "all" && request.hosts != "test")
@@ -168,7 +159,7 @@ std::vector<std::string> unseen_frames(const EvaluationRequest& request, const s
   return frames;
 }
 
-/// The outcomes of one of several meshes (evaluate() puts a mesh after the other).
+/// The evaluation of one of several meshes (evaluate() orders outcomes by mesh).
 Evaluation of_mesh(const Evaluation& all, std::size_t mesh) {
   const std::size_t count = all.hosts.size() / as_size(all.meshes);
   const auto begin = all.hosts.begin() + static_cast<std::ptrdiff_t>(mesh * count);
@@ -186,7 +177,7 @@ Vec3d extents(const TexturedMesh& mesh) {
   return bounds(mesh.mesh).sizes();
 }
 
-/// What all meshes of an evaluation share, and how one fared.
+/// The entry of one mesh in "arms".
 nlohmann::json arm_json(const RunEvaluation& all, const std::string& name, const Evaluation& of,
                         const Vec3d& size, const GainOverControl* net) {
   auto seeds = nlohmann::json::array();
@@ -240,9 +231,11 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.store = std::make_unique<FrameStore>(target_run.settings);
 
   const std::set<std::string> learned = frames_learned_on(result.run, target_run.settings.data);
-  if (whole_data) {  // all its usable vehicles are unseen ones
+  if (whole_data) {  // judges all its usable vehicles
     const std::vector<std::string> frames = unseen_frames(request, target_run.settings.data, learned);
-    check_labels(target_run.settings, frames);
+    if (!frames.empty())
+      check_labels(target_run.settings.data, frames, "an evaluation", target_run.settings.classes,
+                   target_run.settings.cameras);
     result.detectors = load_detector_pool(result.detector, static_cast<int>(frames.size()));
     result.hosts = host_ids(find_all_hosts(*result.store, frames, result.detectors.front()->region(),
                                            target_run.settings.simulation, target_run.settings.min_view, true,
@@ -256,7 +249,9 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
                        "is for another --data than the run's, whose vehicles are " + target_classes,
                        "leave it out: the run has chosen its vehicles");
     result.hosts = hosts_of_split(target_run, request.hosts);
-    check_labels(target_run.settings, host_frames(result.hosts));
+    if (!result.hosts.empty())
+      check_labels(target_run.settings.data, host_frames(result.hosts), "an evaluation",
+                   target_run.settings.classes, target_run.settings.cameras);
     if (request.overrides.contains("placement")) result.left_out = leave_out(*result.store, result.hosts);
   }
   if (result.hosts.empty()) refuse_left_out(target_run.settings.placement, result.left_out);
@@ -290,7 +285,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, target_run.settings,
                                     result.settings.quiet, &seen);
   CleanDetections clean;
-  if (target_run.settings.placement.victim != Victim::object)  // its clean frames have a plain object in them
+  if (target_run.settings.placement.victim != Victim::object)  // there the clean frames show a plain object
     clean = clean_detections(result.detectors, *result.store, result.hosts, result.settings, seen);
   const auto judged = [&](std::span<const TexturedMesh> meshes) {
     return evaluate(result.detectors, *result.store, result.hosts, clean, meshes,

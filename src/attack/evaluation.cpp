@@ -59,7 +59,7 @@ std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& da
   for (const HostId& id : hosts) of_frame[id.frame].push_back(&id);
   const double mount = lidar_of(data).height;
   for (const auto& [frame, ids] : of_frame) {
-    const auto index = generator::index_of(frame);
+    const auto index = try_parse_number<std::uint64_t>(frame);
     if (!index) continue;
     const std::vector<Label> labels = read_annotations(data, frame).labels;
     const auto vehicles = generator::true_vehicles(*source, *index, mount);
@@ -120,7 +120,7 @@ std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int me
   return result;
 }
 
-/// Best IoU with the host, and that detection's score.
+/// Best IoU of a detection with the host, and its score.
 std::pair<double, double> best_match(const std::vector<Detection>& detections, const HostTruth& truth) {
   std::pair<double, double> best{0, 0};
   for (const Detection& d : detections)
@@ -137,13 +137,13 @@ double nearest_centre(const std::vector<Detection>& detections, const HostTruth&
   return nearest;
 }
 
-/// One mesh on one host: drawn, and shown to the detector.
+/// Runs the detector on a host with a mesh on its roof, or reads the cached detections.
 class Attacked {
  public:
   Attacked(FrameStore& store, const EvaluationSettings& settings, const SimulationSettings& simulation)
       : store_(store), settings_(settings), simulation_(simulation) {}
 
-  /// `local`: the clean frame is looked at, too, which saves it work.
+  /// `local`: the detector also runs on the clean frame, and then computes only changes.
   AttackedDetections detect_with_object(Detector& detector, const HostId& id, const TexturedMesh& mesh,
                                         const std::string& mesh_hash, bool local) const {
     const auto now = [&] { return drawn(detector, id, mesh, local); };
@@ -158,7 +158,7 @@ class Attacked {
     provenance.input("mesh", mesh_hash);
     provenance.input("detector", settings_.detector_identity);
     provenance.set("score_threshold", settings_.score_threshold);
-    provenance.set("local", local);  // its answers are those of whole passes up to rounding
+    provenance.set("local", local);  // its detections equal those of whole passes up to rounding
     return store_.cache().attacked(provenance, now);
   }
 
@@ -278,7 +278,7 @@ Evaluation summarize(std::vector<HostOutcome> hosts, int meshes) {
   result.meshes = meshes;
   Clusters clusters;
   for (const HostOutcome& host : hosts) {
-    if (host.mesh != hosts.front().mesh) continue;  // the vehicles are every mesh's
+    if (host.mesh != hosts.front().mesh) continue;  // all meshes have the same vehicles
     result.rooftops.add(host.from_box);
     if (host.detected) clusters.add(host.id.frame, host.track);
   }
@@ -292,7 +292,7 @@ Evaluation summarize(std::vector<HostOutcome> hosts, int meshes) {
   for (const double least : result.iou) {
     ClusteredShare clean, attacked;
     for (const HostOutcome& host : hosts) {
-      // IoU 0 asks for any overlap at all: a host without one counts as missed.
+      // IoU 0 requires some overlap: a host without any counts as missed.
       clean.add(host.cluster(), host.clean_iou > 0 && host.clean_iou >= least, 0, 1.0 / meshes);
       attacked.add(host.cluster(), host.attacked_iou > 0 && host.attacked_iou >= least, 0, 1.0 / meshes);
     }
@@ -315,7 +315,7 @@ CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& stor
   for_each_with_detector(detectors, frames.size(), [&](Detector& detector, std::size_t k) {
     throw_if_interrupted(how_to_go_on(store, settings));
     const std::size_t i = order[k];
-    // Down to the score that an attack keeps them (CleanDetectionCache): one entry on disk serves both.
+    // Uses the score threshold of an attack's cache (CleanDetectionCache): one entry on disk serves both.
     EvaluationSettings down = settings;
     down.score_threshold = std::min(settings.score_threshold, kScoreThresholdForAp);
     clean.at(frames[i]) = scored_over(
@@ -337,7 +337,7 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
   EvaluationSettings by = settings;
   by.matching = detectors.front()->capabilities().matching();
   const std::size_t count = hosts.size() * adversaries.size();
-  // A clean frame costs a whole pass, and saves more than half of one each time.
+  // A clean frame costs a whole pass, and saves over half a pass for each mesh.
   constexpr std::size_t kWorthKeeping = 3;
   std::map<std::string, std::size_t> passes;
   for (const HostId& id : hosts) passes[id.frame] += adversaries.size();
@@ -358,7 +358,7 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
   for_each_with_detector(detectors, count, [&](Detector& detector, std::size_t k) {
     throw_if_interrupted(how_to_go_on(store, settings));
     const std::size_t i = order[k];
-    const HostId& id = hosts[i / adversaries.size()];  // a frame's work lies together
+    const HostId& id = hosts[i / adversaries.size()];  // hosts of a frame are adjacent
     const std::size_t mesh = i % adversaries.size();
     AttackedDetections found = attacked.detect_with_object(detector, id, adversaries[mesh], hashes[mesh],
                                                            local && passes.at(id.frame) >= kWorthKeeping);
@@ -442,7 +442,7 @@ nlohmann::json to_json(const Evaluation& evaluation) {
   return json;
 }
 
-/// What is written of every host.
+/// Fields of every host in the file.
 template <class Visitor, FieldsOf<HostOutcome> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "frame", .plain = true}, s.id.frame);
@@ -498,7 +498,7 @@ nlohmann::json outcomes_json(const std::vector<HostOutcome>& hosts, int meshes) 
 
 std::vector<HostOutcome> read_outcomes(const JsonFields& evaluation) {
   const JsonFields positives = evaluation.object("false_positives");
-  // The distribution is there whether or not there is a box (host_outcome.h).
+  // The distribution exists even without boxes (host_outcome.h).
   const bool in_picture = positives.has("distance_from_host_px");
   const auto each = [](const JsonFields& json, const char* key, const auto& read) {
     const nlohmann::json& list = json.list(key, kMaxEntries);

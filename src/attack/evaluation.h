@@ -1,4 +1,4 @@
-// Attack success by what a host vehicle is and where: range, occlusion, truncation, kind.
+// Attack success by strata of the host vehicles: range, occlusion, truncation, kind.
 #pragma once
 
 #include <filesystem>
@@ -20,13 +20,13 @@
 
 namespace mirage {
 
-/// One part of the hosts.
+/// One stratum of the hosts.
 struct HostPart {
   std::string by, name;
   OutcomeTest holds;
 };
-/// Range: 0-15, 15-30, 30-50, 50+ m (the nearer end belongs to the part). Occlusion: KITTI's four levels.
-/// Truncation: up to 0.15 (KITTI's "easy") and more. Kind: HostOutcome::kind, in alphabetical order.
+/// Range: 0-15, 15-30, 30-50, 50+ m (includes the nearer end). Occlusion: KITTI's four levels. Truncation: up
+/// to 0.15 (KITTI's "easy") and more. Kind: HostOutcome::kind, in alphabetical order.
 std::vector<HostPart> host_parts(std::span<const HostOutcome> hosts);
 
 /// Success in one of host_parts, which may have no hosts.
@@ -35,7 +35,7 @@ struct StratumSuccess {
   std::string name;  ///< "15-30 m", "partly occluded", …
   int hosts = 0;     ///< of one mesh
   SuccessRates rates;
-  /// Of all hosts: those on which any box stands (the rule "vanished"), clean and attacked.
+  /// Share of all hosts with any box on them (the rule "vanished"), clean and attacked.
   struct Seen {
     Interval clean, attacked;
   };
@@ -54,53 +54,53 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "seen"}, s.seen);
 }
 
-/// What kind of vehicle each host is, where the data set tells: a generated set lays its streets out again
-/// and gives cars' body styles ("hatchback", …). Empty for recorded sets and sets of other generator
-/// versions, whose hosts are all of the type "Car". By host_name.
+/// The kind of each host by host_name, if the data set knows it: a generated set rebuilds its streets and
+/// gives body styles ("hatchback", …). Empty for recorded sets and sets of other generator versions, whose
+/// hosts are all of type "Car".
 std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& data,
                                                  const std::vector<HostId>& hosts);
 
 // How often an adversary fools a detector.
 //
-// For each host vehicle, with the detector run on the frame as recorded (clean) and with the adversary on the
-// host's roof (attacked), after non-maximum suppression and at score ≥ score_threshold:
+// For each host vehicle the detector runs on the frame as recorded (clean) and with the adversary on the roof
+// (attacked). Detections count after non-maximum suppression, at score ≥ score_threshold:
 //   FN: the host is detected at IoU > 0.7 clean and not attacked.
 //   FP: an attacked box that has IoU < 0.3 with every ground truth and no overlap with any clean detection.
-// Where the victim is the object itself (Victim::object) it is judged in the host's place, by its
-// own_label(); "clean" is then the frame with a plain cuboid that fills the placement's volume, judged by
-// that one's.
-// A detector that finds boxes in the picture alone is judged there: the host is detected attacked, too, by a
-// box around it and the object (HostTruth), and the ground truth holds DontCare regions.
-// FN ASR, FP ASR and ASR (FN or FP) are shares of the vehicles that were detected clean
-// (Tu et al., CoRL 2021, section 4); attack/host_outcome.h has the misses by other rules. Recall–IoU runs
-// over all hosts. Several meshes are judged as one: shares are means over meshes × hosts, and the intervals'
-// clusters stay those of one mesh: vehicles where the data set knows them, else frames (base/intervals.h).
+// If the victim is the object itself (Victim::object), it is judged in the host's place, by its own_label().
+// "Clean" is then the frame with a plain cuboid that fills the placement's volume, judged by the cuboid's
+// label. A detector that finds boxes in the picture alone is judged there. Under attack a box around host and
+// object also counts as a detection (HostTruth), and DontCare regions are ground truth. FN ASR, FP ASR and
+// ASR (FN or FP) are shares of the vehicles that were detected clean (Tu et al., CoRL 2021, section 4);
+// attack/host_outcome.h has misses by other rules. The recall–IoU curve covers all hosts. Several meshes are
+// judged together: shares are means over meshes × hosts. The intervals' clusters stay those of one mesh:
+// vehicles if the data set knows them, otherwise frames (base/intervals.h).
 
-/// When a vehicle counts as found, and a box as a new one.
+/// Thresholds for found vehicles and new boxes, and other settings of an evaluation.
 struct EvaluationSettings {
   double score_threshold = 0.3;
   double detected_iou = 0.7;
   double false_positive_iou = 0.3;
-  /// What differs from vehicle to vehicle: every mesh on a vehicle meets the same draw. The detections
-  /// without an object are those of the frames as recorded.
+  /// Random variation between vehicles: all meshes on a vehicle get the same draw. Detections without an
+  /// object are those of the frames as recorded.
   EotSettings expectation = {};
   std::uint64_t expectation_seed = 0;
   /// How the detector is judged (Capabilities::matching); evaluate() sets it.
   Matching matching = {};
   bool quiet = false;
-  /// False, on a rank that tells nothing: evaluate() fills what is kept on disk, and has no outcomes. It then
-  /// opens no frame of another rank's.
+  /// False on a rank that reports nothing: evaluate() only fills the disk cache, returns no outcomes, and
+  /// opens no frame of other ranks.
   bool reports_outcomes = true;
-  /// Of the pool's options (frames/frame_provenance.h); empty: clean detections are not cached.
+  /// detector_identity() of the pool's options (frames/frame_provenance.h); empty: clean detections are not
+  /// cached.
   std::string detector_identity = {};
-  /// What kind of vehicle a host is, by host_name; the label's type where it is not in here.
+  /// Kind of vehicle by host_name; the label's type for hosts that are missing here.
   std::map<std::string, std::string> kinds = {};
 };
 
 /// Outcomes, the rates over them, and their intervals.
 struct Evaluation {
   std::vector<HostOutcome> hosts;  ///< meshes × hosts, a mesh after the other
-  /// The same, judged against boxes that the object grows; empty where it grows none (TrueBox).
+  /// The same, judged against the boxes grown by the object; empty if it grows none (TrueBox).
   std::vector<HostOutcome> against_grown;
   int meshes = 1;
   SuccessRates rates;                                   ///< of the hosts detected clean
@@ -113,27 +113,27 @@ struct Evaluation {
   ClusterCount clusters;  ///< of the hosts detected clean
 };
 
-/// Whether answers go to disk: then a second run goes on, and ranks share their work.
+/// Whether detections are cached on disk; if so, a second run resumes, and ranks share their work.
 bool is_cached_on_disk(FrameStore& store, const EvaluationSettings& settings);
-/// For Interrupted.
+/// How to resume, for the message of Interrupted.
 const char* how_to_go_on(FrameStore& store, const EvaluationSettings& settings);
 /// content_hash of every coordinate, index and texel.
 std::string hash_of(const TexturedMesh& textured);
 
-/// Which draw of the world every object on the vehicle meets.
+/// Number of the world's draw that all objects on this vehicle share.
 std::uint64_t draw_of(const HostId& vehicle);
 
-/// An object on a host as an evaluation shows it to a detector: in EvaluationSettings::expectation's draw for
-/// the vehicle, or as recorded where nothing is drawn. Its arguments must outlive it.
+/// An object on a host as an evaluation shows it to a detector: in the vehicle's draw of
+/// EvaluationSettings::expectation, or as recorded if nothing is drawn. Its arguments must outlive it.
 class JudgedScene {
  public:
-  /// Draws and simulates. Errors as FrameStore::placement's.
+  /// Draws and simulates. Errors as FrameStore::placement.
   JudgedScene(FrameStore& store, const HostId& id, const TexturedMesh& mesh,
               const SimulationSettings& simulation, const EvaluationSettings& settings);
   JudgedScene(const JudgedScene&) = delete;
   JudgedScene& operator=(const JudgedScene&) = delete;
 
-  /// What the sensors see.
+  /// The sensors' view with the object.
   Observation& observation() { return observation_; }
   /// The frame as recorded, without the object.
   const PreparedFrame& recorded() const { return *recorded_; }
@@ -149,29 +149,28 @@ class JudgedScene {
 std::vector<Detection> detections(Detector& detector, const SensorView& view,
                                   const EvaluationSettings& settings);
 
-/// What a placement changes in how a host is judged.
+/// Changes to a host's ground truth that a placement causes.
 struct EvaluationLabels {
-  /// carried_box() of the object in the attacked picture, which Matching::in_picture alone needs.
+  /// carried_box() of the object in the attacked picture; needed only with Matching::in_picture.
   std::optional<PictureBox> object = {};
   std::optional<int> victim = {};  ///< Placement::neighbour: its label is judged
-  /// grown_box(): the true one in the attacked frame. None: the label's.
+  /// grown_box(): the true box in the attacked frame. nullopt: the label's box.
   std::optional<Box3> grown = {};
-  /// Victim::object: own_label() of the object, which is judged, and of the plain one in the clean frame.
+  /// Victim::object: own_label() of the judged object, and of the plain object in the clean frame.
   std::optional<Label> own = {}, plain = {};
 };
-/// Of an object as placed (`velo`) whose carried_box() is `object`, against labelled boxes: one that stands
-/// beside the box which it grows is no part of that, nor is one that stands on another vehicle than its
-/// victim.
+/// For an object as placed (`velo`) with carried_box() `object`, judged against labelled boxes. `object` is
+/// ignored unless the object stands on its victim's roof.
 EvaluationLabels labelled_boxes(const Placement& placement, const Mesh& placed,
                                 const Calibration& calibration, const std::optional<PictureBox>& object);
 
-/// An own_label() whose 2-D box, where the first camera shows nothing of it, is that of the first that does.
+/// The own_label(); if the first camera does not show the object, its 2-D box is from the first camera that
+/// does.
 Label in_a_camera(Label own, const Simulated& simulated);
 
-/// Victim::object: what stands there in the frame that counts as clean, a mid-grey cuboid that fills the
-/// placement's volume.
+/// Victim::object: the plain object of the clean frame, a mid-grey cuboid that fills the placement's volume.
 TexturedMesh plain_object(const Placement& placement);
-/// What the detector finds in a frame as recorded or, with Victim::object, with the plain object in it.
+/// Detections in a frame as recorded or, with Victim::object, with the plain object in it.
 std::vector<Detection> clean_of(Detector& detector, const PreparedFrame& prepared, const Placement& placement,
                                 const SimulationSettings& simulation, const EvaluationSettings& settings);
 
@@ -180,44 +179,42 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> c
                   std::vector<Detection> attacked, const EvaluationSettings& settings,
                   const EvaluationLabels& boxes = {});
 
-/// What to_json(Evaluation) adds as "grown", where boxes grow: the success against grown boxes, {vehicles,
-/// fn_asr, fp_asr, asr: {value, low, high}, hidden: as MissRates, outcomes}.
+/// The entry "grown" of to_json(Evaluation), if boxes grow: success against grown boxes, {vehicles, fn_asr,
+/// fp_asr, asr: {value, low, high}, hidden: as MissRates, outcomes}.
 nlohmann::json grown_json(const std::vector<HostOutcome>& hosts, int meshes);
 
-/// Shares and curves over outcomes; with several meshes each host has as many outcomes.
+/// Shares and curves over outcomes; a host has one outcome for each mesh.
 Evaluation summarize(std::vector<HostOutcome> hosts, int meshes = 1);
 
-/// By frame.
+/// Clean detections by frame.
 using CleanDetections = std::map<std::string, std::vector<Detection>>;
-/// What the detector sees in the hosts' frames as they were recorded. `seen`: what it saw in some of them,
-/// down to kScoreThresholdForAp; it is not asked about these again.
+/// Detections in the hosts' frames as recorded. `seen`: known detections of some frames, down to
+/// kScoreThresholdForAp; the detector does not run on these again.
 CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& store,
                                  const std::vector<HostId>& hosts, const EvaluationSettings& settings,
                                  const CleanDetections& seen = {});
 
-/// Runs the detector on every host with each of the adversaries on its roof. `clean` is not asked with
-/// Victim::object.
+/// Runs the detector on every host with each adversary on its roof. `clean` is unused with Victim::object.
 Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                     const CleanDetections& clean, std::span<const TexturedMesh> adversaries,
                     const SimulationSettings& simulation, const EvaluationSettings& settings);
-/// The same of one adversary; clean frames are looked at first.
+/// The same for one adversary; also computes the clean detections.
 Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                     const TexturedMesh& adversary, const SimulationSettings& simulation,
                     const EvaluationSettings& settings);
 
-/// With the strata (evaluation.h) and the false positives (host_outcome.h).
+/// JSON of an evaluation, with its strata and false positives (host_outcome.h).
 nlohmann::json to_json(const Evaluation& evaluation);
 
-// The hosts of an evaluation in its file: written by to_json(Evaluation), read back by who puts evaluations
-// beside each other.
+// The hosts of an evaluation in its file: written by to_json(Evaluation), read back to compare evaluations.
 
-/// [{frame, label, mesh?, track?, victim?, kind, …}]: "mesh" where there are several, "track" where it is
-/// known, "victim", the label of a neighbour that is judged, "clean_distance" and "attacked_distance" in the
-/// bird's-eye view alone, null where they are infinite.
+/// [{frame, label, mesh?, track?, victim?, kind, …}]: "mesh" if there are several, "track" if known,
+/// "victim": the judged neighbour's label. "clean_distance" and "attacked_distance" exist only in the
+/// bird's-eye view; null if infinite.
 nlohmann::json outcomes_json(const std::vector<HostOutcome>& hosts, int meshes);
 
-/// The hosts of what to_json(Evaluation) wrote, in its order, without their detections; of their new boxes
-/// (those that false_positives_json listed) the distance alone. InputError naming file and field.
+/// Reads the hosts that to_json(Evaluation) wrote, in its order. They have no detections, and their new boxes
+/// (listed by false_positives_json) have only the distance. InputError naming file and field.
 std::vector<HostOutcome> read_outcomes(const JsonFields& evaluation);
 
 }  // namespace mirage

@@ -30,7 +30,7 @@ std::vector<double> even_edges(double last, int bins) {
   return edges;
 }
 
-/// The box and how far it is off, by the names it has from above or in the picture.
+/// The box and its distances, with the keys of the bird's-eye view or the picture.
 nlohmann::json box_json(const NewBox& new_box, bool in_picture) {
   if (in_picture) {
     const PictureBox& box = new_box.box.picture;
@@ -50,11 +50,11 @@ nlohmann::json box_json(const NewBox& new_box, bool in_picture) {
           {"distance_from_sensor", new_box.range}};
 }
 
-/// Of the hosts for which `counts` holds the share for which `works` does.
+/// Share of the hosts with `counts` for which `works` holds.
 ClusteredShare share_of(std::span<const HostOutcome> hosts, const OutcomeTest& counts,
                         const OutcomeTest& works) {
   ClusteredShare share;
-  std::set<int> meshes;  // a vehicle weighs 1 in all
+  std::set<int> meshes;  // a vehicle's weights sum to 1
   for (const HostOutcome& host : hosts)
     if (counts(host)) meshes.insert(host.mesh);
   for (const HostOutcome& host : hosts)
@@ -62,7 +62,7 @@ ClusteredShare share_of(std::span<const HostOutcome> hosts, const OutcomeTest& c
   return share;
 }
 
-/// Of the first mesh: as recorded each mesh's vehicles are the same.
+/// Vehicles of the first mesh: all meshes have the same vehicles as recorded.
 int vehicles_of(std::span<const HostOutcome> hosts, const OutcomeTest& counts) {
   int vehicles = 0;
   std::optional<int> mesh;
@@ -87,7 +87,7 @@ bool has_metres(std::span<const HostOutcome> hosts) {
   return hosts.empty() || !hosts.front().matching.in_picture();
 }
 
-/// The largest binomial share of `trials` whose lower tail at `hits` is not below what `single` asks.
+/// The upper binomial bound for `hits` of `trials`, at the level for `single` (ShareBound).
 double binomial_bound(double trials, double hits, bool single) {
   const double alpha = (1 - kConfidence) / (single ? 1 : std::numbers::e), whole = std::ceil(hits - 1e-9);
   if (whole >= trials) return 1;
@@ -134,7 +134,7 @@ HostTruth HostTruth::with_box(const Frame& frame, const Label& host, Matching ma
                               const std::optional<PictureBox>& object) {
   HostTruth truth(frame, host, matching, object);
   if (matching.in_picture()) {
-    if (truth.host_.size() > 1) truth.host_.erase(truth.host_.begin());  // the joined one is left
+    if (truth.host_.size() > 1) truth.host_.erase(truth.host_.begin());  // leaves the united box
   } else {
     truth.host_.front() = ObjectBoxes(grown);
     truth.labels_.push_back(truth.host_.front());

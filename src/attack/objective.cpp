@@ -8,7 +8,7 @@
 namespace mirage {
 namespace {
 
-/// Indices of the `most` background proposals of the largest logits, the largest first.
+/// Indices of the `most` background proposals with the largest logits, in falling order.
 std::vector<std::size_t> top_background(std::span<const Detection> proposals, const HostTruth& truth,
                                         std::span<const Detection> clean, std::size_t most) {
   std::vector<std::size_t> heap(proposals.size()), top;

@@ -27,8 +27,8 @@ bool same_mesh(const TexturedMesh& a, const TexturedMesh& b) {
   return a.mesh.vertices == b.mesh.vertices && a.atlas.texels == b.atlas.texels;
 }
 
-/// Eight independent sums of products of 8 bytes each: as fast as memory is read. Tells contents apart; no
-/// protection against malice.
+/// Eight independent sums of products of 8 bytes each, as fast as memory. Distinguishes contents; not
+/// cryptographic.
 class Hash {
  public:
   void add(const void* bytes, std::size_t size) {
@@ -55,7 +55,7 @@ class Hash {
   std::array<std::uint64_t, kLanes> lanes_ = {1, 2, 3, 4, 5, 6, 7, 8};
 };
 
-/// The stages by their names in result.json.
+/// The stages by their keys in result.json.
 constexpr std::pair<const char*, double HostTimings::*> kHostTimings[] = {
     {"simulation_forward", &HostTimings::simulation_forward},
     {"simulation_vjp", &HostTimings::simulation_vjp},
@@ -71,8 +71,8 @@ constexpr std::pair<const char*, double StepTimings::*> kStepTimings[] = {
     {"optimiser", &StepTimings::optimiser},
     {"files", &StepTimings::files}};
 
-/// InputError where the view shows sensors beside the first camera and the LiDAR: what draws an environment
-/// (attack/eot.h) or a picture does not know them.
+/// InputError if the view has sensors besides the first camera and the LiDAR: drawn environments
+/// (attack/eot.h) and renderers do not support them.
 void require_no_others(const SensorView& view) {
   if (view.others.empty()) return;
   throw InputError("expect, renderer", view.others[0].name,
@@ -81,7 +81,7 @@ void require_no_others(const SensorView& view) {
 }
 
 /// For Upstream::others: the detector's gradient to each of Simulated::others and Simulated::measurements,
-/// null where it gave none or the object changed nothing. It points into `gradient`.
+/// null if it gave none, or the object changed nothing. It points into `gradient`.
 std::vector<const float*> others_of(const SensorGradient& gradient, const Frame& frame,
                                     const Simulated& simulated) {
   std::vector<const float*> others;
@@ -99,9 +99,9 @@ std::vector<const float*> others_of(const SensorGradient& gradient, const Frame&
 
 }  // namespace
 
-bool has_moved(const TexturedMesh& from, const TexturedMesh& to, const RedrawLimits& renewal) {
-  return std::sqrt(mean_square(from.mesh.vertices, to.mesh.vertices)) > renewal.metres ||
-         std::sqrt(mean_square(from.atlas.texels, to.atlas.texels) / 3) > renewal.texels;
+bool has_moved(const TexturedMesh& from, const TexturedMesh& to, const RedrawThresholds& redraw) {
+  return std::sqrt(mean_square(from.mesh.vertices, to.mesh.vertices)) > redraw.metres ||
+         std::sqrt(mean_square(from.atlas.texels, to.atlas.texels) / 3) > redraw.texels;
 }
 
 std::shared_ptr<const RenderedPictures::Correction> RenderedPictures::make(const HostInWorld& host,
@@ -110,7 +110,7 @@ std::shared_ptr<const RenderedPictures::Correction> RenderedPictures::make(const
                                                                            const Simulated& simulated) const {
   const Frame& frame = host.prepared.frame;
   Simulated then;
-  // What the renderer draws is ideal; lens and sensor come after the light.
+  // The renderer's picture is ideal; lens and sensor effects come afterwards.
   SimulationSettings ideal = host.simulation;
   ideal.camera_effects = {};
   const bool now = same_mesh(adversary, rendered.mesh) && !host.simulation.camera_effects.any();
@@ -148,7 +148,7 @@ PixelRect RenderedPictures::correct(const HostInWorld& host, const TexturedMesh&
     correction = make(host, adversary, rendered, simulated);
     const std::scoped_lock lock(mutex_);
     if (keep && iteration_ == rendered.iteration) {
-      if (kept_ > kMaxKeptValues) corrections_.clear(), kept_ = 0;  // they are made again, to the same bits
+      if (kept_ > kMaxKeptValues) corrections_.clear(), kept_ = 0;  // they are recomputed to the same bits
       kept_ += correction->difference.data.size();
       corrections_[name] = correction;
     }

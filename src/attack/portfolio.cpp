@@ -26,12 +26,12 @@
 namespace mirage {
 namespace {
 
-/// Of the budget, at most: steps by gradient end below warped shapes.
+/// Largest share of the budget for the search: gradient steps reach lower objectives than warped shapes.
 constexpr double kSearchShare = 0.25;
 
-/// Times --vertex-rate and --texel-rate. Both rates at once: one factor a candidate.
+/// Factors on --vertex-rate and --texel-rate; each candidate has one factor for both.
 constexpr double kRates[] = {1, 0.25};
-/// Of rates, shares and choices in this file: a folder of another one is not gone on with.
+/// Version of the rates, shares and choices in this file: a folder of another version cannot be resumed.
 constexpr int kRecipe = 5;
 constexpr const char* kAutoAgain = "delete the file to do its part of the run again";
 constexpr std::size_t kMaxEvaluations = 1'000'000;
@@ -43,10 +43,10 @@ struct Candidate {
   std::filesystem::path file;
   std::unique_ptr<AttackStepper> stepper;
   AttackState state;
-  int rounds = 0;  // taken part in
+  int rounds = 0;  // rounds that it entered
 };
 
-/// Lowest of the first values, those after at most `step` steps.
+/// Lowest value of the checks up to `step` steps.
 double best_until(const HeldOutRecord& record, long step) {
   double best = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < record.values.size() && record.iterations[i] <= step; ++i)
@@ -105,7 +105,7 @@ class Portfolio {
     for (const AutoBudget::Round& round : budget_.rounds) ends_.insert(end += round.steps);
   }
 
-  /// Takes up what an earlier process left; the run's own file is there from now on.
+  /// Restores the values of an earlier process, and writes run.json.
   void open() {
     const auto check = [&](const std::filesystem::path& file, const nlohmann::json& stored) {
       JsonFields(file, stored, kAutoAgain).object("identity");
@@ -151,8 +151,8 @@ class Portfolio {
                                   settings_.iterations));
   }
 
-  /// The objective of a mesh as it is on these vehicles; the same on every rank. Whoever learned it: --expect
-  /// draws the worlds by the search's own seed, so that candidates are told apart by their meshes alone.
+  /// The objective of an unchanged mesh on these vehicles; the same on every rank. --expect draws the worlds
+  /// by the search's own seed, so candidates differ by their meshes alone.
   double judge(const TexturedMesh& mesh, const std::vector<Host>& hosts) const {
     return AttackStepper(settings_, run_.detectors, run_.store, part_.learn, mesh.mesh, run_.clean_cache)
         .held_out(mesh, hosts);
@@ -203,14 +203,14 @@ class Portfolio {
       spdlog::info("start {}: {:.4f} on {} vehicles held out", named_[i].name, named_[i].value,
                    part_.held_out.size());
     }
-    // A start that fills the box is good at once and has little room to learn; the paper's is the other way
-    // round.
+    // A start that fills the box is strong at once, but has little room to learn; the paper's is the
+    // opposite.
     kept_ = {named_.front()};
     const auto other = std::ranges::min_element(named_.begin() + 1, named_.end(), {}, &NamedStart::value);
     if (other != named_.end()) kept_.push_back(*other);
   }
 
-  /// The candidates, from their checkpoints where there are some.
+  /// Creates the candidates, from their checkpoints if they exist.
   void enter() {
     for (const NamedStart& start : kept_)
       for (const AttackTarget target : targets_)
@@ -291,8 +291,8 @@ class Portfolio {
     }
   }
 
-  /// Sorted by value, the candidates of each start in turn: in the first round each start has its own better
-  /// half, since one that fills the box is ahead of the paper's before it has learned anything.
+  /// Takes the starts' candidates in turn, each start's best first. So the first round keeps each start's
+  /// better half: a start that fills the box leads before it has learned anything.
   void best_of_each_start_first(std::vector<std::size_t>& alive) const {
     std::map<std::string, int> before;
     std::vector<std::pair<int, std::size_t>> placed;
@@ -323,15 +323,15 @@ class Portfolio {
   CheckpointTimer timer_;
   Progress progress_;
   AutoBudget budget_;
-  std::set<long> ends_;  // of the rounds, in a candidate's steps
+  std::set<long> ends_;  // ends of the rounds, in a candidate's steps
   std::vector<AttackTarget> targets_;
   std::vector<Host> search_hosts_;
-  std::vector<double> shapes_, starts_;  // values looked at so far
+  std::vector<double> shapes_, starts_;  // values judged so far
   std::optional<TexturedMesh> searched_shape_;
   std::vector<NamedStart> named_, kept_;
   std::vector<Candidate> candidates_;
   StepTimings stages_;
-  long spent_ = 0, known_ = 0;  // by the search; by that of earlier processes
+  long spent_ = 0, known_ = 0;  // steps of the search; those of earlier processes
 };
 
 }  // namespace

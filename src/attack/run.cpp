@@ -28,22 +28,22 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kMaxHosts = 1'000'000;
 constexpr const char* kMadeHere = "made-here";  // the cache's name for code that this user's runs wrote
-constexpr const char* kPlaced = "placed";       // what the run's placement said when it was made
+constexpr const char* kPlaced = "placed";       // content of the run's placement when it was made
 constexpr const char* kGamut = "gamut";
-constexpr const char* kGamutColours = "gamut_colours";  // of the run's gamut when it was made
+constexpr const char* kGamutColours = "gamut_colours";  // colours of the run's gamut when it was made
 constexpr const char* kAgain = "restore the file, or run mirage attack again into an empty folder";
 
 bool is_plugin(const std::string& name) {
   return is_plugin_path(name) || is_program(name);
 }
 
-/// Hashes of the plugins that the user brought, and of what they read, by their keys in run.json. Shipped
-/// ones are the program's: a run goes on with a newer program.
+/// Hashes of user-supplied plugins and their inputs, by their keys in run.json. Shipped plugins are excluded:
+/// a run resumes with a newer program.
 nlohmann::json plugin_hashes(const AttackSettings& settings) {
   nlohmann::json hashes = nlohmann::json::object();
   if (is_plugin_path(settings.detector.detector))
     hashes["plugin_hash"] = file_hash(plugin_file(settings.detector));
-  if (is_plugin_path(settings.depth))  // with however many threads
+  if (is_plugin_path(settings.depth))  // independent of the number of threads
     hashes["depth_hash"] = content_hash(depth_identity({.backend = settings.depth, .threads = 1}));
   std::string sensors;
   for (const std::string& word : listed_words(settings.sensors))
@@ -97,7 +97,7 @@ void refuse_code(const JsonFields& json, Run& run) {
   if (is_plugin(depth)) std::swap(depth, run.refused.depth);
 }
 
-/// A network of a Python program, outside that program: the copy that the run has of it, which is code.
+/// Uses the run's copy (code) of a network that lived in a Python program.
 void use_copy_of_in_process(const Run& run, DetectorOptions& options) {
   const auto copy = run.folder / kInProcessDetectorCopy;
   if (!std::filesystem::exists(copy))
@@ -131,7 +131,7 @@ RunIdentity identity(const AttackSettings& settings) {
   if (!gamut.is_box() && (settings.buildable.on || gamut.name() != kDefaultGamut))
     id[kGamutColours] = to_json(gamut);
   const nlohmann::json plugins = plugin_hashes(settings);
-  id.update(plugins), lacking.update(plugins);  // runs of earlier programs do not say
+  id.update(plugins), lacking.update(plugins);  // missing in runs of earlier versions
   return {id, lacking};
 }
 
@@ -141,12 +141,12 @@ bool is_other_data(const Run& run, const std::filesystem::path& data) {
 
 std::set<std::string> frames_shared(const fs::path& data, const fs::path& other,
                                     std::span<const std::string> ids, std::size_t* unknown) {
-  std::map<std::uintmax_t, std::vector<fs::path>> sweeps;  // by their sizes: few others have one of these
+  std::map<std::uintmax_t, std::vector<fs::path>> sweeps;  // by file size, which few other sweeps share
   std::set<std::string> gone;
   for (const std::string& id : ids) try {
       const fs::path sweep = open_data_set(other)->source_files(id).at(0).file;
       sweeps[fs::file_size(sweep)].push_back(sweep);
-    } catch (const std::exception&) {  // it has no such frame, or is not there
+    } catch (const std::exception&) {  // the frame or the data set is missing
       gone.insert(id);
     }
   std::set<std::string> shared;
@@ -239,7 +239,7 @@ void override_settings(AttackSettings& settings, const Overrides& overrides, std
     else if (name != "lidar_effects")
       set_field(settings, name, text);
   if (const auto words = overrides.find("lidar_effects");
-      words != overrides.end()) {  // of the unit that records
+      words != overrides.end()) {  // uses the recording unit's divergence
     settings.simulation.lidar_effects = parse_lidar_effects(
         words->second == kAsRecorded ? recorded_lidar_effects(settings.data, settings.rig) : words->second,
         lidar_of(settings.data, settings.rig).divergence);
@@ -266,8 +266,7 @@ Run read_run(const fs::path& folder, TrustRun trust) {
   if (!fs::exists(folder / "adversary.glb"))
     throw InputError(folder.string(), "adversary.glb", "missing: the attack has not finished",
                      "run the same mirage attack again; it resumes");
-  // Somebody else's run may be any text; one of ours lists its hosts, at most the 28 742 cars of KITTI's
-  // benchmark.
+  // A foreign run may be any text; a real one lists its hosts, at most the 28 742 cars of KITTI's benchmark.
   constexpr std::uintmax_t kMaxBytes = 1 << 22;
   constexpr std::size_t kMaxValues = 200000;
   const nlohmann::json whole = read_json(file, kMaxBytes, kMaxValues);

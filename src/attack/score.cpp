@@ -23,11 +23,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char *kGrades = "CBA", *kNotHeld = "D";  // of the levels from loads on
+constexpr const char *kGrades = "CBA", *kNotHeld = "D";  // of the levels, from loads on
 constexpr std::size_t kGradedBands = 2;
 static_assert(kScoreBands[kGradedBands] == kBoundRange);
 
-/// The empty roof as if it were an object: a car that is not found as recorded vanishes under it.
+/// The empty roof treated as an object: a car not found as recorded counts as vanished.
 std::vector<HostOutcome> as_recorded(std::span<const HostOutcome> hosts) {
   std::vector<HostOutcome> bare;
   for (const HostOutcome& host : hosts) {
@@ -46,7 +46,7 @@ ScoreCell cell_of(std::span<const HostOutcome> hosts, double nearest, double far
     cell.status = CellStatus::holds;
   else if (low > kScoreLimit)
     cell.status = CellStatus::fails;
-  else if (value != kScoreLimit)  // on whichever side it is
+  else if (value != kScoreLimit)  // needed on either side of the limit
     cell.needed = rounded_up(
         (value < kScoreLimit ? clusters_for(kScoreLimit, value, single)
                              : clusters_for(1 - kScoreLimit, 1 - value, single)) *
@@ -61,8 +61,7 @@ ScoreRow row_of(ObjectLevel level, const std::string& name, std::span<const Host
   return row;
 }
 
-/// A level of which nothing was judged does not. As recorded it is enough that no more are known to be
-/// missed.
+/// Whether a level holds in a band; false if it was not judged. The level `recorded` only must not fail.
 bool holds(const std::vector<ScoreRow>& rows, std::size_t band, ObjectLevel level) {
   bool any = false;
   for (const ScoreRow& row : rows)
@@ -75,7 +74,7 @@ bool holds(const std::vector<ScoreRow>& rows, std::size_t band, ObjectLevel leve
   return any;
 }
 
-/// How many levels hold in a band, from the first on.
+/// Number of consecutive levels that hold in a band, from the first one.
 std::size_t levels_passed(const std::vector<ScoreRow>& rows, std::size_t band) {
   std::size_t level = 0;
   while (level < words_of(ObjectLevel()).size() && holds(rows, band, static_cast<ObjectLevel>(level)))
@@ -132,7 +131,7 @@ std::vector<std::string> answer_of(const Score& score, std::size_t levels) {
   return answer;
 }
 
-/// The frames of that folder, made if they are not there.
+/// Generates the frames of the folder if they are missing.
 void generate(const std::string& rig, std::uint64_t seed, int frames, const char* field,
               const ScoreRequest& request, const fs::path& folder) {
   if (frames < 2) throw FieldError(field, std::to_string(frames), "is too few", "use at least 2");
@@ -144,7 +143,7 @@ void generate(const std::string& rig, std::uint64_t seed, int frames, const char
                      "ask for as many, or use another --out");
 }
 
-/// Whose frames look like the judged ones.
+/// The rig of the judged frames.
 std::string rig_of(const ScoreRequest& request) {
   const auto rig = request.overrides.find("rig"), data = request.overrides.find("data");
   if (rig != request.overrides.end() && !rig->second.empty()) return rig->second;
@@ -153,7 +152,7 @@ std::string rig_of(const ScoreRequest& request) {
   return fs::exists(own) ? own.string() : data_rig(data->second);
 }
 
-/// Of every attack on those frames; each has its own folder and limits.
+/// Settings of every attack on these frames; each has its own folder and limits.
 AttackSettings learning_settings(const ScoreRequest& request, const fs::path& data) {
   AttackSettings settings;
   apply_quality("draft", settings.simulation);
@@ -170,8 +169,8 @@ AttackSettings learning_settings(const ScoreRequest& request, const fs::path& da
   return settings;
 }
 
-/// Files of the zoo's objects that are judged on a rig's frames: "load", "shape" or "learned". Of the
-/// learned ones those that are solids, by both sensors, on that rig: the others are variants of them.
+/// Files of the zoo's objects that are judged on a rig's frames: "load", "shape" or "learned". Of the learned
+/// objects, only the solids by both sensors on that rig: the others are variants of them.
 std::map<fs::path, std::string> zoo_kinds(const std::string& rig) {
   std::map<fs::path, std::string> kinds;
   const nlohmann::json zoo = read_json(shipped_file("scenes/objects/zoo.json"));
@@ -187,11 +186,10 @@ std::map<fs::path, std::string> zoo_kinds(const std::string& rig) {
   return kinds;
 }
 
-/// On the frames on which the gate was measured.
+/// Audit of the sweep's use, on the frames on which the gate was measured.
 Audit use_of_points(const RunEvaluation& evaluation) {
   if (!evaluation.detectors.front()->capabilities().reads_points) return {};
-  std::vector<Detector*> detectors;
-  for (const auto& detector : evaluation.detectors) detectors.push_back(detector.get());
+  const std::vector<Detector*> detectors = instances(evaluation.detectors);
   const AttackSettings& judged = evaluation.target_run.settings;
   const std::vector<std::string> ids = spread_evenly(list_frames(judged.data), kAuditFrames);
   Progress progress("use of the sweep", ids.size(), evaluation.settings.quiet);
@@ -233,7 +231,7 @@ Score score_outcomes(std::span<const HostOutcome> hosts, const std::vector<Score
   std::ranges::stable_sort(score.rows, {}, &ScoreRow::level);
 
   std::size_t levels = words_of(ObjectLevel()).size();
-  double more = 0;  // times as many frames
+  double more = 0;  // factor on the number of frames
   for (std::size_t band = 0; band < score.by_band.size(); ++band) {
     const std::size_t passed = levels_passed(score.rows, band);
     if (adaptive) score.by_band[band] = grade_of(passed);
@@ -265,7 +263,7 @@ ScoreResult score(const ScoreRequest& request) {
   evaluation.detector = request.detector;
   evaluation.overrides = request.overrides;
   evaluation.settings.quiet = request.quiet;
-  evaluation.trust = TrustRun::yes;  // of the runs that are made here
+  evaluation.trust = TrustRun::yes;  // the runs are made here
   const std::string rig = rig_of(request);
   if (!request.overrides.contains("data")) {
     const fs::path judged = request.out / "judged";
@@ -302,7 +300,7 @@ ScoreResult score(const ScoreRequest& request) {
       evaluation.meshes.push_back(settings.out / "adversary.glb");
       if (!own) continue;
       evaluation.hosts_of = settings.out;
-      evaluation.overrides.emplace("quality", "default");  // not that of learning
+      evaluation.overrides.emplace("quality", "default");  // not the quality used for learning
     }
   }
   result.evaluation = evaluate_run(evaluation);

@@ -1,16 +1,16 @@
 // A detector's grade: which objects it holds against, and how far away.
 //
 // A cell is a level of objects in a band of distance. It *holds* if at most kScoreLimit of its cars vanish
-// (attack/host_outcome.h) with 95 % confidence, a car counting if any object of the level hides it; it *does
-// not hold* if more do with 95 % confidence; else it cannot be told, and how many cars would tell is said
-// (attack/host_outcome.h). The levels, each with its grade:
-//     C  loads    what people carry
-//     B  shapes   that are large and that nobody learned
-//     A  learned  against this detector, and solids of the zoo that were learned on the same rig
-// A band has the best grade whose cells, and those of all grades below, hold; D: not even C does, or more
-// cars than kScoreLimit are missed as recorded, with 95 % confidence: of what is not found nothing vanishes.
-// The grade is the worst of the bands within kBoundRange. Without an object that was learned against this
-// very detector there is none: whoever was hardened against known objects would pass.
+// (attack/host_outcome.h) with 95 % confidence; a car counts if any object of the level hides it. It *does
+// not hold* if more do with 95 % confidence. Otherwise it cannot be told, and the number of cars needed to
+// decide is reported. The levels, each with its grade:
+//     C  loads    everyday roof loads
+//     B  shapes   large shapes that were not learned
+//     A  learned  against this detector, and zoo solids that were learned on the same rig
+// A band gets the best grade whose cells hold, together with those of all lower grades. D: not even C holds,
+// or more than kScoreLimit of the cars are missed as recorded with 95 % confidence (a missed car cannot
+// vanish). The grade is the worst of the bands within kBoundRange. Without an object learned against this
+// very detector there is no grade: a detector hardened against known objects would pass.
 #pragma once
 
 #include <array>
@@ -27,13 +27,13 @@
 
 namespace mirage {
 
-/// The share of cars that may vanish.
+/// The largest allowed share of cars that vanish.
 inline constexpr double kScoreLimit = 0.05;
-/// m, where bands end: a car that brakes with 6 m/s² after a second stops within 20, 40 and 70 m from 38, 60
-/// and 85 km/h.
+/// m, band edges: a car that brakes with 6 m/s² after one second stops within 20, 40 and 70 m from 38, 60 and
+/// 85 km/h.
 inline constexpr std::array<double, 4> kScoreBands = {0, 20, 40, 70};
 
-/// Levels of objects, as above; recorded: nothing is on the roof.
+/// Levels of objects, as above; recorded: no object on the roof.
 enum class ObjectLevel { recorded, loads, shapes, learned };
 constexpr auto words_of(ObjectLevel) {
   return std::to_array<const char*>({"recorded", "loads", "shapes", "learned"});
@@ -57,7 +57,7 @@ struct ScoredObject {
 struct ScoreCell {
   HiddenBound bound;
   CellStatus status = CellStatus::open;
-  /// Where it is open: about how many cars at this distance would tell, if the share stays what it is.
+  /// If open: approximate number of cars at this distance needed to decide, if the share stays the same.
   std::optional<long> needed;
 };
 template <class Visitor, FieldsOf<ScoreCell> S>
@@ -70,8 +70,8 @@ void visit_fields(Visitor& visit, S& s) {
 struct ScoreRow {
   ObjectLevel level = ObjectLevel::recorded;
   std::string name;
-  std::vector<std::string> objects;  ///< none: nothing on the roof
-  /// Share of cars found as recorded with a new box on no road user (FP ASR), mean over the objects.
+  std::vector<std::string> objects;  ///< empty: no object on the roof
+  /// FP ASR, mean over the objects: share of the cars found as recorded that get a new box on no road user.
   std::optional<Interval> phantoms;
   std::vector<ScoreCell> cells;  ///< one a band
 };
@@ -83,36 +83,36 @@ void visit_fields(Visitor& visit, S& s) {
   if (s.phantoms) visit({.name = "phantoms"}, *s.phantoms);
 }
 
-/// The grade, and the cells that it follows from.
+/// The grade, and its cells.
 struct Score {
   std::vector<ScoreRow> rows;  ///< by level
   std::string grade;           ///< "A" to "D"; empty: no object was learned against this detector
   std::array<std::string, kScoreBands.size() - 1> by_band;
-  /// About how many frames would tell all open cells of objects within kBoundRange, if shares stay.
+  /// Approximate number of frames needed to decide all open cells of objects within kBoundRange.
   std::optional<long> frames_needed;
   std::vector<std::string> answer;  ///< in sentences, the grade first
 };
 
-/// From outcomes of objects[mesh] on the same hosts, which stand in `frames` frames.
+/// Grades a detector from the outcomes of objects[mesh] on the same hosts, which stand in `frames` frames.
 Score score_outcomes(std::span<const HostOutcome> hosts, const std::vector<ScoredObject>& objects,
                      std::size_t frames);
 
-/// What `mirage score` is asked for.
+/// Inputs of `mirage score`.
 struct ScoreRequest {
   std::filesystem::path out;
   DetectorOptions detector;  ///< `rig` is set by the data set
-  /// As EvaluationRequest::overrides: with "data" the frames to judge on; without, they are generated, of a
-  /// seed that no shipped detector was trained on, in OUT/judged.
+  /// As EvaluationRequest::overrides. "data" gives the frames to judge on; without it they are generated in
+  /// OUT/judged, with a seed on which no shipped detector was trained.
   Overrides overrides;
-  int frames = 200;  ///< generated to judge on
-  /// Frames to learn on; empty: generated for the same rig, in OUT/learn. The frames to judge on: those that
-  /// the attack holds back are judged.
+  int frames = 200;  ///< number of generated frames to judge on
+  /// Frames to learn on; empty: generated for the same rig, in OUT/learn. If they are the frames to judge on,
+  /// the frames that the attack holds back are judged.
   std::filesystem::path learn_data;
-  int learn_frames = 24;              ///< generated to learn on
+  int learn_frames = 24;              ///< number of generated frames to learn on
   bool adaptive = true;               ///< learn objects against the detector, in OUT/learned-SIZE
-  std::vector<double> sizes = {0.8};  ///< of these: L of AdversaryLimits (limits_of_size), m
-  int iterations = 60;                ///< attack steps of each; without gradients:
-  int queries = 2000;                 ///< passes of a black-box attack
+  std::vector<double> sizes = {0.8};  ///< of the objects: L of AdversaryLimits (limits_of_size), m
+  int iterations = 60;                ///< attack steps for each object with gradients
+  int queries = 2000;                 ///< passes of a black-box attack without gradients
   std::vector<std::filesystem::path> meshes = {kZoo};  ///< objects that are not learned here
   std::uint64_t seed = 0;
   bool quiet = false;
@@ -130,16 +130,16 @@ void visit_fields(Visitor& visit, S& s) {
               s.result.vehicles_train);
 }
 
-/// What score() learns, judges and concludes.
+/// Everything that score() learns, judges and concludes.
 struct ScoreResult {
   Score score;
   RunEvaluation evaluation;
-  Audit points;  ///< of another frame's sweep alone; no row for a detector without a LiDAR
+  Audit points;  ///< audit with another frame's sweep only; no row for a detector without LiDAR
   std::vector<LearnedObject> learned;
 };
 
-/// Generates, learns and judges. Goes on where it was stopped. FieldError where OUT/judged or OUT/learn hold
-/// another number of frames; InputError as run_attack() and evaluate_run().
+/// Generates, learns and judges; resumes where it was stopped. FieldError if OUT/judged or OUT/learn holds
+/// another number of frames. InputError as run_attack() and evaluate_run().
 ScoreResult score(const ScoreRequest& request);
 
 /// {detector, weights, defense, grade (null without one), answer: [text], limit, within_m, bands: [m],
@@ -149,8 +149,8 @@ ScoreResult score(const ScoreRequest& request);
 /// [{size, attack, steps, vehicles}]}
 nlohmann::json to_json(const ScoreResult& result);
 
-/// Results of `mirage score` (files, or folders that hold result.json): [{score, provenance}]. InputError,
-/// naming file and field, for anything else.
+/// Reads results of `mirage score` (files, or folders with result.json) as [{score, provenance}]. InputError
+/// naming file and field for anything else.
 nlohmann::json read_scores(const std::vector<std::filesystem::path>& files);
 
 }  // namespace mirage

@@ -21,7 +21,7 @@ Eigen::Vector4d place_in_box(const Label& label, const Transform& velo_from_roof
   return {roof.translation().x(), roof.translation().y(), roof.translation().z(), heading_of(roof)};
 }
 
-/// box_from_roof: the median place and heading.
+/// box_from_roof: the median position and heading.
 Transform usual_roof(const std::vector<RoofTrackFrame>& frames) {
   const bool none =
       std::ranges::all_of(frames, [](const RoofTrackFrame& frame) { return frame.carrier.from_box; });
@@ -36,7 +36,7 @@ Transform usual_roof(const std::vector<RoofTrackFrame>& frames) {
   return upright_pose(Vec3d(usual[0], usual[1], usual[2]), usual[3]);
 }
 
-/// See RoofTrackFit::in_box_m.
+/// Sets RoofTrackFit::in_box_m and in_box_deg.
 void spread_in_boxes(const std::vector<RoofTrackFrame>& frames, const std::vector<Carrier>& carriers,
                      RoofTrackFit& fit) {
   std::vector<Eigen::Vector4d> places;
@@ -55,9 +55,9 @@ void spread_in_boxes(const std::vector<RoofTrackFrame>& frames, const std::vecto
   fit.in_box_deg = std::sqrt(turns / count) / kDegree;
 }
 
-constexpr double kAbsentSteps = 2.5;  // usual steps between frames after which the vehicle was away
+constexpr double kAbsentSteps = 2.5;  // a longer step, in usual steps, means the vehicle was away
 
-/// s that each frame stands for, and whether the vehicle is away after it.
+/// Duration of a frame (s), and whether the vehicle is away after it.
 struct FrameDuration {
   double seconds = 0;
   bool away = false;
@@ -91,10 +91,10 @@ constexpr std::pair<const char*, double DriveFrame::*> kColumns[] = {{"time_s", 
                                                                      {"closing_mps", &DriveFrame::closing}};
 constexpr int kMaxDriveCount = 1000000;  // frames, tracks
 
-constexpr double kLateWithin = 10;  // m within which a confirmation comes late
+constexpr double kLateWithin = 10;  // m, range within which a confirmation is late
 
 using Vehicles = std::vector<VehicleDrive>;
-/// What is told of one version of a vehicle.
+/// A figure of a vehicle's outcome in one version.
 using DriveFigure = double (*)(const DriveOutcome&);
 
 std::string cluster_name(const VehicleDrive& vehicle) {
@@ -108,7 +108,7 @@ Vehicles vehicles_that(const Vehicles& vehicles, const Is& is) {
   return chosen;
 }
 
-/// How many are so in each version: is(what follows for it).
+/// Number of vehicles in each version for whose outcome `is` holds.
 template <class Is>
 nlohmann::json counts_of(const Vehicles& vehicles, const Is& is) {
   return by_version([&](DriveVersion version) {
@@ -124,7 +124,7 @@ nlohmann::json median_of(const Vehicles& vehicles, const NumberOf& number_of) {
   return to_json(median_interval(values));
 }
 
-/// The median over vehicles of a figure of one version less that of another.
+/// The median over vehicles of a figure's difference, version `of` minus `less`.
 nlohmann::json median_difference(const Vehicles& vehicles, DriveVersion of, DriveVersion less,
                                  DriveFigure figure) {
   return median_of(vehicles, [&](const VehicleDrive& vehicle) {
@@ -132,7 +132,7 @@ nlohmann::json median_difference(const Vehicles& vehicles, DriveVersion of, Driv
   });
 }
 
-/// A figure of each vehicle, and differences, as medians.
+/// Medians of a figure over vehicles, and of its differences.
 nlohmann::json medians_of(const Vehicles& vehicles, DriveFigure figure) {
   nlohmann::json json = by_version([&](DriveVersion version) {
     return median_of(vehicles,
@@ -155,7 +155,7 @@ double added_gap(const VehicleDrive& vehicle) {
   return outcome_of(vehicle, DriveVersion::attacked).gap_s - outcome_of(vehicle, DriveVersion::clean).gap_s;
 }
 
-/// Over those that come nearer.
+/// Medians of how much later vehicles are confirmed (m), over approaching vehicles.
 nlohmann::json later_of(const Vehicles& vehicles) {
   const Vehicles nearing = vehicles_that(vehicles, [](const VehicleDrive& vehicle) {
     return vehicle.frames.back().range < vehicle.frames.front().range;
@@ -168,7 +168,7 @@ nlohmann::json later_of(const Vehicles& vehicles) {
   return json;
 }
 
-/// Of those that are first seen beyond kLateWithin: how many are confirmed no earlier than there.
+/// Of the vehicles first seen beyond kLateWithin: number not confirmed before it.
 nlohmann::json near_of(const Vehicles& vehicles) {
   const Vehicles from_afar = vehicles_that(
       vehicles, [](const VehicleDrive& vehicle) { return vehicle.frames.front().range > kLateWithin; });
@@ -179,7 +179,7 @@ nlohmann::json near_of(const Vehicles& vehicles) {
   return json;
 }
 
-constexpr double kStampError = 1e-4;  // s, of a gap of whole frames, which is a difference of stamps
+constexpr double kStampError = 1e-4;  // s, tolerance of gaps, which are differences of time stamps
 
 nlohmann::json survival_of(const Vehicles& vehicles, double seconds) {
   nlohmann::json row = by_version([&](DriveVersion version) {
@@ -192,7 +192,7 @@ nlohmann::json survival_of(const Vehicles& vehicles, double seconds) {
   return row;
 }
 
-/// What one of kDeaths gives and costs.
+/// Gaps and phantoms at one of kDeaths.
 nlohmann::json death_of(const Vehicles& vehicles, std::size_t death) {
   const auto gap = [&](DriveVersion version) {
     return median_of(vehicles, [&](const VehicleDrive& of) { return of.deaths[death].track_gap_s[version]; });
@@ -246,7 +246,7 @@ RoofTrack roof_track(const std::vector<RoofTrackFrame>& frames) {
     const SmoothPlace& place = places[i];
     const Transform ego_from_world = frames[i].moment.world_from_ego.inverse();
     Carrier carrier = frames[i].carrier;
-    // Upright in `velo`, as every roof and box.
+    // Upright in `velo`, like every roof and box.
     const Vec3d along = ego_from_world.linear() * Vec3d(std::cos(place.yaw), std::sin(place.yaw), 0);
     carrier.velo_from_roof = upright_pose(ego_from_world * place.position, std::atan2(along.y(), along.x()));
     const Transform box = carrier.velo_from_roof * box_from_roof.inverse();

@@ -27,7 +27,7 @@ void add_bar(TexturedMesh& load, const Vec3d& low, const Vec3d& high, const Vec3
   add_part(load, box_mesh(high - low), colour, Transform(Eigen::Translation3d(0.5 * (low + high))));
 }
 
-/// A box with round edges that stands on z = 0: a superellipsoid, the flatter the smaller `power`.
+/// A box with rounded edges that stands on z = 0: a superellipsoid, flatter for smaller `power`.
 Mesh rounded(const Vec3d& size, double power) {
   Mesh mesh = icosphere(2);
   for (Vec3d& v : mesh.vertices)
@@ -57,14 +57,14 @@ void add_ladder(TexturedMesh& load) {
 
 void add_mattress(TexturedMesh& load) {
   Mesh mattress = rounded({2, 1.4, 0.2}, 0.25);
-  for (Vec3d& v : mattress.vertices) v.z() += 0.05 * (1 - v.x() * v.x());  // it bends over the roof
+  for (Vec3d& v : mattress.vertices) v.z() += 0.05 * (1 - v.x() * v.x());  // bends over the roof
   add_part(load, mattress, Vec3d(0.75, 0.73, 0.68));
 }
 
 void add_kayak(TexturedMesh& load) {
   Mesh hull = icosphere(2);
   for (Vec3d& v : hull.vertices) {
-    const double thin = 1 - std::pow(std::abs(v.x()), 1.5);  // of the pointed ends
+    const double thin = 1 - std::pow(std::abs(v.x()), 1.5);  // for the pointed ends
     v = Vec3d(1.45 * v.x(), 0.32 * v.y() * (0.45 + 0.55 * thin), 0.17 * v.z() + 0.12 * v.x() * v.x());
   }
   const double lowest = bounds(hull).min().z();
@@ -124,7 +124,7 @@ void add_objects(Provenance& provenance, const std::vector<NamedObject>& objects
   std::string hashes;
   for (const NamedObject& object : objects) {
     names.push_back(escape_name(object.file.stem().string()));
-    hashes += hash_of(object.mesh);  // not the file: a glTF's geometry may lie in another
+    hashes += hash_of(object.mesh);  // not of the file: a glTF's geometry may be in another one
   }
   provenance.set("mesh", names);
   provenance.input("mesh", content_hash(hashes));
@@ -133,7 +133,7 @@ void add_objects(Provenance& provenance, const std::vector<NamedObject>& objects
 TexturedMesh resampled(const TexturedMesh& mesh, int resolution) {
   const TexelAtlas& atlas = mesh.atlas;
   const std::size_t faces = mesh.mesh.faces.size();
-  constexpr int kSamples = 8;  // a side
+  constexpr int kSamples = 8;  // samples a side
   TexelAtlas result{resolution, {}};
   result.texels.assign(faces * result.per_face(), Vec3d::Zero());
   const auto within = atlas_triangles(kSamples);
@@ -172,7 +172,7 @@ TexturedMesh carried_load(const std::string& name) {
 
 Run run_of_objects(const std::vector<NamedObject>& objects) {
   Run run;
-  run.settings.buildable.on = false;  // nor is a random mesh of their size
+  run.settings.buildable.on = false;  // so random meshes of their size need not be buildable
   if (objects.empty()) return run;
   run.adversary = objects.front().mesh;
   Vec3d& half = run.settings.limits.half;

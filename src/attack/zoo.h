@@ -1,5 +1,5 @@
-// Objects that an evaluation puts on roofs without having learned them: files of the user's, and the zoo,
-// which is what ships in scenes/objects (zoo.json there tells where each comes from).
+// Objects that an evaluation puts on roofs without learning them: the user's files, and the zoo, the objects
+// shipped in scenes/objects (zoo.json there gives their origins).
 #pragma once
 
 #include <filesystem>
@@ -12,41 +12,41 @@
 
 namespace mirage {
 
-/// Stands for all objects that ship.
+/// The word for all shipped objects.
 inline constexpr const char* kZoo = "zoo";
 
 /// An object with its origin on the roof.
 struct NamedObject {
-  std::string name;            ///< of a shipped one "kayak"; else the file as it was asked for
-  std::filesystem::path file;  ///< where it was read
+  std::string name;            ///< "kayak" for a shipped object, otherwise the file as requested
+  std::filesystem::path file;  ///< file that was read
   TexturedMesh mesh;
 };
 
-/// Each file as read_object (exchange/mesh_files.h) reads it; kZoo is every shipped object, by name.
-/// FieldError of "mesh" for an object that is named twice, or where none ship; errors as read_object's.
+/// Reads each file by read_object (exchange/mesh_files.h); kZoo stands for every shipped object, by name.
+/// FieldError of "mesh" for a repeated object, or if no objects are shipped; errors as read_object.
 std::vector<NamedObject> read_objects(const std::vector<std::filesystem::path>& words);
 
-/// Their names and meshes as "mesh".
+/// Adds the objects' names and mesh contents as "mesh".
 void add_objects(Provenance& provenance, const std::vector<NamedObject>& objects);
 
-/// The mesh with `resolution`² texels a face, each the mean of what it covers (64 samples).
+/// The mesh with `resolution`² texels a face, each the mean of its area (64 samples).
 TexturedMesh resampled(const TexturedMesh& mesh, int resolution);
 
-/// A load that people carry on their roofs, as an object, always the same. (Those of generated cars are
-/// drawn: generator/car.cpp.)
+/// An everyday roof load as an object, always the same. (Loads of generated cars are random:
+/// generator/car.cpp.)
 struct CarriedLoad {
   const char* name;  ///< "roof-box"
   const char* what;
-  void (*add_to)(TexturedMesh& load);  ///< makes it of no parts
+  void (*add_to)(TexturedMesh& load);  ///< adds the load's parts to an empty mesh
 };
 /// A roof box, a ladder, a mattress, a kayak, and boxes under a net.
 const std::vector<CarriedLoad>& carried_loads();
 /// The load of that name, x along the car, y left, z up (m), standing at z = 0 around the origin: closed
-/// parts, one texel a face. InputError for a name that is none.
+/// parts, one texel a face. InputError for an unknown name.
 TexturedMesh carried_load(const std::string& name);
 
-/// A run that has nothing but the objects: its adversary is the first, and its box the smallest around all of
-/// them and the usual one.
+/// A run with nothing but the objects: its adversary is the first, and its box is the smallest that contains
+/// all objects and the default box.
 Run run_of_objects(const std::vector<NamedObject>& objects);
 
 }  // namespace mirage

@@ -35,10 +35,10 @@ std::vector<char*> c_arguments(const std::vector<std::string>& arguments) {
   return pointers;
 }
 
-/// What a child is started with.
+/// The arguments, files and process group of a new child.
 struct Start {
   std::vector<char*> arguments;
-  int in = -1, out = -1, errors = -1;  ///< its standard files
+  int in = -1, out = -1, errors = -1;  ///< its standard streams
   bool own_group = false;
 };
 
@@ -113,7 +113,7 @@ pid_t start_child(const Start& child) {
   return spawner->start(child);
 }
 
-/// How a child ended, as waitpid says; it is gone then.
+/// Waits for a child and reaps it. Returns waitpid's status.
 int wait_for(pid_t child) {
   int status = 0;
   while (::waitpid(child, &status, 0) < 0 && errno == EINTR) {
@@ -121,7 +121,7 @@ int wait_for(pid_t child) {
   return status;
 }
 
-/// One line of what a child said, for a message.
+/// The start of a child's line in quotes, for a message.
 std::string quoted_line(const std::string& line) {
   std::string text = line.substr(0, 60);
   for (char& c : text)
@@ -129,7 +129,7 @@ std::string quoted_line(const std::string& line) {
   return "'" + text + (line.size() > 60 ? "…'" : "'");
 }
 
-/// Whether a line is meant as an answer of the protocol: an object with both of its keys.
+/// Whether a line is an answer by the protocol: an object with both keys.
 bool is_meant_as_answer(const std::string& line, nlohmann::json& answer) {
   try {
     check_json_depth(line, "answer");
@@ -140,14 +140,14 @@ bool is_meant_as_answer(const std::string& line, nlohmann::json& answer) {
   return answer.is_object() && answer.contains("id") && answer.contains("ok");
 }
 
-/// Why that is no answer to job `id`; empty for one.
+/// Why the answer does not answer job `id`; empty if it does.
 std::string answer_problem(const nlohmann::json& answer, long id) {
   if (!answer["id"].is_number_integer() || answer["id"] != id)
     return fmt::format("id is not {}, the job's", id);
   return answer["ok"].is_boolean() ? "" : "ok is neither true nor false";
 }
 
-/// The last line of what is read until the end; closes the file.
+/// Reads to the end, closes the file and returns the last line.
 std::string read_last_line(int file) {
   std::string line;
   char bytes[4096];
@@ -236,7 +236,7 @@ ChildProcess::Read ChildProcess::read_line(std::string& line, double seconds, do
     }
     if (buffer_.size() > kMaxLineBytes) return Read::endless;
     pollfd wait{socket_, POLLIN, 0};
-    const bool gone = has_ended();  // before the look: what it wrote then is there
+    const bool gone = has_ended();  // before the poll, so that its last output is there
     const int ready = ::poll(&wait, 1, static_cast<int>(std::min(left, 0.2) * 1000) + 1);
     if (ready == 0 && gone) return Read::lost;  // children of its own may keep the socket open
     if (ready <= 0) continue;
@@ -260,7 +260,7 @@ std::string ChildProcess::stop(double seconds) {
   const auto deadline = Clock::now() + std::chrono::duration<double>(seconds);
   while (!has_ended() && Clock::now() < deadline) ::usleep(5000);
   const bool killed = !has_ended();
-  ::kill(-pid_, SIGKILL);             // with what it has started, before another process can have its number
+  ::kill(-pid_, SIGKILL);             // with its children, before another process can take its number
   if (killed) ::kill(pid_, SIGKILL);  // it may not have come to make its group
   const int status = wait_for(pid_);
   ::close(socket_);

@@ -1,4 +1,4 @@
-// Child processes: a detector of the user's, the Blender worker, the report's Python.
+// Child processes: the user's detector, the Blender worker, the report's Python.
 #pragma once
 
 #include <sys/types.h>
@@ -15,13 +15,13 @@ namespace mirage {
 /// The program on PATH, or an empty path. A name with a slash is looked up as it is.
 std::filesystem::path find_program(const std::string& name);
 
-/// Python for reports and plots: the system's, since a pyenv's python3 on PATH may lack the packages; else
-/// the one on PATH; empty if there is none.
+/// Python for reports and plots: the system's, because a pyenv's python3 on PATH may lack the packages;
+/// otherwise PATH's. Empty if there is none.
 std::filesystem::path plotting_python();
 
 /// A child with its own process group, so that Ctrl-C reaches us first. It dies with this program, however
-/// that ends, and not with the thread that starts it. Its stdin and stdout are one socket, its stderr goes to
-/// `log`, or where ours goes if that is empty.
+/// the program ends, but not with the thread that starts it. Its stdin and stdout share one socket. Its
+/// stderr goes to `log`, or to our stderr if `log` is empty.
 class ChildProcess {
  public:
   /// Failure if it can't be started, or the log can't be written.
@@ -34,20 +34,20 @@ class ChildProcess {
   pid_t pid() const { return pid_; }
   /// False when the child no longer listens.
   bool write_line(const std::string& line);
-  /// A line that is longer than any answer, as of a program that writes without end.
-  static constexpr std::size_t kMaxLineBytes = 1 << 23;  // an inspected FBX file takes 2 MB
-  /// How read_line ended. lost: the child closed its output; endless: kMaxLineBytes bytes came without an
+  /// Longest line in bytes. No answer is longer, so a longer line comes from a program that writes without
   /// end.
+  static constexpr std::size_t kMaxLineBytes = 1 << 23;  // an inspected FBX file takes 2 MB
+  /// How read_line ended. lost: the child closed its output; endless: no line end within kMaxLineBytes.
   enum class Read { line, lost, timed_out, interrupted, endless };
-  /// Next line, waiting up to `seconds`. Ctrl-C ends the wait after `patience` seconds; so do kMaxLineBytes
-  /// bytes without an end.
+  /// Reads the next line, waiting up to `seconds`. Ctrl-C ends the wait after `patience` seconds. An endless
+  /// line ends it at once.
   Read read_line(std::string& line, double seconds, double patience = 0);
-  /// Closes its input and waits up to `seconds`, then kills it and what it has started. How it ended: "exit
-  /// code 3", "signal 9"; empty if it had to be killed.
+  /// Closes the child's input, waits up to `seconds`, then kills the child and the processes that it started.
+  /// Returns how it ended: "exit code 3", "signal 9"; empty if it had to be killed.
   std::string stop(double seconds);
 
  private:
-  /// Whether it has; it is not reaped yet.
+  /// Whether the child has ended; it is not reaped yet.
   bool has_ended() const;
 
   pid_t pid_ = -1;
@@ -55,31 +55,31 @@ class ChildProcess {
   std::string buffer_;
 };
 
-/// A child that answers jobs: a JSON object a line on its standard input, {"id": N, …}, and one a line back,
-/// {"id": N, "ok": true or false, …}.
+/// A child that answers jobs. A job is one line with a JSON object on its standard input, {"id": N, …}; an
+/// answer is one line back, {"id": N, "ok": true or false, …}.
 class JsonWorker {
  public:
-  /// `busy`: what it does, for the message after Ctrl-C ("Blender was rendering"). `patience`: how long an
-  /// answer is waited for after Ctrl-C, s. Errors as ChildProcess's.
+  /// `busy`: the child's work, for the message after Ctrl-C ("Blender was rendering"). `patience`: seconds to
+  /// wait for an answer after Ctrl-C. Errors as ChildProcess.
   JsonWorker(const std::vector<std::string>& arguments, const std::filesystem::path& log, std::string busy,
              double patience = 0)
       : child_(arguments, log), busy_(std::move(busy)), patience_(patience) {}
 
-  /// Sends the job and waits for its answer, `timeout` seconds, whatever else the child says meanwhile.
-  /// False, with how it was lost, if there is none. `starting`: what it prints before is passed over, but for
-  /// an object with "id" and "ok", which is an answer. Interrupted after Ctrl-C.
+  /// Sends the job and waits up to `timeout` seconds for its answer, whatever else the child prints
+  /// meanwhile. Returns false without an answer; lost() then says why. `starting`: lines before the answer
+  /// are skipped; an object with "id" and "ok" is the answer. Interrupted after Ctrl-C.
   bool exchange(nlohmann::json job, double timeout, nlohmann::json& answer, bool starting = false);
   /// "ended unexpectedly", "gave no answer in 900 s", "gave a malformed answer ('…')", …
   const std::string& lost() const { return lost_; }
-  /// How it ended, if it was lost by that: ChildProcess::stop's word.
+  /// How the child ended, if that is why it was lost, as ChildProcess::stop says.
   const std::optional<std::string>& end() const { return end_; }
-  /// Whether it was lost by an answer with another "id", or with an "ok" that is no boolean: one that is
-  /// started again would give the same.
+  /// Whether the child was lost because of an answer with another "id" or with an "ok" that is not boolean. A
+  /// restarted child would answer the same.
   bool broke_protocol() const { return broke_protocol_; }
 
   /// ChildProcess::pid.
   pid_t pid() const { return child_.pid(); }
-  /// ChildProcess::stop; how the child ended is not told.
+  /// As ChildProcess::stop, without its return value.
   void stop(double seconds) { child_.stop(seconds); }
 
  private:
@@ -92,13 +92,13 @@ class JsonWorker {
   bool broke_protocol_ = false;
 };
 
-/// The text in that field of an answer; another one where it has none.
+/// The text in the field `key` of an answer; `otherwise` if it has none.
 std::string text_of(const nlohmann::json& answer, const char* key, const std::string& otherwise);
 
-/// Runs a program to its end without input; it dies with this program. What it prints goes to our stderr, or
-/// if `last_line` is given, its last line goes there and the rest nowhere. Returns the exit status.
+/// Runs a program to its end without input; it dies with this program. Its output goes to our stderr. If
+/// `last_line` is given, that takes the last line and the rest is dropped. Returns the exit status.
 int run_program(const std::vector<std::string>& arguments, std::string* last_line = nullptr);
-/// The same of a shipped Python program (shipped_file) on a folder; −1 where there is no Python.
+/// The same for a shipped Python program (shipped_file) on a folder; −1 without Python.
 int run_script(const std::string& script, const std::filesystem::path& folder,
                std::string* last_line = nullptr);
 

@@ -28,8 +28,8 @@ bool is_ascii(std::string_view text) {
   throw InputError(name, fmt::format("line {}", line), problem, "mend the TOML syntax");
 }
 
-/// Walks over the text by TOML's rules for strings and comments alone; what breaks any other rule stays, for
-/// the parser to refuse.
+/// Walks over the text by TOML's rules for strings and comments alone; text that breaks any other rule stays
+/// for the parser to refuse.
 class AsciiWriter {
  public:
   AsciiWriter(std::string_view text, const std::string& name) : text_(text), name_(name) {}
@@ -62,7 +62,7 @@ class AsciiWriter {
     out_ += text_.substr(at_, count);
     at_ += std::min(count, text_.size() - at_);
   }
-  /// The character here, beyond ASCII; goes on behind it.
+  /// Reads the non-ASCII character here and moves past it.
   std::uint32_t character() {
     const auto [bytes, point] = first_character(text_.substr(at_));
     if (bytes == 0) refuse("holds bytes that are not UTF-8");
@@ -83,14 +83,14 @@ class AsciiWriter {
     }
   }
 
-  /// Quotes here, up to `most`.
+  /// Number of quotes here, up to `most`.
   std::size_t quotes(char quote, std::size_t most) const {
     const std::string_view rest = text_.substr(at_, most);
     return std::min(rest.find_first_not_of(quote), rest.size());
   }
 
-  /// From its first quote to its last, or to where it breaks off. All become basic strings if one letter of
-  /// the text is beyond ASCII: only these have escapes.
+  /// Copies a string from its first quote to its last, or to where it breaks off. All strings become basic
+  /// ones, because only basic strings have escapes.
   void string(char quote) {
     const std::size_t opening = quotes(quote, 3), fence = opening == 3 ? 3 : 1;
     put_quotes(fence);

@@ -1,4 +1,4 @@
-// What toml++ is given to read, and how its complaints are passed on.
+// Prepares TOML text for toml++ and passes its errors on.
 #pragma once
 
 #include <cstddef>
@@ -11,25 +11,25 @@
 
 namespace mirage {
 
-/// A TOML text that means the same and is ASCII: letters beyond it become escapes in strings (literal ones
-/// become basic ones) and '?' in comments; lines keep their numbers. toml++ 3.3 (mended after 3.4) runs into
-/// __builtin_unreachable at such letters (is_non_ascii_horizontal_whitespace, 3019 of them): where they are
-/// refused, but also at the head of a line after a line-ending backslash, where they belong.
-/// InputError, naming `name` and the line, for bytes that are no UTF-8 and for such letters elsewhere.
+/// Returns an ASCII text with the same meaning. Non-ASCII letters become escapes in strings (literal strings
+/// become basic ones) and '?' in comments; lines keep their numbers. toml++ 3.3 (fixed after 3.4) reaches
+/// __builtin_unreachable at such letters (is_non_ascii_horizontal_whitespace, 3019 of them): where TOML
+/// refuses them, but also at the head of a line after a line-ending backslash, where TOML allows them.
+/// InputError, naming `name` and the line, for bytes that are not UTF-8 and for these letters elsewhere.
 std::string toml_in_ascii(std::string_view text, const std::string& name);
 
 // JSON as TOML. Not by toml++'s writer: in 3.3 (Debian 12) it sets no quotes around keys with a tab, a line
-// end or a quote, reads strings of several lines within an inline table as other text, and takes the
-// logarithm of small numbers in a list for a count of letters, which is undefined below 0.1.
+// end or a quote, reads strings of several lines within an inline table as other text, and uses the logarithm
+// of small numbers in a list as a count of letters, which is undefined below 0.1.
 
-/// An object of tables, lists, texts (UTF-8), numbers and booleans as TOML; read_toml (base/config.h) gives
-/// it back, bit by bit.
+/// An object of tables, lists, texts (UTF-8), numbers and booleans as TOML; read_toml (base/config.h)
+/// restores it bit for bit.
 std::string toml_text(const nlohmann::json& object);
 
 // TOML files read strictly: every key must be known and present, and errors name file and key.
 
-/// Bytes of the largest TOML file: forty times the longest shipped one. Its keys as a table take fifty times
-/// as many.
+/// Bytes of the largest TOML file: forty times the longest shipped one. Its parsed keys take fifty times
+/// that.
 inline constexpr std::uintmax_t kMaxTomlBytes = 1 << 18;
 /// The file as JSON. InputError naming file and line when it is not TOML, or larger than kMaxTomlBytes. Dates
 /// are read as null.
@@ -44,7 +44,7 @@ class ConfigTable {
   /// The whole file as a table. Errors as read_toml's.
   static ConfigTable read(const std::filesystem::path& path) { return {path.string(), "", read_toml(path)}; }
 
-  /// A table that was put together elsewhere: `file` and "KEY." stand for it in errors.
+  /// A table that other code has built: `file` and "KEY." stand for it in errors.
   static ConfigTable of(const std::filesystem::path& file, const std::string& key, nlohmann::json values) {
     return {file.string(), key + ".", std::move(values)};
   }
@@ -64,9 +64,9 @@ class ConfigTable {
   std::vector<std::vector<double>> rows(const std::string& key, std::size_t width, double low, double high);
   /// A table inside this one; its keys are checked by its own check_all_known().
   ConfigTable table(const std::string& key);
-  /// Passes over a table or value that somebody else reads.
+  /// Marks a table or value as known because other code reads it.
   void skip(const std::string& key) { seen_.insert(key); }
-  /// InputError naming the first key that nobody asked for.
+  /// InputError naming the first key that no getter asked for.
   void check_all_known() const;
 
  private:

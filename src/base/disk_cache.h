@@ -1,6 +1,6 @@
-// Results that are costly to compute, kept on disk under what they were computed from. An entry holds its
-// whole key and a checksum, so a truncated, damaged or mistaken file is never taken for a result: it is
-// computed again. Trouble with the folder costs time, never a run.
+// A disk cache of results that are costly to compute, keyed by their inputs. An entry holds its whole key and
+// a checksum, so a truncated, damaged or wrong file is never used: the result is computed again. A problem
+// with the folder costs time but never fails a run.
 #pragma once
 
 #include <atomic>
@@ -20,26 +20,26 @@
 
 namespace mirage {
 
-/// A folder of results by key, of limited size. For several threads and processes at once.
+/// A folder of results by key, of limited size. Several threads and processes may use it at once.
 class DiskCache {
  public:
   /// Bytes that a cache keeps unless told otherwise: 20 GiB.
   static constexpr std::uint64_t kLimit = 20ull << 30;
 
-  /// In `folder` (made at the first write; empty: off). `limit`, bytes: where it is passed, what was not used
-  /// for longest goes.
+  /// `folder` is made at the first write; an empty one turns the cache off. Above `limit` bytes, the least
+  /// recently used entries are removed.
   explicit DiskCache(std::filesystem::path folder, std::uint64_t limit = kLimit);
-  /// Where MIRAGE_CACHE says ("off": nowhere), else $XDG_CACHE_HOME/mirage, else ~/.cache/mirage.
+  /// The cache in folder MIRAGE_CACHE ("off": none), else in $XDG_CACHE_HOME/mirage, else in ~/.cache/mirage.
   static std::unique_ptr<DiskCache> from_environment();
 
   /// Whether there is a folder.
   bool on() const { return !folder_.empty(); }
-  /// What was kept for the key, among entries of this `kind` (a folder's name). None if there is nothing or,
+  /// The stored bytes of the key, among entries of this `kind` (a folder's name). Empty if there are none or,
   /// after a warning, if the entry is damaged.
   std::optional<std::string> read(const std::string& kind, std::string_view key) const;
-  /// Keeps it, atomically. Where that fails nothing more is kept, after a warning.
+  /// Stores the bytes atomically. If that fails, it warns and stores nothing more.
   void write(const std::string& kind, std::string_view key, std::string_view bytes);
-  /// An entry whose bytes make no sense to their reader counts as damaged.
+  /// Warns, once, of a damaged entry, such as one that its reader cannot parse.
   void report_damaged(const std::string& kind, std::string_view key) const;
 
  private:
@@ -51,17 +51,17 @@ class DiskCache {
   std::atomic<bool> writable_ = true;
   mutable std::atomic<bool> warned_ = false;
   std::mutex trimming_;
-  std::uint64_t unchecked_ = 0;  ///< bytes written since the folder's size was looked at
+  std::uint64_t unchecked_ = 0;  ///< bytes written since the folder's size was measured
   bool looked_ = false;
 };
 
-// JSON files that a command keeps for its next run, under a key of what they are made of.
+// JSON files that a command keeps for its next run, under a key made from their inputs.
 
-/// How a damaged one is mended.
+/// The fix that errors name for a damaged file.
 inline constexpr const char* kKeptAgain = "delete the file";
 
 /// The result of read(fields) on the file, an std::optional. Empty if the file is missing, has another `key`,
-/// or is damaged, of which a warning is logged.
+/// or is damaged; damage logs a warning.
 template <class Read>
 std::invoke_result_t<Read, const JsonFields&> read_cached(const std::filesystem::path& file,
                                                           const std::string& key, const Read& read) {

@@ -11,10 +11,10 @@ namespace {
 
 constexpr std::size_t kMaxPathLength = 4096, kMaxPartLength = 480, kMaxListLength = 2048;
 
-/// As it is shown, its middle left out where it is longer than `most` bytes.
+/// The text as errors show it; its middle is left out if it is longer than `most` bytes.
 std::string shown(std::string_view part, std::size_t most) {
   if (part.size() <= most) return printable(part);
-  // Not within a character: its bytes after the first are 10xxxxxx.
+  // Never cuts within a character: its bytes after the first are 10xxxxxx.
   const auto inside = [&](std::size_t at) { return (static_cast<unsigned char>(part[at]) & 0xc0) == 0x80; };
   std::size_t head = most / 2, tail = part.size() - most / 2;
   while (head > 0 && inside(head)) --head;

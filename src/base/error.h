@@ -1,7 +1,7 @@
-// Errors that reach the user. InputError: something the user gave is wrong (exit code 2).
-// Failure: the work could not be done though the input was right (exit code 1).
-// Both carry one line: what (file or option), where in it (field), and how to mend it. Whatever is quoted in
-// it, it is one: control characters and bytes that are no UTF-8 are shown as "\xHH", and what is long is cut.
+// Errors that reach the user. InputError: something the user gave is wrong (exit code 2). Failure: the work
+// could not be done though the input was right (exit code 1). Both carry one line: the file or option, the
+// field in it, and the fix. It stays one line whatever it quotes: control characters and bytes that are not
+// UTF-8 appear as "\xHH", and long texts are cut.
 #pragma once
 
 #include <stdexcept>
@@ -30,7 +30,7 @@ class Interrupted : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// Ctrl-C and SIGTERM set a flag; long loops look at it between units of work.
+// Ctrl-C and SIGTERM set a flag; long loops check it between units of work.
 
 /// Installs the handlers. A second signal ends the process at once.
 void watch_for_interrupt();
@@ -39,10 +39,10 @@ bool interrupted();
 /// Throws Interrupted with a text that says that `kept` is safe, if a signal has come.
 void throw_if_interrupted(const char* kept);
 
-// The same for a host with signal handlers of its own (Python).
+// The same for a host program with its own signal handlers (Python).
 
-/// As watch_for_interrupt(), for Ctrl-C alone and for as long as the object lives: then the host's handler is
-/// put back, and what came is forgotten. A second Ctrl-C is the host's. One at a time.
+/// As watch_for_interrupt(), for Ctrl-C alone and while the object lives. Its destructor restores the host's
+/// handler and clears the flag. A second Ctrl-C goes to the host. Only one may exist at a time.
 class InterruptWatch {
  public:
   InterruptWatch();

@@ -32,12 +32,9 @@ std::vector<std::string> listed_words(const std::string& text) {
 }
 
 double parse_number(const std::string& text, const std::string& field) {
-  double value = 0;
-  const char *begin = text.data() + (text.starts_with('+') ? 1 : 0), *end = text.data() + text.size();
-  const auto [stop, error] = std::from_chars(begin, end, value);
-  if (error != std::errc() || stop != end || begin == end)
-    throw FieldError(field, text, "is not a number", "use a number");
-  return value;
+  const auto value = try_parse_number<double>(text, true);
+  if (!value) throw FieldError(field, text, "is not a number", "use a number");
+  return *value;
 }
 
 void check_number(const Field& field, double value) {
@@ -49,7 +46,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Longer ones are of no table here, and the distance takes time and memory with the product of the lengths.
+/// No table here has longer words, and the distance's time and memory grow with the product of the lengths.
 constexpr std::size_t kMaxWordLength = 64;
 
 std::string plain(std::string_view word) {
@@ -59,7 +56,7 @@ std::string plain(std::string_view word) {
 }
 
 bool begins_with(const std::string& whole, const std::string& start) {
-  constexpr std::size_t kMinCount = 3;  // letters that tell a word
+  constexpr std::size_t kMinCount = 3;  // letters that identify a word
   return start.size() >= kMinCount && whole.starts_with(start);
 }
 

@@ -1,4 +1,4 @@
-// Settings, each said once. A struct lists its fields beside its definition, nested ones included:
+// Settings, each declared once. A struct lists its fields beside its definition, nested ones included:
 //
 //     template <class Visitor, FieldsOf<Shape> S>
 //     void visit_fields(Visitor& visit, S& s) {
@@ -8,18 +8,18 @@
 //       visit.list({.name = "expectation"}, s.expectation);  // its numbers are one list
 //     }
 //
-// and visitors make of the list: JSON out, JSON in and a run's identity (base/json_fields.h), the check of
-// ranges (check_fields), a field set by its name (set_field), options of the command line
-// (cli/field_options.h). Results list their fields, too, for JSON alone; these may be lists, maps and
-// structs, and structs that are not always there: visit.among("score", s.outcome).
+// Visitors use this list for JSON output, JSON input and a run's identity (base/json_fields.h), for range
+// checks (check_fields), for setting a field by name (set_field), and for command-line options
+// (cli/field_options.h). Results list their fields for JSON alone. These may be lists, maps, structs and
+// optional structs: visit.among("score", s.outcome).
 //
-// A field is a number, truth, text, path, vector, enum, or a struct that is written as one text. An enum has
-// one table of words, found beside it:    constexpr auto words_of(Target) { return
-// std::to_array<const char*>({"both", "image"}); }    in the enumerators' order. Such a struct has two
-// functions: set_from_text(text, value), which throws FieldError, and text_of(value); so may a nested one.
+// A field is a number, bool, text, path, vector, enum, or a struct that is written as one text. An enum has
+// one table of words, found beside it: constexpr auto words_of(Target) { return std::to_array<const
+// char*>({"both", "image"}); } in the enumerators' order. A struct that is written as one text has two
+// functions: set_from_text(text, value), which throws FieldError, and text_of(value). A nested struct may
+// have them too.
 #pragma once
 
-#include <charconv>
 #include <concepts>
 #include <cstddef>
 #include <filesystem>
@@ -31,16 +31,16 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/names.h"
 #include "base/sizes.h"
 #include "base/types.h"
 
 namespace mirage {
 
-/// A setting that nothing can be done with. The library names the field; the command line names its option.
+/// A setting with an unusable value. The library names the field; the command line names its option.
 class FieldError : public InputError {
  public:
-  /// `name`: the field's; `value_text`: its value as a text; `wrong`: what is wrong; `mend`: what to give
-  /// instead.
+  /// `name`: the field's; `value_text`: its value; `wrong`: the problem; `mend`: the fix.
   FieldError(std::string name, std::string value_text, std::string wrong, std::string mend)
       : InputError(name, value_text, wrong, mend),
         field(std::move(name)),
@@ -50,43 +50,43 @@ class FieldError : public InputError {
   std::string field, value, problem, fix;
 };
 
-/// Both ends belong to it; not a number is in none.
+/// A closed range; NaN lies in no range.
 struct Range {
   static constexpr double kMax = std::numeric_limits<double>::max();  ///< largest finite number
   double low = -kMax, high = kMax;
-  /// Whether the value is one of the range's.
+  /// Whether the value lies in the range.
   bool contains(double value) const { return value >= low && value <= high; }
   /// "a number", "0 or more", "1 to 65536", …
   std::string words() const;
 };
-/// Over 0.
+/// Above 0.
 inline constexpr Range kPositive{std::numeric_limits<double>::denorm_min(), Range::kMax};
-/// Of a whole.
+/// A share of a whole.
 inline constexpr Range kShare{0, 1};
 /// 0 or more.
 inline constexpr Range kNotNegative{0, Range::kMax};
-/// Of what is counted and can't be none.
+/// A count that cannot be 0.
 inline constexpr Range kFromOne{1, Range::kMax};
 
-/// What is said of a field.
+/// The description of a field.
 struct Field {
   const char* name = "";         ///< in files and errors; the option is --name, with dashes
   const char* help = "";         ///< of the option
-  const char* otherwise = "";    ///< what holds without the option, where the value does not say it
-  Range range = {};              ///< of a number, or of each of a vector's
-  const char* option = nullptr;  ///< the option's name where it is another; "": there is none
+  const char* otherwise = "";    ///< the default in words, if the value does not show it
+  Range range = {};              ///< of a number, or of each component of a vector
+  const char* option = nullptr;  ///< the option's name if it differs; "": no option
   bool required = false;         ///< the option must be given
-  bool decides = true;           ///< what a run may go on with: it belongs to the run's identity
-  bool matters = true;           ///< false: to time and memory alone, never to a result
-  /// The value, as its text, that the field has in files of earlier programs, which left it out; of a list
-  /// or group "": all of it off. None: it may not be missing.
+  bool decides = true;           ///< part of the run's identity: a run resumes only with the same value
+  bool matters = true;           ///< false: affects time and memory alone, never a result
+  /// The value, as text, of the field in files of earlier programs, which left it out. For a list or group,
+  /// "" means that all of it is off. Null: the field may not be missing.
   const char* lacking = nullptr;
-  const char* word = "";                        ///< a path's value that names none
+  const char* word = "";                        ///< a path's value that is a word and no path
   bool endless = false;                         ///< of a number: null in a file is infinite
-  bool plain = false;                           ///< of a text: in files as it is, not escaped
+  bool plain = false;                           ///< of a text: stored unescaped
   void (*check)(const std::string&) = nullptr;  ///< of a text: throws FieldError
 
-  /// "": none.
+  /// The option's name; "": no option.
   std::string option_name() const;
 };
 
@@ -94,13 +94,13 @@ struct Field {
 template <class S, class T>
 concept FieldsOf = std::same_as<std::remove_const_t<S>, T>;
 
-/// `s` as its base, whose fields are listed beside that: visit_fields(visit, as_base<FrameSource>(s)).
+/// `s` as its base class, which has its own list of fields: visit_fields(visit, as_base<FrameSource>(s)).
 template <class Base, class S>
 auto& as_base(S& s) {
   return static_cast<std::conditional_t<std::is_const_v<S>, const Base, Base>&>(s);
 }
 
-/// Fields of which there is nothing to say but their names: name, value, name, value, …
+/// Fields that need no description but their names: name, value, name, value, …
 template <class Visitor, class T, class... Rest>
 void visit_named(Visitor& visit, const char* name, T& value, Rest&... rest) {
   visit({.name = name}, value);
@@ -127,27 +127,27 @@ const char* to_word(E value) {
   return words_of(value)[as_size(value)];
 }
 
-/// The place of `word` among `words`. FieldError that names them all if it is none.
+/// The index of `word` in `words`. FieldError naming all words if it is not one of them.
 std::size_t place_of(const std::string& word, const std::string& field, const char* const* words,
                      std::size_t count);
 
-/// The value of that word.
+/// The enumerator that `word` names. FieldError as place_of.
 template <HasWords E>
 E parse_word(const std::string& word, const std::string& field) {
   const auto words = words_of(E());
   return static_cast<E>(place_of(word, field, words.data(), words.size()));
 }
 
-/// The comma-separated words; none of an empty text.
+/// The comma-separated words; an empty text has none.
 std::vector<std::string> listed_words(const std::string& text);
 
-/// The number that the text is. FieldError if it is none.
+/// The text as a number. FieldError if it is not a number.
 double parse_number(const std::string& text, const std::string& field);
 
 /// FieldError if the field's range does not hold the value.
 void check_number(const Field& field, double value);
 
-/// A list's numbers in their order: each a pointer to it and what is said of it.
+/// A list's numbers in order, each as a pointer with its Field.
 template <class T>
 class NumbersOf {
  public:
@@ -168,7 +168,7 @@ auto numbers_of(S& s) {
   return all.numbers;
 }
 
-/// Of check_fields.
+/// The visitor of check_fields.
 class FieldCheck {
  public:
   template <class T>
@@ -193,18 +193,18 @@ class FieldCheck {
   }
 };
 
-/// FieldError for the first field that is out of its range or of no known word.
+/// FieldError for the first field that is out of its range or fails its own check.
 template <class S>
 void check_fields(const S& s) {
   FieldCheck check;
   visit_fields(check, s);
 }
 
-/// The options of a command as a program gives them: texel_rate for --texel-rate; a flag's is true or false.
+/// A command's options as programs pass them: texel_rate for --texel-rate; a flag's value is true or false.
 using NamedSettings = std::map<std::string, std::string>;
 
-/// For visitors, class Own : public FlatFields<Own>, that take a nested struct's fields for the struct's own,
-/// and a list that a text sets for one field.
+/// A base of visitors (class Own : public FlatFields<Own>) that treat a nested struct's fields as the
+/// struct's own, and a list that a text sets as one field.
 template <class Own>
 class FlatFields {
  public:
@@ -221,7 +221,7 @@ class FlatFields {
   }
 };
 
-/// Of set_field.
+/// The visitor of set_field.
 class FieldSetter : public FlatFields<FieldSetter> {
  public:
   /// Sets the field `name` by `text`; both outlive this.
@@ -237,10 +237,9 @@ class FieldSetter : public FlatFields<FieldSetter> {
     } else if constexpr (std::same_as<T, bool>) {
       value = text_ == "true";
     } else if constexpr (Number<T>) {
-      const char *begin = text_.data(), *end = begin + text_.size();
-      const auto [stop, error] = std::from_chars(begin, end, value);
-      if (error != std::errc() || stop != end)
-        throw FieldError(name_, text_, "is not such a number", "use " + field.range.words());
+      const auto number = try_parse_number<T>(text_);
+      if (!number) throw FieldError(name_, text_, "is not such a number", "use " + field.range.words());
+      value = *number;
     } else if constexpr (!NumberVector<T>) {
       value = text_;
     }
@@ -252,7 +251,7 @@ class FieldSetter : public FlatFields<FieldSetter> {
   const std::string &name_, &text_;
 };
 
-/// Sets the field of that name, which must be one. FieldError for a text that it does not take.
+/// Sets the field `name` from a text. FieldError for an unknown name or a text that the field does not take.
 template <class S>
 void set_field(S& s, const std::string& name, const std::string& text) {
   FieldSetter setter(name, text);
@@ -260,33 +259,33 @@ void set_field(S& s, const std::string& name, const std::string& text) {
   if (!setter.found) throw FieldError(name, text, "no such setting", "see the struct's visit_fields");
 }
 
-// Words that name one thing of several (a command, an option, a rig, a defence …), and what is said of one
-// that names none: which was meant, and all that there are.
+// Words that name one thing of several (a command, an option, a rig, a defence …), and the message for an
+// unknown word: the likely choices, and all choices.
 
-/// Fewest letters to insert, delete, replace or swap with a neighbour that make one word the other: the
-/// Damerau–Levenshtein distance (optimal string alignment; Damerau, CACM 1964). Capitals count as small
-/// letters, '_' as '-'.
+/// The fewest insertions, deletions, replacements and swaps of neighbouring letters that turn one word into
+/// the other: the Damerau–Levenshtein distance (optimal string alignment; Damerau, CACM 1964). Capitals count
+/// as small letters, '_' as '-'.
 int edit_distance(std::string_view a, std::string_view b);
 
-/// Those of `choices` that `word` may have meant, nearest first: a third of the letters wrong at most, or one
-/// begins with the other.
+/// The `choices` that `word` may have meant, nearest first: at most a third of the letters is wrong, or one
+/// word begins with the other.
 std::vector<std::string> closest_words(std::string_view word, const std::vector<std::string>& choices);
 
-/// "did you mean b? use b, a, c or FORMS", with those first that may be meant; "use a, b, c or FORMS" where
-/// none may. `forms`: what else may stand there; empty: nothing.
+/// "did you mean b? use b, a, c or FORMS", with likely choices first; "use a, b, c or FORMS" if none is
+/// likely. `forms`: other permitted forms; may be empty.
 std::string use_one_of(std::string_view word, const std::vector<std::string>& choices,
                        const std::string& forms = "");
 
-/// The error for a field's word that is none of `choices`.
+/// The error for a field's word that is not among `choices`.
 FieldError unknown_word(const std::string& field, const std::string& word,
                         const std::vector<std::string>& choices, const std::string& forms = "");
 
-/// Names of the files that ship in a folder such as "scenes/rigs", without their extension, sorted; none
-/// where there is no such folder.
+/// Names of the files that ship in a folder such as "scenes/rigs", without their extension, sorted; empty
+/// without that folder.
 std::vector<std::string> shipped_names(const std::string& folder, const std::string& extension);
 
-/// The shipped file of that name. FieldError of `field` that names all there are if it is none of them;
-/// InputError as shipped_file() (base/files.h) where the folder itself is missing.
+/// The shipped file of that name. FieldError of `field`, naming all choices, for an unknown name; InputError
+/// as shipped_file() (base/files.h) if the folder is missing.
 std::filesystem::path shipped_choice(const std::string& folder, const std::string& extension,
                                      const std::string& word, const std::string& field,
                                      const std::string& forms = "");

@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <charconv>
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
@@ -33,7 +32,7 @@ namespace {
 /// Ends the name of a temporary file, before its process's number and ".tmp".
 constexpr std::string_view kTemporaryMark = ".mirage-";
 
-/// What becomes `path` once it is whole.
+/// The temporary file that becomes `path` once it is complete.
 fs::path temporary_sibling(const fs::path& path) {
   return path.string() + fmt::format("{}{}.tmp", kTemporaryMark, getpid());
 }
@@ -194,8 +193,8 @@ std::string fix_for(int error) {
 namespace {
 
 /// Waits until a file's content, or a folder's list of names, is on the disk: a rename alone can outrun the
-/// bytes, and be lost itself. What cannot be opened or has nothing to wait for (EINVAL: pipes, some network
-/// disks) passes.
+/// bytes, and be lost itself. Files that cannot be opened or synchronised (EINVAL: pipes, some network disks)
+/// are skipped.
 void sync(const fs::path& path) {
   const int handle = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (handle < 0) return;
@@ -230,7 +229,7 @@ std::string own_words() {
                      fmt::gmtime(std::time(nullptr)));
 }
 
-/// What the lock's file says, of which somebody else may have written anything.
+/// The lock file's text, which anybody may have written.
 std::string lock_owner(int descriptor) {
   std::array<char, 512> text{};
   const ssize_t size = ::pread(descriptor, text.data(), text.size(), 0);
@@ -249,10 +248,9 @@ bool is_at(const fs::path& file, int descriptor) {
 
 /// Whether no process of that number lives, or with `own` only this one.
 bool is_gone(std::string_view digits, bool own) {
-  pid_t process = 0;
-  const auto [end, problem] = std::from_chars(digits.data(), digits.data() + digits.size(), process);
-  if (problem != std::errc() || end != digits.data() + digits.size() || process <= 0) return false;
-  return (own && process == getpid()) || (::kill(process, 0) != 0 && errno == ESRCH);
+  const auto process = try_parse_number<pid_t>(digits);
+  if (!process || *process <= 0) return false;
+  return (own && *process == getpid()) || (::kill(*process, 0) != 0 && errno == ESRCH);
 }
 
 bool is_stale(std::string_view name, bool own) {
@@ -265,7 +263,7 @@ bool is_stale(std::string_view name, bool own) {
 
 constexpr const char* kFix = "write the file again with the program that made it";
 
-/// visit(place, character) for those outside of texts.
+/// Calls visit(place, character) for each character outside of strings.
 template <class Visit>
 void for_each_unquoted(std::string_view text, const Visit& visit) {
   bool quoted = false;

@@ -14,12 +14,12 @@
 
 namespace mirage {
 
-// Which file Mirage runs from: what ships with it is looked for beside that, and what it keeps
-// on disk is kept under that file's content (base/disk_cache.h).
+// The file that Mirage runs from. Shipped files are looked for beside it, and cached results
+// (base/disk_cache.h) are keyed by its content.
 
-/// The executable, or what set_program_file() named.
+/// The executable, or the file that set_program_file() named.
 std::filesystem::path program_file();
-/// For a host that is not `mirage` itself (Python): the library that Mirage's code is in.
+/// Sets program_file() for a host program other than `mirage` (Python): the library that holds Mirage's code.
 void set_program_file(const std::filesystem::path& file);
 
 /// Bytes of the largest JSON that holds some dozens of fields: its values take thirty times that.
@@ -30,7 +30,7 @@ inline constexpr std::uintmax_t kMaxFileBytes = std::uintmax_t{1} << 30;
 /// them is in memory.
 std::string read_file(const std::filesystem::path& path, std::uintmax_t most = kMaxFileBytes);
 /// Bytes of the mark (U+FEFF) that some editors put before a text: 3, or 0 without one. InputError naming the
-/// file `where` for the marks of UTF-16 and UTF-32, whose letters are no bytes.
+/// file `where` for the marks of UTF-16 and UTF-32, whose letters are not single bytes.
 std::size_t byte_order_mark(std::string_view head, const std::string& where);
 /// read_file of a text in UTF-8, without the byte order mark that it may begin with. InputError for UTF-16.
 std::string read_text(const std::filesystem::path& path, std::uintmax_t most = kMaxFileBytes);
@@ -38,12 +38,12 @@ std::string read_text(const std::filesystem::path& path, std::uintmax_t most = k
 void write_file(const std::filesystem::path& path, std::string_view bytes);
 /// 64-bit FNV-1a of the bytes, 16 hexadecimal digits: tells whether content changed, nothing more.
 std::string content_hash(std::string_view bytes);
-/// Bytes of the largest file of which only a hash is asked: a network of somebody else's, say.
+/// Bytes of the largest file that is only hashed, such as another author's network.
 inline constexpr std::uintmax_t kMaxHashedBytes = std::uintmax_t{1} << 34;
-/// content_hash of a file's bytes, of which few are in memory at a time. InputError as read_file; Interrupted
-/// if a signal comes during a large one.
+/// content_hash of a file, which is read in parts. InputError as read_file; Interrupted if a signal comes
+/// during a large one.
 std::string file_hash(const std::filesystem::path& path, std::uintmax_t most = kMaxHashedBytes);
-/// How to mend what a system call failed with (errno): a full disk, permissions, a name too long, …
+/// The fix for a failed system call, by its errno: a full disk, permissions, a name too long, …
 std::string fix_for(int error);
 /// Moves a finished temporary file to its place (same folder). Failure if it can't.
 void replace_file(const std::filesystem::path& temporary, const std::filesystem::path& path);
@@ -55,11 +55,10 @@ inline constexpr std::uintmax_t kMaxJsonBytes = std::uintmax_t{1} << 26;
 /// InputError naming file and byte when it is not JSON, or holds more than `most_values`; and as read_file.
 nlohmann::json read_json(const std::filesystem::path& path, std::uintmax_t most = kMaxJsonBytes,
                          std::size_t most_values = kMaxJsonBytes);
-/// Of a file `where` that has been read. Without what `keep` refuses, if it is given. InputError as
-/// read_json's.
+/// Parses the text of a file `where`, without values that `keep` refuses, if given. InputError as read_json.
 nlohmann::json parse_json(std::string_view text, const std::string& where,
                           const nlohmann::json::parser_callback_t& keep = nullptr);
-/// Two-space indent, atomic.
+/// Writes with two-space indent, atomically.
 void write_json(const std::filesystem::path& path, const nlohmann::json& value);
 
 /// The folder that holds the running executable.
@@ -74,18 +73,19 @@ std::filesystem::path shipped_file(const std::string& relative);
 /// Levels of folders below an output folder that a command writes to.
 inline constexpr int kFoldersBelow = 2;
 
-/// Another process has the folder.
+/// Another process holds the folder.
 struct FolderInUse : Failure {
   using Failure::Failure;
 };
 
 /// Holds FOLDER/.mirage-lock while it lives. The kernel's lock on the file counts, not the file's existence:
-/// that of a killed process is free, and is taken over. The file names its holder for the others' error.
+/// a killed process's lock is free and is taken over. The file names its holder for other processes' errors.
 class FolderLock {
  public:
   /// FolderInUse naming the holder's process and machine if another process has the folder. A folder that
-  /// this process has already is not locked again; nor is one on a file system without locks. Temporary files
-  /// that dead processes left in the folder and so many levels below are removed (remove_stale_files).
+  /// this process already holds is not locked again; nor is a folder on a file system without locks.
+  /// Temporary files of dead processes in the folder and `levels` levels below are removed
+  /// (remove_stale_files).
   explicit FolderLock(const std::filesystem::path& folder, int levels = kFoldersBelow);
   ~FolderLock();
   FolderLock(const FolderLock&) = delete;
@@ -96,16 +96,15 @@ class FolderLock {
   std::filesystem::path file_, key_;
 };
 
-/// Removes write_file's temporary files (NAME.mirage-PID.tmp) in `folder` and so many levels below whose
-/// processes no longer live on this machine. `own`: also those with this process's number, which an earlier
-/// one had (in a container it often has); this one must not be writing there.
+/// Removes write_file's temporary files (NAME.mirage-PID.tmp) in `folder` and `levels` levels below if their
+/// processes no longer live on this machine. `own`: also files with this process's number, from an earlier
+/// process with the same number (common in containers); this process must not be writing there.
 void remove_stale_files(const std::filesystem::path& folder, bool own = false, int levels = kFoldersBelow);
 
-// Bounds on a JSON text, looked at before any reader: readers recurse, and a text of 20 000 "[" would
-// overflow the stack; and each of its values takes up to eighty bytes, so that one of "[],[],[]" takes thirty
-// times its own.
+// Bounds on a JSON text, checked before any parser reads it. Parsers recurse: a text of 20 000 "[" would
+// overflow the stack. Each value takes up to eighty bytes: "[],[],[]" takes thirty times its own size.
 
-/// Levels of arrays and objects within each other. Ours have 8, exported scenes of other programs below 30.
+/// Most levels of nested arrays and objects. Our files have 8, exported scenes of other programs below 30.
 inline constexpr int kMaxJsonDepth = 128;
 
 /// InputError with `where` as the file and `field` ("" for the whole file) if the text nests deeper. Says
@@ -116,8 +115,8 @@ void check_json_depth(std::string_view text, const std::string& where, const std
 void check_json_values(std::string_view text, const std::string& where, std::size_t most,
                        std::size_t most_lists = std::numeric_limits<std::size_t>::max());
 
-/// A regular file that is read in parts. InputError, by the constructor too, for what cannot be read: a
-/// folder, a pipe, a device, a disk that fails.
+/// A regular file that is read in parts. InputError, also from the constructor, for a file that cannot be
+/// read: a folder, a pipe, a device, a disk that fails.
 class OpenFile {
  public:
   /// Opens the file to be read.
@@ -126,7 +125,7 @@ class OpenFile {
   OpenFile(const OpenFile&) = delete;
   OpenFile& operator=(const OpenFile&) = delete;
 
-  /// Bytes by its entry; 0: one of the system's that tell no size.
+  /// Its size in bytes by its folder entry; 0 for system files that report no size.
   std::uintmax_t size() const;
   /// InputError if `bytes` are more than `most`.
   void check(std::uintmax_t bytes, std::uintmax_t most) const;
@@ -140,8 +139,8 @@ class OpenFile {
   int file_ = -1;
 };
 
-/// The first `most` bytes, or all of a shorter file: one of another kind is refused before all of it is in
-/// memory. InputError as read_file's.
+/// The first `most` bytes, or all of a shorter file, so that a file of another kind is refused before it is
+/// read whole. InputError as read_file's.
 std::string read_head(const std::filesystem::path& path, std::size_t most);
 
 /// A file's characters in order, a part of them in memory at a time: for readers of files that may be large
@@ -155,15 +154,15 @@ class FileCharacters {
 
   /// Whether all characters have been passed.
   bool at_end() const { return held_ == 0; }
-  /// Of a file that is not at its end.
+  /// The current character; the file must not be at its end.
   char current() const { return part_[at_]; }
-  /// Interrupted if a signal has come.
+  /// Moves to the next character. Interrupted if a signal has come.
   void next() {
     if (++at_ == held_) fill();
   }
-  /// How many come before the current one.
+  /// Number of characters before the current one.
   std::uintmax_t place() const { return before_ + at_; }
-  /// How many there are from the current one on, by the file's entry.
+  /// Number of characters from the current one on, by the file's size.
   std::uintmax_t left() const { return size_ > place() ? size_ - place() : 0; }
 
  private:
@@ -176,8 +175,8 @@ class FileCharacters {
 };
 
 /// A part of the program that the build makes, e.g. "plugins/fusion.so": in the executable's folder (a build
-/// tree), else in lib/mirage beside the executable's folder (an installed prefix, which can so be moved).
-/// Where it should be in the former if it is in neither.
+/// tree), else in lib/mirage beside the executable's folder (an installed prefix, which can be moved). If
+/// neither has it, its path in the executable's folder.
 std::filesystem::path built_file(const std::string& relative);
 
 }  // namespace mirage

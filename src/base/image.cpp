@@ -68,7 +68,7 @@ class Bytes {
     struct stat status {};
     return memory_.data() ? memory_.size() : ::fstat(file_, &status) == 0 ? as_size(status.st_size) : 0;
   }
-  /// As many from `at` on as there are, at most `size`.
+  /// Reads up to `size` bytes from `at` on.
   std::size_t read(char* to, std::size_t size, std::size_t at) const {
     if (memory_.data()) {
       const std::string_view part = memory_.substr(std::min(at, memory_.size()), size);
@@ -96,7 +96,7 @@ std::string_view read_at(const Bytes& file, std::size_t at, char (&window)[N]) {
   return {window, file.read(window, N, at)};
 }
 
-/// OpenEXR sets aside what an attribute of the header claims before it reads it.
+/// OpenEXR allocates the size that a header attribute claims before it reads the attribute.
 std::string exr_claim(const Bytes& file) {
   constexpr std::size_t kHead = 8, kMaxNamesLength = 2 * 256;
   constexpr unsigned char kManyParts = 0x10;  // of the version's second byte
@@ -134,8 +134,8 @@ bool is_compressed(const Bytes& file, std::size_t at) {
   return end + 1 < text.size() && text[end + 1] != 0;
 }
 
-/// libpng sets aside what a chunk claims, but for pixels, which it reads piece by piece; and what compressed
-/// texts become, a thousand times what they are.
+/// libpng allocates the size that a chunk claims, except for pixels, which it reads piece by piece. It also
+/// allocates decompressed texts, which can be a thousand times larger.
 std::string png_claim(const Bytes& file) {
   constexpr std::size_t kSignature = 8, kCheckSum = 4, kMaxTexts = 1 << 12;
   std::size_t texts = 0;
@@ -182,12 +182,12 @@ const char* format_of(std::string_view head) {
   return nullptr;
 }
 
-/// What OpenImageIO says, if it says anything.
+/// OpenImageIO's message in brackets, if there is one.
 std::string reason(const std::string& text) {
   return text.empty() ? "" : " (" + text + ")";
 }
 
-/// Loaded when it is first asked for.
+/// The plugin, loaded at the first call.
 const PictureCodec& codec() {
   static const PictureCodec* const plugin = [] {
     const fs::path beside = built_file("plugins/pictures.so");
@@ -216,7 +216,7 @@ class Picture {
 
   const PictureHeader& header() const { return decoder_->header(); }
   std::size_t pixels() const { return as_size(header().width) * as_size(header().height); }
-  /// All of them, converted; `values` has room for pixels() × channels.
+  /// All pixels, converted; `values` has room for pixels() × channels.
   void read(PixelType type, void* values) {
     std::string error;
     if (!decoder_->read(type, values, error))
@@ -231,7 +231,7 @@ class Picture {
     throw InputError(where_, field_, problem, fix);
   }
 
-  /// Of a file, or of bytes.
+  /// Opens a file, or bytes in memory.
   void open(const Bytes& file, const fs::path& path, std::string_view bytes, PictureSize expected) {
     char head[4] = {};
     const char* format = format_of(read_at(file, 0, head));
@@ -255,7 +255,7 @@ class Picture {
     if (expected.width > 0 && (width != expected.width || height != expected.height))
       bad(fmt::format("is {}×{}, the camera {}×{}", width, height, expected.width, expected.height),
           "give the picture that belongs to the calibration");
-    // Where the picture lies on a page does not matter, but that its last line has a number.
+    // A picture's place on its page does not matter, but its last line must have a valid number.
     if (std::max(std::abs(std::int64_t{x}), std::abs(std::int64_t{y})) > kMaxImageOrigin)
       bad(fmt::format("claims to begin at pixel ({}, {})", x, y));
     // Deflate packs at most 1032 bytes into one.

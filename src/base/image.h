@@ -44,7 +44,7 @@ struct Image {
   bool empty() const { return data.empty(); }
 };
 
-/// What pictures, depths and masks are held in.
+/// The type of pictures, depth maps and masks.
 using ImageF = Image<float>;
 
 /// Half-open pixel rectangle [u0, u1) × [v0, v1).
@@ -82,9 +82,9 @@ S luminance(const S* rgb) {
 
 // Pictures as files and compressors keep them: 8 bits a channel, sRGB-encoded.
 
-/// Rounded to the nearest level; what is outside [0, 1] is clamped. Row by row, channels together.
+/// Rounded to the nearest level; values outside [0, 1] are clamped. Row by row, channels together.
 std::vector<std::uint8_t> srgb_bytes(const ImageF& linear);
-/// The same into memory of the caller's, as many bytes as values.
+/// The same into the caller's memory, one byte for each value.
 void write_srgb_bytes(std::span<const float> linear, std::uint8_t* bytes);
 /// d loss / d level to d loss / d linear value, in place: by the curve's own slope at the levels, as rounding
 /// has none.
@@ -98,10 +98,10 @@ ImageF linear_image(std::span<const std::uint8_t> bytes, int width, int height);
 // EXR scene-linear float.
 
 /// Pixels of the largest picture that is read, given or recorded: 8192×8192. A header of a few bytes can
-/// claim 60000×60000, so every reader looks at it before it reserves anything.
+/// claim 60000×60000, so every reader checks the size before it allocates.
 inline constexpr std::uint64_t kMaxPixels = 1ull << 26;
 
-/// What a picture's header has to say; 0: any size within kMaxPixels.
+/// The size that a picture's header must state; 0: any size within kMaxPixels.
 struct PictureSize {
   int width = 0, height = 0;
 };
@@ -119,7 +119,7 @@ std::string encode_srgb_png(const ImageF& linear);
 /// `where` as the file and `field`, as read_srgb.
 ImageF decode_srgb(std::string_view bytes, const std::string& where, const std::string& field,
                    PictureSize expected = {});
-/// From the file's header only; at most kMaxPixels.
+/// The size in the file's header, without reading pixels; at most kMaxPixels.
 PictureSize read_image_size(const std::filesystem::path& path);
 
 /// Depth (m, one channel) as KITTI's depth benchmark stores it: 16-bit PNG of round(256 · depth), 0 where
@@ -133,7 +133,7 @@ void write_index_png(const std::filesystem::path& path, const Image<std::uint16_
 /// InputError if it is not a 16-bit grey PNG.
 Image<std::uint16_t> read_index_png(const std::filesystem::path& path);
 
-/// Reads an EXR as it is: float, all channels of the first part; `names` of these, where it is given.
+/// Reads an EXR as it is: float, all channels of the first part; `names`, if given, receives their names.
 /// InputError as read_srgb's.
 ImageF read_exr(const std::filesystem::path& path, PictureSize expected = {},
                 std::vector<std::string>* names = nullptr);

@@ -46,7 +46,7 @@ Estimate left_out(const SumsByCrossing& sums, const std::vector<double>& all, do
   return jackknife(value, without);
 }
 
-/// Of an interval of this file: its longer half, since ends are cut at 1. Infinite where nothing is known.
+/// The longer half of an interval of this file, since ends are cut at 1. Infinite where nothing is known.
 double standard_error(const Interval& interval, int clusters) {
   if (clusters < 2) return kUnknown;
   return std::max(interval.high - interval.value, interval.value - interval.low) / t_quantile(clusters - 1);
@@ -253,6 +253,16 @@ DifferenceVerdict classify(const Interval& difference) {
 
 nlohmann::json to_json(const Interval& interval) {
   return {{"value", interval.value}, {"low", interval.low}, {"high", interval.high}};
+}
+
+std::string signed_points(double difference) {
+  const std::string text = fmt::format("{:+.1f}", 100 * difference);
+  return text.ends_with("0.0") && text.size() == 4 ? "0.0" : text;
+}
+
+std::string signed_points(const Interval& difference) {
+  return fmt::format("{} ({} to {})", signed_points(difference.value), signed_points(difference.low),
+                     signed_points(difference.high));
 }
 
 std::string cluster_of(const std::string& frame, int track) {

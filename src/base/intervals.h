@@ -10,7 +10,7 @@
 //
 // Shares. Wilson's interval with Student's t and as many trials as the spread says they are worth (Korn and
 // Graubard, Survey Methodology 24, 1998; Dean and Pagano, Journal of Survey Statistics and Methodology 3,
-// 2015): n / deff with deff = variance / (p (1 − p) / n). Where nothing, or all, was counted no spread shows;
+// 2015): n / deff with deff = variance / (p (1 − p) / n). If no trial or every trial counts, no spread shows;
 // deff is then 1 + (m − 1) kWithinCluster for clusters of m trials, and that counts a little wherever
 // successes are few.
 //
@@ -19,8 +19,8 @@
 //
 // Coverage, simulated (tests/base/test_intervals.cpp): share p uniform in 0.02 to 0.5, clusters of 1 to 10,
 // mean over p; 5, 7, 20 or 100 clusters, within-cluster correlation 0 or 0.3: 94 to 97 % for shares; for
-// differences 94 to 97 % from 20 clusters on, and more below. A cluster that holds most of all trials is not
-// covered so well.
+// differences 94 to 97 % from 20 clusters on, and more below. Coverage is lower where one cluster holds most
+// trials.
 #pragma once
 
 #include <algorithm>
@@ -47,7 +47,7 @@ inline constexpr double kConfidence = 0.95;
 inline constexpr double kSameWithin = 0.05;
 /// With fewer clusters an interval is wide and rests on assumptions; tables say so.
 inline constexpr int kFewClusters = 20;
-/// Correlation of two trials of one cluster, where the data cannot tell.
+/// Assumed correlation of two trials of one cluster, where the data cannot tell.
 inline constexpr double kWithinCluster = 0.05;
 
 /// A figure with its bounds.
@@ -68,10 +68,14 @@ constexpr auto words_of(DifferenceVerdict) {
 DifferenceVerdict classify(const Interval& difference);
 /// {value, low, high}
 nlohmann::json to_json(const Interval& interval);
+/// A difference of shares in points with sign and one decimal: "+9.2", "-0.3"; "0.0" if it rounds to zero.
+std::string signed_points(double difference);
+/// The same with its interval: "+9.2 (+3.4 to +16.2)"
+std::string signed_points(const Interval& difference);
 
 /// A cluster by name, and the run (from another seed) by number.
 using CrossingName = std::pair<std::string, int>;
-/// Sums of one length by crossing, from which a figure over all is made.
+/// Lists of sums, all of one length, by crossing; a figure over all is computed from them.
 using SumsByCrossing = std::map<CrossingName, std::vector<double>>;
 
 /// A figure over clusters with its jackknife variance.
@@ -86,37 +90,36 @@ Estimate jackknife(double value, std::span<const double> without);
 Estimate jackknife(const SumsByCrossing& sums,
                    const std::function<double(std::span<const double> sums)>& figure);
 
-/// Trials that a share is of, one run's where there are several.
+/// The trials behind a share; those of one run if there are several.
 struct Trials {
   double count = 0;
-  double cluster_size = 0;  ///< of the cluster of a trial, on average
+  double cluster_size = 0;  ///< mean over the trials of their cluster's size
   double clusters = 0;
-  /// What they are worth where the data cannot tell.
+  /// Effective number of trials where the data cannot tell.
   double independent() const;
 };
-/// By the trials of each cluster.
+/// From the number of trials in each cluster.
 Trials trials_of(std::span<const double> of_cluster);
 
-/// Of a share in [0, 1]. Without trials: 0 in [0, 1].
+/// Interval of a share, in [0, 1]. Without trials: 0 in [0, 1].
 Interval share_interval(const Estimate& share, const Trials& trials);
-/// Of a difference of shares, in [-1, 1]: plain_interval with what one trial makes of n.independent().
+/// Interval of a difference of shares, in [-1, 1]: plain_interval with `least` = 1 / trials.independent().
 Interval difference_interval(const Estimate& difference, const Trials& trials);
-/// value ± t · √(variance + least²); `least`: what one outcome more than was seen would change. Reaches to
-/// infinity where the variance does.
+/// value ± t · √(variance + least²); `least`: the change by one more outcome. Infinite if the variance is.
 Interval plain_interval(const Estimate& figure, double least = 0);
 
 /// Share of trials that come in clusters, or their mean.
 class ClusteredShare {
  public:
-  /// A trial: 1 or true where it has what is asked, 0 where not, or any number whose mean is wanted.
-  /// `weight`: 1 / n where the same trial comes n times, with other meshes: it is no further vehicle.
+  /// A trial: 1 or true if it has the property in question, 0 if not, or any number whose mean is wanted.
+  /// `weight`: 1 / n if the same vehicle comes n times, with other meshes.
   void add(const std::string& cluster, double value, int run = 0, double weight = 1);
   const SumsByCrossing& sums() const { return sums_; }  ///< {Σ weight · value, Σ weight}
   /// The trials of each cluster by their weights, on average over the runs.
   Trials trials() const;
-  /// Of values in [0, 1]. Without any trial: 0 in [0, 1].
+  /// Interval of the mean of values in [0, 1]. Without any trial: 0 in [0, 1].
   Interval interval() const;
-  /// Of any values; reaches to infinity for a single cluster.
+  /// Interval of the mean of any values; infinite for a single cluster.
   Interval mean_interval() const;
 
  private:
@@ -131,9 +134,9 @@ double detectable_difference(const Interval& difference, int clusters);
 /// Holm's adjusted p values, in the order of `p` (Scandinavian Journal of Statistics 6, 1979).
 std::vector<double> holm(std::span<const double> p);
 
-/// Σ factor · share, paired by cluster and run. Of no freedom where a share has no trial.
+/// Σ factor · share, paired by cluster and run. Zero degrees of freedom if a share has no trial.
 Estimate combined_estimate(std::span<const ClusteredShare> shares, std::span<const double> factors);
-/// Its interval. Not cut; reaches to infinity where a share has no trial.
+/// Its interval, not clipped; infinite if a share has no trial.
 Interval combined_shares(std::span<const ClusteredShare> shares, std::span<const double> factors);
 /// share(a) − share(b), as above but in [-1, 1]. 0 in [-1, 1] where either has no trial.
 Interval share_difference(const ClusteredShare& a, const ClusteredShare& b);
@@ -146,7 +149,7 @@ Interval median_interval(std::vector<double> values);
 
 /// The ⌈q·n⌉-th smallest of n > 0 values (q ≤ 0: the smallest; q ≥ 1: the largest).
 double quantile(std::vector<double> values, double q);
-/// The value that ⌊p·n⌋ of the n values lie below, the largest at most; 0 of none.
+/// The value that ⌊p·n⌋ of the n values lie below, the largest at most; 0 without values.
 template <class T>
 T lower_quantile(std::vector<T> values, double p) {
   if (values.empty()) return 0;
@@ -158,8 +161,8 @@ T lower_quantile(std::vector<T> values, double p) {
 
 // Items by their group.
 
-/// Brings the items of each group together, in the order in which they were. Returns where each group's
-/// start, and past the last. group_of(item): in [0, groups).
+/// Brings the items of each group together, in their former order. Returns the index at which each group
+/// starts, then the number of items. group_of(item): in [0, groups).
 template <class Item, class GroupOf>
 std::vector<int> group_together(std::vector<Item>& items, std::size_t groups, const GroupOf& group_of) {
   std::vector<int> first(groups + 1, 0);
@@ -172,31 +175,31 @@ std::vector<int> group_together(std::vector<Item>& items, std::size_t groups, co
   return first;
 }
 
-// Which observations an interval takes together, for every command.
+// How every command groups observations into clusters.
 //
-// A drive's frames show the same cars again and again, so boxes are no independent trials. Where the data set
-// says who is who (training/track_2, scene/data/kitti.h) all that is seen of one vehicle, in whatever frames,
-// is one cluster; boxes of unknown identity, and what belongs to no vehicle at all (a detector's false
-// alarms), go with their frame. A data set without identities has its frames for clusters.
+// A drive's frames show the same cars again and again, so boxes are no independent trials. If the data set
+// has identities (training/track_2, scene/data/kitti.h), all observations of one vehicle, in any frame, are
+// one cluster. Boxes of unknown identity and a detector's false alarms belong to their frame's cluster. In a
+// data set without identities each frame is a cluster.
 //
 // Frames that share a vehicle are not merged into one cluster. Along a drive all of them would be (25 frames
-// in a row are connected through their cars), and a single cluster has no spread to estimate from. What a
-// frame does to all its vehicles alike is therefore not in the interval of a set with identities.
+// in a row are connected through their cars), and a single cluster has no spread to estimate from. An effect
+// of a frame on all its vehicles is therefore not in the interval of a set with identities.
 
 /// Name of the cluster of something seen in `frame`. `track`: the vehicle's identity; negative: unknown, or
 /// of no vehicle. Without identities the names are the frames', in their order.
 std::string cluster_of(const std::string& frame, int track);
 
-/// What an interval rests on.
+/// The clusters that an interval rests on.
 struct ClusterCount {
   std::string by = "frame";  ///< "vehicle" once an identity was known
-  int count = 0;             ///< clusters that hold anything that counts
+  int count = 0;             ///< clusters with at least one counted observation
 };
 
-/// Collects the clusters of what counts, to say what an interval rests on.
+/// Collects the clusters of counted observations, to report the basis of an interval.
 class Clusters {
  public:
-  /// Something that counts was seen; arguments as cluster_of's.
+  /// Adds an observation that counts; arguments as cluster_of.
   void add(const std::string& frame, int track);
   /// The different clusters so far.
   ClusterCount count() const;

@@ -12,7 +12,7 @@
 namespace mirage {
 namespace {
 
-/// The number, or why it is none within the range.
+/// Why the value is not a number in the range; empty if it is.
 std::string range_problem(const nlohmann::json& value, double low, double high) {
   if (!value.is_number()) return "not a number";
   const double number = value.get<double>();
@@ -51,7 +51,7 @@ class Characters {
   FileCharacters from_;
 };
 
-/// What nlohmann's parser reads from; all copies of one are at the same place.
+/// The iterator that nlohmann's parser reads from; all copies share one position.
 class Reader {
  public:
   using difference_type = std::ptrdiff_t;

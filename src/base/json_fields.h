@@ -33,7 +33,7 @@ class JsonFields {
   bool has(const std::string& key) const { return json_.contains(key); }
   /// Whether the field is there and null.
   bool is_null(const std::string& key) const { return has(key) && json_.at(key).is_null(); }
-  /// true or false.
+  /// A field that is true or false.
   bool truth(const std::string& key) const;
   /// A whole number in [low, high].
   std::int64_t integer(const std::string& key, std::int64_t low, std::int64_t high) const;
@@ -47,14 +47,14 @@ class JsonFields {
   double number(const std::string& key, double low, double high) const;
   /// A string.
   std::string text(const std::string& key) const;
-  /// `count` numbers, or so few as `least`.
+  /// `count` numbers, or as few as `least`.
   std::vector<double> numbers(const std::string& key, std::size_t count, double low, double high,
                               std::optional<std::size_t> least = {}) const;
   /// A list of any length up to `most`.
   const nlohmann::json& list(const std::string& key, std::size_t most) const;
   /// The names of the fields that are there.
   std::vector<std::string> names() const;
-  /// An object within.
+  /// The object in that field.
   JsonFields object(const std::string& key) const;
   /// An object of this file that `name` leads to, e.g. a list's entry "train[3]".
   JsonFields inner(const std::string& name, const nlohmann::json& json) const;
@@ -70,24 +70,22 @@ class JsonFields {
   const nlohmann::json& json_;
 };
 
-// Large JSON files, a row at a time: what a file of any size takes of memory is what its longest row takes.
+// Large JSON files, read row by row: a file of any size takes only the memory of its longest row.
 
-/// Bytes of the longest row, and of whatever else stands between two rows; the values of a row take up to
-/// thirty times its bytes.
+/// Bytes of the longest row, and of any text between rows; a row's values take up to thirty times its bytes.
 inline constexpr std::size_t kMaxRowBytes = std::size_t{1} << 20;
 
-/// The file's JSON without what `keep` refuses, of which one value is in memory at a time; the rest of the
-/// file, and each of those values, is of `longest` bytes at most. InputError naming file and byte when it is
-/// not JSON, nests too deep (files.h) or has longer parts, ended by `fix`; and as OpenFile. Interrupted
-/// if a signal comes. Exceptions of `keep` pass.
+/// The file's JSON without the values that `keep` refuses; only one of them is in memory at a time. Each of
+/// them, and the rest of the file, has at most `longest` bytes. InputError naming file and byte when it is
+/// not JSON, nests too deep (files.h) or has longer parts, ended by `fix`; and as OpenFile. Interrupted if a
+/// signal comes. Exceptions of `keep` propagate.
 nlohmann::json read_json_parts(const std::filesystem::path& file, const std::string& fix,
                                const nlohmann::json::parser_callback_t& keep,
                                std::size_t longest = kMaxRowBytes);
 
-/// visit(i, row) for each element of the file's list, in its order: of the file itself (`list` is ""), or of
-/// the field of that name of the file's object. What stands beside the list is checked to be JSON and
-/// forgotten. InputError as read_json_parts (the rows before have been visited by then), and when there is no
-/// such list. Exceptions of `visit` pass.
+/// Calls visit(i, row) for each element, in order, of the file's list (`list` is "") or of the field `list`
+/// of its object. Everything else is checked to be JSON and dropped. InputError as read_json_parts (the rows
+/// before have been visited by then), and when there is no such list. Exceptions of `visit` propagate too.
 void for_each_json_row(const std::filesystem::path& file, const std::string& list, const std::string& fix,
                        const std::function<void(std::size_t, const nlohmann::json&)>& visit,
                        std::size_t longest = kMaxRowBytes);
@@ -95,22 +93,22 @@ void for_each_json_row(const std::filesystem::path& file, const std::string& lis
 // Settings as JSON, by their list of fields (base/fields.h): out, in, and the part of them that decides a
 // result.
 
-/// A path as files hold it: absolute, escaped (base/names.h); `word` and no path stay as they are.
+/// A path as files hold it: absolute, escaped (base/names.h); `word` and an empty path stay unchanged.
 std::string written_path(const std::filesystem::path& path, const char* word);
 /// A text as files hold it: escaped, since it may be a file's name.
 std::string written_text(const std::string& text);
-/// The text as it was written. InputError if it is longer than a path can be.
+/// The original text of a written_text. InputError if it is longer than a path can be.
 std::string read_text(const JsonFields& json, const char* name);
 
-/// What a file's field holds for a value: an enum's word, a struct's text or fields, a list's or a map's
-/// entries; null for a number that is infinite, and for what is not there.
+/// The JSON of a value in a file: an enum's word, a struct's text or fields, a list's or a map's entries;
+/// null for an infinite number and for an empty optional.
 template <class T>
 nlohmann::json value_json(const Field& field, const T& value, bool whole);
 
-/// Of fields_json.
+/// The visitor of fields_json.
 class JsonWriter {
  public:
-  /// `whole`: also what is of no run's identity.
+  /// `whole`: also fields outside of the run's identity.
   explicit JsonWriter(bool whole = false) : whole_(whole) {}
   template <class T>
   void operator()(const Field& field, const T& value) {
@@ -120,17 +118,17 @@ class JsonWriter {
   void group(const Field& field, const T& inner) {
     (*this)(field, inner);
   }
-  /// The fields of what is there are among the struct's; `sign` is one that is always among them.
+  /// Writes an optional struct's fields among its owner's; `sign` is a field that it always has.
   template <class T>
   void among(const char* /*sign*/, const std::optional<T>& value) {
     if (value) visit_fields(*this, *value);
   }
-  /// What follows from the fields, for the file's readers.
+  /// A value derived from the fields, for the file's readers.
   template <class T>
   void derived(const char* name, const T& value) {
     json[name] = value;
   }
-  /// null: what it belongs to is off.
+  /// Writes null if the list's owner is off.
   template <class T>
   void list(const Field& field, const T& inner) {
     if (!whole_ && !field.decides) return;
@@ -199,14 +197,14 @@ nlohmann::json value_json(const Field& field, const T& value, bool whole) {
   }
 }
 
-/// Each entry of the list as `write` makes it.
+/// The JSON list of write(entry).
 template <class List, class Write>
 nlohmann::json list_json(const List& list, const Write& write) {
   auto array = nlohmann::json::array();
   for (const auto& entry : list) array.push_back(write(entry));
   return array;
 }
-/// Each by its to_json.
+/// The JSON list of to_json(entry).
 template <class List>
 nlohmann::json list_json(const List& list) {
   return list_json(list, [](const auto& entry) { return to_json(entry); });
@@ -228,7 +226,7 @@ T off() {
   return value;
 }
 
-/// The value of Field::lacking.
+/// Sets the value of Field::lacking.
 template <class T>
 void set_lacking(const Field& field, T& value) {
   if constexpr (std::same_as<T, bool>)
@@ -245,7 +243,7 @@ void set_lacking(const Field& field, T& value) {
     value = off<T>();
 }
 
-/// Of lacking_json.
+/// The visitor of lacking_json.
 class LackingFields {
  public:
   template <class T>
@@ -276,19 +274,19 @@ nlohmann::json lacking_json() {
   visit_fields(fields, s);
   return std::move(fields.writer.json);
 }
-/// Fills those of `lacking` into what an earlier program wrote.
+/// Adds the values of `lacking` to the JSON of an earlier program.
 void complete(nlohmann::json& written, const nlohmann::json& lacking);
 
-/// What a run says of itself, and must agree for it to go on.
+/// The identity of a run, which must match for the run to resume.
 struct RunIdentity {
-  /// `own`: fields_json() of the settings and what else decides the result; `left_out`: their lacking_json().
+  /// `own`: fields_json() of the settings, with the other deciding inputs; `left_out`: their lacking_json().
   RunIdentity(nlohmann::json own, nlohmann::json left_out = nlohmann::json::object())
       : json(std::move(own)), lacking(std::move(left_out)) {}
   nlohmann::json json;
   nlohmann::json lacking;  ///< lacking_json() of its settings
 };
 
-/// Numbers that a list ended with in files of earlier programs, and S::read_former understands.
+/// How many numbers end a list in files of earlier programs, for S::read_former to read.
 template <class S>
 constexpr std::size_t former_numbers() {
   if constexpr (requires { S::kFormerNumbers; })
@@ -297,10 +295,10 @@ constexpr std::size_t former_numbers() {
     return 0;
 }
 
-/// Entries that a list of a file may have.
+/// Most entries of a list in a file.
 inline constexpr std::size_t kMaxListed = 100'000'000;
 
-/// Of read_fields.
+/// The visitor of read_fields.
 class JsonReader {
  public:
   /// Reads from the object `from`, which outlives this.
@@ -358,13 +356,13 @@ class JsonReader {
       });
     }
   }
-  /// Fills in the struct where the object has `sign`, and leaves none where it has not.
+  /// Reads the struct if the object has `sign`; otherwise resets it.
   template <class T>
   void among(const char* sign, std::optional<T>& value) {
     value.reset();
     if (json.has(sign)) visit_fields(*this, value.emplace());
   }
-  /// Reads nothing: what follows from the fields is no setting.
+  /// Reads nothing: a derived value is not a setting.
   template <class T>
   void derived(const char* /*name*/, const T& /*value*/) {}
   template <class T>
@@ -375,7 +373,7 @@ class JsonReader {
     JsonReader within(object);
     visit_fields(within, inner);
   }
-  /// A list that is there switches on what it belongs to; null is off.
+  /// A list in the file switches its owner on; null switches it off.
   template <class T>
   void list(const Field& field, T& inner) {
     if (!field.decides) return;
@@ -410,7 +408,7 @@ class JsonReader {
   static std::string entry_of(const std::string& list, std::size_t place) {
     return list + "[" + std::to_string(place) + "]";
   }
-  /// Runs `read`, whose complaint is about the field of the file.
+  /// Runs `read` and turns its FieldError into an error of the file's field.
   template <class Read>
   void named(const std::string& name, const Read& read) const {
     try {
@@ -422,7 +420,7 @@ class JsonReader {
   const JsonFields& json;
 };
 
-/// Fills in what fields_json() wrote. InputError naming file and field for what is missing or out of range.
+/// Reads what fields_json() wrote. InputError naming file and field if one is missing or out of range.
 template <class S>
 void read_fields(const JsonFields& json, S& s) {
   JsonReader reader(json);

@@ -17,8 +17,8 @@ void start_logging(bool quiet);
 /// From now on start_logging is always quiet, or no longer: for a program that shows results itself.
 void keep_logging_quiet(bool quiet);
 
-/// A progress line with an estimate of the time left, on standard error, only on a terminal; it goes with the
-/// object.
+/// A progress line with an estimate of the time left, on standard error, only on a terminal; it disappears
+/// with the object.
 class Progress {
  public:
   /// `what` names the work ("attack"), `total` its units. `quiet` (or no terminal) prints nothing.
@@ -29,7 +29,7 @@ class Progress {
 
   /// `done` units are finished; `note` is shown after the estimate ("loss 0.31").
   void update(std::size_t done, const std::string& note = "");
-  /// `more` units are finished besides. Several threads may say so.
+  /// Adds `more` finished units. Several threads may call it.
   void add(std::size_t more = 1, const std::string& note = "");
 
  private:
@@ -40,8 +40,8 @@ class Progress {
   std::chrono::steady_clock::time_point start_, last_;
 };
 
-/// Shows how far a work has come that says itself how many units are done, and in all; gone with what it is
-/// given to.
+/// A callback that shows the progress of work that reports units done and units in all. The line disappears
+/// with the callback.
 inline std::function<void(std::size_t, std::size_t)> progress_of(const char* what, bool quiet) {
   return [what, quiet, progress = std::shared_ptr<Progress>()](std::size_t done, std::size_t total) mutable {
     if (!progress) progress = std::make_shared<Progress>(what, total, quiet);
@@ -49,7 +49,7 @@ inline std::function<void(std::size_t, std::size_t)> progress_of(const char* wha
   };
 }
 
-/// Work, units done and in all, the time left ("1:23"), and a note.
+/// Receives the work's name, units done, units in all, the time left ("1:23"), and a note.
 using ProgressListener =
     std::function<void(const std::string&, std::size_t, std::size_t, const std::string&, const std::string&)>;
 

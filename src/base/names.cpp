@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <nlohmann/json.hpp>
+
 namespace mirage {
 
 Utf8Character first_character(std::string_view bytes) {

@@ -21,9 +21,9 @@
 
 namespace mirage {
 
-/// What ThreadSanitizer cannot see of a oneTBB that was built without it: every part of a loop comes after
-/// the loop's start and before its end, also if one throws. Parts among themselves have no order. Nothing in
-/// other builds.
+/// Tells ThreadSanitizer the order that it cannot see in a oneTBB built without it: every part of a loop runs
+/// after the loop's start and before its end, also if one throws. Parts have no order among themselves. Empty
+/// in other builds.
 #ifdef __SANITIZE_THREAD__
 namespace loop_order {
 inline char started, finished;
@@ -48,7 +48,7 @@ void set_thread_count(int threads);
 /// The bound in force.
 int thread_count();
 
-/// A loop within a loop that fails: it was stopped half way, so nothing may be made of it.
+/// Thrown by a nested loop that was stopped half way because the outer one failed: its results are partial.
 class LoopStopped : public std::runtime_error {
  public:
   LoopStopped() : std::runtime_error("stopped: another part of the work failed") {}
@@ -60,8 +60,8 @@ inline void throw_if_loop_stopped() {
 }
 
 /// Calls body(i) for i in [0, n), in any order, on several threads. The first exception of a body ends the
-/// loop and comes out of it. Loops within its other bodies then throw LoopStopped: oneTBB ends them early,
-/// and would return as if all of their parts were done.
+/// loop and is rethrown. Loops within its other bodies then throw LoopStopped: oneTBB ends them early, and
+/// would return as if all of their parts were done.
 template <class Body>
 void parallel_for(std::size_t n, const Body& body, std::size_t grain = 1) {
   {
@@ -75,9 +75,9 @@ void parallel_for(std::size_t n, const Body& body, std::size_t grain = 1) {
   throw_if_loop_stopped();
 }
 
-/// Calls body(worker, i) for i in [0, n), work of uneven size: each of so many workers, which have something
-/// of their own (a detector, a process), takes the next i on a thread of its own when it is done with its
-/// last. After the first exception of a body nothing more is taken.
+/// Calls body(worker, i) for i in [0, n), for work of uneven size. Each of `workers` workers, with its own
+/// detector or process, takes the next i when its last one is done. After the first exception of a body no
+/// further i is taken.
 template <class Body>
 void hand_out(std::size_t workers, std::size_t n, const Body& body) {
   std::atomic<std::size_t> next = 0;
@@ -98,8 +98,8 @@ void isolated(const Work& work) {
   tbb::this_task_arena::isolate(work);
 }
 
-/// A value that costs something and that nobody may ask for: made when it is first asked for, once for all
-/// copies. Several threads may ask; if making it throws, that is for who asked, and the next makes it again.
+/// A costly value that may never be needed: computed at the first get(), once for all copies. Several threads
+/// may call get(). If computing throws, the caller gets the exception and the next call tries again.
 template <class T>
 class Lazy {
  public:

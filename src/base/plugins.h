@@ -1,8 +1,8 @@
 // Plugins that ship with the program, by the words that ask for them. Beside plugins/NAME.so lies NAME.json:
 //   {"kind": "detector", "depth" or "sensor", "words": ["lidar", …],
 //    "weights": "data", "code" or "none"}
-// "code": what a weights file holds may run when it is loaded, so only the command line may name one. "none":
-// it needs none, and what a file holds that is given all the same is not known.
+// "code": loading a weights file may run code from it, so only the command line may name one. "none": it
+// needs no weights; the content of a file that is passed anyway is unknown.
 #pragma once
 
 #include <cstddef>
@@ -24,25 +24,25 @@ struct ShippedPlugin {
   bool needs_weights = true, weights_are_code = true;
 };
 
-/// Those of a kind, by their files' names; none where they are not built. Looked for once. InputError naming
-/// file and field of a description that is none.
+/// The plugins of a kind, sorted by file name; empty if they are not built. Searched once. InputError naming
+/// file and field of an invalid description.
 const std::vector<ShippedPlugin>& shipped_plugins(const std::string& kind);
-/// The one that the word asks for; null if none does.
+/// The plugin that the word names; null without one.
 const ShippedPlugin* shipped_plugin(const std::string& kind, const std::string& word);
-/// Whether a word names a plugin of the user's: a path *.so.
+/// Whether a word names a user's plugin: a path *.so.
 inline bool is_plugin_path(const std::string& word) {
   return std::filesystem::path(word).extension() == ".so";
 }
-/// The descriptions in a folder, of any kind; `kind` chooses.
+/// The plugins of `kind` that the descriptions in a folder list.
 std::vector<ShippedPlugin> read_shipped_plugins(const std::filesystem::path& folder, const std::string& kind);
 
-// Plugins: shared libraries that export one entry function, which returns a table of C functions. Everything
-// that can go wrong with somebody else's library becomes one clear line.
+// Plugins: shared libraries that export one entry function, which returns a table of C functions. Every
+// failure of a foreign library becomes one clear line.
 
 /// Bytes that a plugin's function may write its reason to.
 inline constexpr std::size_t kPluginErrorSize = 1024;
 
-/// Runs plugin code: an exception that it lets out (it must not) becomes a Failure.
+/// Runs plugin code: an exception that escapes it (none should) becomes a Failure.
 template <class Work>
 auto call_plugin(const std::filesystem::path& file, const std::string& function, const Work& work) {
   try {
@@ -69,13 +69,13 @@ void run_plugin(const std::filesystem::path& file, const std::string& function, 
                   "check the input, the weights and the free memory");
 }
 
-/// The address of `entry` in the library. `contract` is the header that says what to export. InputError where
-/// the file is no library for this machine, or lacks the entry. Never unloaded: LibTorch keeps threads and
+/// The address of `entry` in the library. `contract` is the header that says what to export. InputError if
+/// the file is not a library for this machine or lacks the entry. Never unloaded: LibTorch keeps threads and
 /// statics that do not survive that.
 void* plugin_symbol(const std::filesystem::path& file, const std::string& entry, const std::string& contract);
 
 /// Opens a plugin whose entry returns a `const Api*` with an abi_version. InputError for a version that is
-/// none of `versions`.
+/// not among `versions`.
 template <class Api>
 const Api* open_plugin(const std::filesystem::path& file, const std::string& entry,
                        const std::string& contract, std::initializer_list<std::uint32_t> versions) {

@@ -1,6 +1,5 @@
-// What a result is made of, in one form: the program, all settings, and every input, weights and plugins
-// included, by content. Its hash is the identity under which results are kept on disk; every result.json
-// carries it.
+// The provenance of a result: the program, all settings, and every input by content, weights and plugins
+// included. Its hash is the identity under which results are stored; every result.json holds it.
 #pragma once
 
 #include <filesystem>
@@ -12,43 +11,42 @@
 
 namespace mirage {
 
-/// Tells programs apart whose results may differ: hashes of the running executable, of the plugin beside it
-/// that decodes pictures ("" without one), and of what the processor can do (libraries choose their
-/// instructions by it). Shared libraries of the system are not in it, nor is the commit: the same program
-/// built from another commit is the same. Plugins that a setting names are inputs.
+/// Tells apart programs whose results may differ, by hashes of the running executable, of the plugin beside
+/// it that decodes pictures ("" without one), and of the processor's features (libraries choose instructions
+/// by them). It leaves out the system's shared libraries and the commit: the same program built from another
+/// commit is the same. Plugins that a setting names are inputs.
 std::string program_identity();
 /// The same of another executable.
 std::string program_identity(const std::filesystem::path& file);
 /// "0.1.0".
 std::string program_version();
-/// What stands in `mirage.commit` beside the program, which every build writes (packaging/commit.cmake):
-/// "ea8efec", or "ea8efec-dirty" of sources that were changed since. "" for sources without their history.
+/// The text in `mirage.commit` beside the program, which every build writes (packaging/commit.cmake):
+/// "ea8efec", or "ea8efec-dirty" for sources changed since. "" for sources without git.
 std::string program_commit();
 
-/// Collects what a result is made of. What is added twice under one name is what was added last.
+/// Collects the provenance of a result. Of two values added under one name the last one counts.
 class Provenance {
  public:
-  /// All fields of `s` by their list (base/fields.h), those at their default too, but for paths: what a path
-  /// leads to counts by content, a file's here, a folder's where it is read (input()). Nor those that matter
-  /// to time alone.
+  /// Adds all fields of `s` by their list (base/fields.h), defaults included, except those that affect time
+  /// alone. Paths count by content: a file here, a folder where it is read (input()).
   template <class S>
   void add(const S& s);
   /// A setting that is in no list.
   void set(const std::string& name, nlohmann::json value) { settings_[name] = std::move(value); }
-  /// What is read, by a hash of its content.
+  /// Adds an input by a hash of its content.
   void input(const std::string& name, const std::string& hash) { inputs_[name] = hash; }
-  /// The file's content. InputError as file_hash.
+  /// Adds a file as an input by its content. InputError as file_hash.
   void file(const std::string& name, const std::filesystem::path& path);
   /// That input's hash; "" without one.
   std::string input(const std::string& name) const { return inputs_.value(name, ""); }
-  /// What a reader wants to know and no result depends on: names and paths of inputs, date, command.
+  /// Adds information for readers that no result depends on: names and paths of inputs, date, command.
   void record(const std::string& name, nlohmann::json value) { records_[name] = std::move(value); }
 
   /// {program, inputs, settings}; keys are sorted.
   nlohmann::json provenance() const;
   /// Hash of provenance().
   std::string identity() const;
-  /// Of result.json (src/README.md): provenance(), version, commit, identity, and what was told.
+  /// The object in result.json (src/README.md): provenance(), version, commit, identity, and the records.
   nlohmann::json json() const;
 
  private:
@@ -56,7 +54,7 @@ class Provenance {
   nlohmann::json settings_ = nlohmann::json::object(), inputs_ = settings_, records_ = settings_;
 };
 
-/// Of Provenance::add.
+/// The visitor of Provenance::add.
 class ProvenanceFields {
  public:
   /// Adds to `to`, which outlives this.

@@ -12,10 +12,9 @@
 
 namespace mirage {
 
-// 64-bit FNV-1a: the same on every platform, unlike std::hash. Tells contents apart; no protection against
-// malice.
+// 64-bit FNV-1a: the same on every platform, unlike std::hash. Not cryptographic.
 
-/// `before`: the hash of what stands before the bytes, if they go on.
+/// `before`: the hash of the preceding bytes, to continue it.
 constexpr std::uint64_t fnv1a(std::string_view bytes, std::uint64_t before = 14695981039346656037ull) {
   std::uint64_t value = before;
   for (const char c : bytes) value = (value ^ static_cast<unsigned char>(c)) * 1099511628211ull;
@@ -46,8 +45,8 @@ class RandomStream {
   int used_ = 4;
 };
 
-/// Fisher and Yates's shuffle (Durstenfeld, CACM 1964) from the last place down: the same by every library;
-/// std::shuffle leaves to each what it draws.
+/// Fisher and Yates's shuffle (Durstenfeld, CACM 1964) from the last place down: the same with every standard
+/// library, unlike std::shuffle.
 template <class T>
 void shuffle(std::vector<T>& list, RandomStream& random) {
   for (std::size_t i = list.size(); i > 1; --i)

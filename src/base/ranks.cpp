@@ -15,10 +15,10 @@ namespace mirage {
 namespace {
 
 int own_rank = 0, ranks = 1, on_this_machine = 1;
-int alone = 0;  // SingleRankScope that live
+int alone = 0;  // number of living SingleRankScope
 bool has_joined = false;
 
-/// What Open MPI, and PMI-based launchers (MPICH, Slurm), tell the processes that they start.
+/// Whether a launcher started this process, by variables of Open MPI or PMI (MPICH, Slurm).
 bool launched() {
   for (const char* name : {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMI_RANK", "PMIX_RANK"})
     if (std::getenv(name) != nullptr) return true;

@@ -13,7 +13,7 @@ namespace mirage {
 /// Starts MPI if a launcher started this process; once, at the head of main. Ranks but the first write
 /// nothing to standard output.
 void join_ranks(int& argc, char**& argv);
-/// Ends it, at the end of main. A code other than 0 ends the other ranks too: one that waits for a failed
+/// Ends MPI, at the end of main. A code other than 0 ends the other ranks too: one that waits for a failed
 /// rank would wait for ever. Returns the code.
 int leave_ranks(int code);
 
@@ -22,11 +22,11 @@ int rank();
 /// How many processes there are.
 int rank_count();
 
-/// How many of them run on this machine.
+/// How many ranks run on this machine.
 std::size_t ranks_here();
 
-/// While one lives, this process counts as the only one: what it calls neither waits for other ranks nor
-/// sends them anything. For ranks that do different work side by side.
+/// While it lives, this process counts as the only rank: its calls neither wait for other ranks nor send to
+/// them. For ranks that do different work side by side.
 class SingleRankScope {
  public:
   SingleRankScope();
@@ -35,35 +35,35 @@ class SingleRankScope {
   SingleRankScope& operator=(const SingleRankScope&) = delete;
 };
 
-/// Returns once every rank has come here: what the first wrote before is there for all. A call of all ranks.
+/// A barrier: returns once all ranks call it; all then see the first's files. Collective: all ranks call it.
 void await_ranks();
-/// Says that this rank has done its part of a step, and tells whether all have: until then it may do what it
-/// will need later. A call of all ranks, which ends (in the destructor) once every rank has come here.
+/// A non-blocking barrier: says that this rank has finished its part of a step and tells whether all have, so
+/// that it may work ahead meanwhile. Collective; the destructor waits for every rank.
 class Arrival {
  public:
   Arrival();
   ~Arrival();
   Arrival(const Arrival&) = delete;
   Arrival& operator=(const Arrival&) = delete;
-  /// Whether every rank has come here; it does not wait.
+  /// Whether every rank has arrived; does not wait.
   bool all_here();
 
  private:
   struct Request;
   std::unique_ptr<Request> request_;  ///< null: no other rank is left
 };
-/// True on every rank if it is on one. A call of all ranks.
+/// True on every rank if `value` is true on any. Collective.
 bool any_rank(bool value);
-/// block k is rank k % rank_count()'s; afterwards every rank holds all. All blocks are of one size, which
-/// every rank gives them beforehand. A call of all ranks.
+/// Block k belongs to rank k % rank_count(); afterwards every rank holds all blocks. All blocks have one
+/// size, which every rank sets beforehand. Collective.
 void share_blocks(std::vector<std::vector<double>>& blocks);
-/// 0 … count − 1 in the order in which this process takes work whose results all ranks keep in one cache: its
-/// own stretch first, then the rest in a random order of its own. So ranks finish together, whatever each
-/// item costs, and a rank that dies leaves its items to the others. One process: as they are.
-/// `goes_on(i)`: item i shares work with the one before (a frame to be read); such runs stay together.
+/// The order in which this process takes the items 0 … count − 1 when all ranks share one cache of results:
+/// its own range first, then the rest in its own random order. So ranks finish together, whatever each item
+/// costs, and a rank that dies leaves its items to the others. A single process keeps their order.
+/// `goes_on(i)`: item i shares work with the one before (reading a frame); these runs stay together.
 std::vector<std::size_t> order_among_ranks(std::size_t count,
                                            const std::function<bool(std::size_t)>& goes_on = {});
-/// The first rank's value, on all. A call of all ranks.
+/// The first rank's value, on every rank. Collective.
 long first_rank_value(long value);
 
 }  // namespace mirage

@@ -24,13 +24,13 @@ inline double seconds_since(Clock::time_point start) {
 
 // When a long run writes its state: by steps, and by time.
 
-/// What a run loses to a kill at most, and what its checkpoints cost it.
+/// How often a run writes a checkpoint: the most work that a kill loses.
 struct CheckpointInterval {
   std::int64_t steps = 1;  ///< ≥ 1
-  double seconds = 0;      ///< > 0: also where so many seconds have passed since the last checkpoint
+  double seconds = 0;      ///< > 0: also this many seconds after the last checkpoint
 };
 
-/// Of no identity: how often the state is written does not change the result.
+/// Not part of the identity: how often the state is written does not change the result.
 template <class Visitor, FieldsOf<CheckpointInterval> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "checkpoint_every",
@@ -68,13 +68,13 @@ class CheckpointTimer {
 
 // The schedule of a training: how long it goes on, at which rate, and when its state is written.
 
-/// What every training is asked for, whatever learns (base/training_loop.h).
+/// The settings of every training, whatever learns (base/training_loop.h).
 struct TrainingSchedule {
   std::filesystem::path out;  ///< holds the run's state and its result
   std::int64_t steps = 4000;
   int batch = 2;
   double learning_rate = 2e-3;  ///< peak of one_cycle_rate()
-  double minutes = 0;           ///< > 0: the schedule ends at `steps` or then, which is first
+  double minutes = 0;           ///< > 0: the schedule ends after them or at `steps`, whichever is first
   CheckpointInterval checkpoint{250};
   std::size_t frames = 0;  ///< only the first N (0: all)
   std::uint64_t seed = 0;
@@ -84,7 +84,7 @@ struct TrainingSchedule {
   std::function<bool()> stop = interrupted;
 };
 
-/// `frames` is of no identity: which frames there were is the trainer's to say.
+/// `frames` is not part of the identity: the trainer states which frames it used.
 template <class Visitor, FieldsOf<TrainingSchedule> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "steps", .help = "updates of the model", .range = kFromOne}, s.steps);

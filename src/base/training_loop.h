@@ -16,7 +16,7 @@
 
 namespace mirage {
 
-/// Where a training stands.
+/// The progress of a training.
 struct TrainingState {
   std::int64_t step = 0;
   double seconds = 0;              ///< spent in earlier runs too
@@ -24,12 +24,12 @@ struct TrainingState {
   std::filesystem::path weights;   ///< of the checkpoint; empty: none yet
 };
 
-/// The run in `out` (a fresh state when there is none). InputError if it is of other options than `expected`,
-/// or unreadable.
+/// The state of the run in `out`; a fresh state without a run. InputError if it has other options than
+/// `expected` or is unreadable.
 TrainingState read_training_state(const std::filesystem::path& out, const RunIdentity& expected);
 
-/// save(file) writes the weights, then the state that names them is written, then the old weights go: a kill
-/// at any point leaves a pair.
+/// Writes the weights by save(file), then the state that names them, then removes the old weights: a kill at
+/// any point leaves a matching pair.
 void write_training_state(const std::filesystem::path& out, const nlohmann::json& expected,
                           TrainingState& state,
                           const std::function<void(const std::filesystem::path&)>& save);
@@ -38,9 +38,9 @@ void write_training_state(const std::filesystem::path& out, const nlohmann::json
 /// its checkpoint.
 class TrainingLog {
  public:
-  /// Of the run in `out` that goes on from `step`: later lines are dropped.
+  /// The log of the run in `out`, which goes on from `step`: later lines are dropped.
   TrainingLog(const std::filesystem::path& out, std::int64_t step);
-  /// Appends a line; the file is whole at any time.
+  /// Appends a line; the file is complete at any time.
   void add(const nlohmann::json& line);
 
  private:
@@ -48,24 +48,25 @@ class TrainingLog {
   std::string text_;
 };
 
-// The loop of every training: rate, running losses, checkpoints, going on after a stop. What learns is the
-// trainer's, and comes as functions.
+// The loop of every training: rate, running losses, checkpoints, going on after a stop. The trainer supplies
+// the learning as functions.
 
-/// What one training does where all of them do something.
+/// The parts of the loop that differ between trainings.
 struct TrainingWork {
   const char* name = "train";  ///< of the progress line
   /// Share by which a step moves the running losses, but at the start 1 / (steps so far + 1).
   double follow = 0.02;
   std::int64_t report_every = 50;  ///< steps
-  /// The update number `step`, from 0, at this rate; returns its three loss terms.
+  /// Makes update `step` (from 0) at learning rate `rate`; returns its three loss terms.
   std::function<std::array<double, 3>(std::int64_t step, double rate)> learn;
-  /// Writes the weights and the optimiser's state, so that the next `learn` is the same after a start anew.
+  /// Writes the weights and the optimiser's state, so that the next `learn` is the same after a restart.
   std::function<void(const std::filesystem::path& weights)> save;
-  /// Removes what `save` wrote beside the weights at that step: a newer checkpoint is whole. May be empty.
+  /// Removes files that `save` wrote beside the weights at that step, once a newer checkpoint is complete.
+  /// May be empty.
   std::function<void(std::int64_t step)> drop = {};
-  /// What the progress line says of the losses.
+  /// The progress line's note on the losses.
   std::function<std::string()> note;
-  /// Tells of the step just done; every report_every steps.
+  /// Reports the step just made; called every report_every steps.
   std::function<void(double rate)> report;
   /// Called every validate_every steps (0: never) before the last, after a checkpoint.
   std::int64_t validate_every = 0;
@@ -75,19 +76,18 @@ struct TrainingWork {
 /// One run of a training, which lives in schedule.out.
 class TrainingLoop {
  public:
-  /// Reads the state of the run in schedule.out. InputError if that is a run of another identity, or
-  /// unreadable.
+  /// Reads the state of the run in schedule.out. InputError if it has another identity or is unreadable.
   TrainingLoop(const TrainingSchedule& schedule, const RunIdentity& identity);
 
-  /// Where the run stands. Where it `goes_on`, the trainer loads state().weights before run().
+  /// The run's state. If it goes_on(), the trainer loads state().weights before run().
   const TrainingState& state() const { return state_; }
   /// Whether the run goes on from a checkpoint.
   bool goes_on() const { return !state_.weights.empty(); }
   /// Appends the line to OUT/training.jsonl, with "step" and "seconds".
   void log(nlohmann::json line);
-  /// Goes on to the end of the schedule and writes a last checkpoint; returns this process's seconds a step
-  /// (0 without a step). Checkpoints are also written as the schedule asks, before a validation and where
-  /// schedule.stop() says so, which throws Interrupted.
+  /// Runs to the end of the schedule and writes a last checkpoint; returns this process's seconds a step (0
+  /// without a step). It also writes checkpoints as scheduled, before a validation, and when schedule.stop()
+  /// is true; then it throws Interrupted.
   double run(const TrainingWork& work);
 
  private:
@@ -102,16 +102,16 @@ class TrainingLoop {
   std::optional<std::int64_t> kept_;  ///< step of the checkpoint on disk
 };
 
-/// Samples of a step, prepared by a thread of their own while the step before learns.
+/// Prepares the samples of a step on another thread while the previous step learns.
 template <class Samples>
 class SamplePrefetcher {
  public:
-  /// prepare(step) runs in one thread at a time, and at last for the step after the last one taken.
+  /// prepare(step) runs on one thread at a time; its last call is for the step after the last one taken.
   explicit SamplePrefetcher(std::function<Samples(std::int64_t step)> prepare)
       : prepare_(std::move(prepare)) {}
-  SamplePrefetcher(const SamplePrefetcher&) = delete;  // its thread knows it
+  SamplePrefetcher(const SamplePrefetcher&) = delete;  // its thread refers to it
   SamplePrefetcher& operator=(const SamplePrefetcher&) = delete;
-  /// Those of `step`: of any, then of one after the other. Throws what prepare throws.
+  /// The samples of `step`: any step first, then consecutive ones. Throws as prepare.
   Samples take(std::int64_t step) {
     if (!next_.valid()) begin(step);
     Samples samples = next_.get();
@@ -124,7 +124,7 @@ class SamplePrefetcher {
     next_ = std::async(std::launch::async, [this, step] { return prepare_(step); });
   }
   std::function<Samples(std::int64_t)> prepare_;
-  std::future<Samples> next_;  ///< last: its end waits for the thread
+  std::future<Samples> next_;  ///< last member: its destructor waits for the thread
 };
 
 }  // namespace mirage

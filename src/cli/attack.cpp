@@ -31,8 +31,8 @@ std::shared_ptr<CyclesRenderer> make_renderer(const AttackOptions& options, cons
   return std::make_shared<CyclesRenderer>(cycles);
 }
 
-/// What the gradient goes through: what the user gave, and beside Cycles' pictures otherwise that of pictures
-/// most like them. Through the default's the mesh descends half as far (src/guide/evidence.md, Light).
+/// Sets the rasteriser of the gradient: the user's options, else, beside Cycles' pictures, the settings
+/// closest to them. With the default settings the mesh descends half as far (src/guide/evidence.md, Light).
 void apply_rasteriser(const AttackOptions& options, SimulationSettings& settings) {
   QualityOption quality = options.quality;
   if (options.renderer != kRasterRenderer) {
@@ -43,14 +43,14 @@ void apply_rasteriser(const AttackOptions& options, SimulationSettings& settings
   quality.apply(settings);
 }
 
-/// What holds of the mesh, in a line.
+/// The measures of the mesh in one line.
 std::string buildable_words(const BuildableReport& report) {
   return fmt::format(
       "{} pairs of faces intersect, thinnest wall {:.1f} mm, base {:.0f} cm², {:.0f} % printable",
       report.intersecting_pairs, 1e3 * report.min_thickness, 1e4 * report.base_area, 100 * report.printable);
 }
 
-/// Of a run that had taken its iterations.
+/// The message for a run that has already finished its iterations.
 std::string already_done(int iterations, const AttackSettings& settings) {
   if (settings.attack == AttackSearch::black_box)
     return fmt::format("already done: {} meshes; more --queries go on", iterations);
@@ -66,7 +66,7 @@ std::string plateau_words(const PlateauReport& plateau) {
                      plateau.kept_iteration, plateau.vehicles);
 }
 
-/// What --attack auto chose, in a line.
+/// The choice of --attack auto in one line.
 std::string auto_words(const AutoReport& report) {
   const AutoReport::Candidate& candidate = report.candidates.at(report.chosen);
   return fmt::format("of {} the one from {}, target {}, after {} steps: {:.4f} on {} vehicles held out",
@@ -74,7 +74,7 @@ std::string auto_words(const AutoReport& report) {
                      candidate.kept_iteration, candidate.held_out, report.vehicles);
 }
 
-/// What --attack black-box did, in a line.
+/// A summary of --attack black-box in one line.
 std::string black_box_words(const BlackBoxReport& report) {
   return fmt::format("{} over {} vehicles: {} generations of {} meshes by {} numbers, from {}: {:.4f}",
                      report.queries, report.vehicles, report.generations, report.samples, report.numbers,
@@ -92,10 +92,10 @@ void add_options(CLI::App& app, AttackOptions& options) {
       ->check(one_of({kRasterRenderer, "cycles"}));
   add_defaulted(app, "--cycles-samples", options.cycles.samples, "with --renderer cycles: samples per pixel")
       ->check(within({1, 4096}));
-  add_defaulted(app, "--cycles-renew", options.settings.renewal.metres,
+  add_defaulted(app, "--cycles-renew", options.settings.redraw.metres,
                 "with --renderer cycles: render again when vertices have moved by this (root mean square, "
                 "m). 0: every step");
-  add_defaulted(app, "--cycles-renew-texels", options.settings.renewal.texels,
+  add_defaulted(app, "--cycles-renew-texels", options.settings.redraw.texels,
                 "with --renderer cycles: render again when texels have changed by this (root mean square)");
   add_cache_note(app);
 }
@@ -115,7 +115,7 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   const AttackResult result = run_attack(settings);
   if (rank() == 0) {
     common.provenance->add(settings);
-    // A longer run's object stays where fewer are asked for: it is of those that were made.
+    // A longer run's object stays if fewer queries or iterations are asked for: record those that were made.
     if (const auto& search = result.black_box; search && search->queries > settings.queries)
       common.provenance->set("queries", search->queries);
     else if (!search && result.iterations > settings.iterations)
@@ -126,7 +126,7 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
     add_frames(*common.provenance, settings, list_frames(settings.data));
     add_detector(*common.provenance, settings.detector);
   }
-  // Whose iterations are all there takes none: a random mesh has none.
+  // A finished run takes no further steps; a random mesh has no iterations.
   const bool done = result.steps == 0 && result.iterations > 0;
   Rows rows = {{"training vehicles", std::to_string(result.vehicles_train)},
                {"detector, as recorded", describe(result.found_clean)},

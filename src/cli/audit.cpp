@@ -33,7 +33,7 @@ nlohmann::json read_claims(const std::filesystem::path& file) {
   return claims;
 }
 
-/// Puts what was measured under the weights' name into the file that the tests hold it against.
+/// Writes the measurement under the weights' name into the file that the tests compare with.
 void write_claim(const std::filesystem::path& file, const DetectorOptions& detector,
                  const std::filesystem::path& data, const Reliance& reliance) {
   const Defense defense = read_defense(detector.defense);
@@ -63,7 +63,7 @@ void add_options(CLI::App& app, AuditOptions& options) {
   add_cache_note(app);
 }
 
-/// What is lost as what is won.
+/// A loss as a gain: the interval with its sign changed.
 Interval less(const Interval& lost) {
   return {-lost.value, -lost.high, -lost.low};
 }
@@ -74,12 +74,9 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
   check_known_options(detector_options, false);
   check_data(options.data, options.rig, UnitUse::reads_sweeps);
   const std::vector<std::string> ids = spread_evenly(list_frames(options.data), options.frames);
-  const LabelCensus census = count_labels(options.data, ids, options.classes);
-  require_cars(census, "an audit");
-  if (rank() == 0) warn_of_labels(census);
+  check_labels(options.data, ids, "an audit", options.classes);
   const DetectorPool pool = load_detector_pool(detector_options, static_cast<int>(ids.size()));
-  std::vector<Detector*> detectors;
-  for (const auto& detector : pool) detectors.push_back(detector.get());
+  const std::vector<Detector*> detectors = instances(pool);
   const Capabilities can = detectors.front()->capabilities();
   std::vector<AuditChange> changes = options.gate ? gate_changes() : audit_changes(can);
   if (!can.reads_image)

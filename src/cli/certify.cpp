@@ -122,10 +122,8 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
   if (detector_options.locality > 0)
     throw InputError("--locality", fmt::format("{}", detector_options.locality),
                      "is an approximation, and proves nothing", "leave it out");
-  const std::vector<std::string> frames = first_frames(options.data, options.frames);
-  const LabelCensus census = count_labels(options.data, frames, options.classes, options.cameras);
-  require_cars(census, "a certificate");
-  if (rank() == 0) warn_of_labels(census);
+  const std::vector<std::string> frames = list_frames(options.data, options.frames);
+  check_labels(options.data, frames, "a certificate", options.classes, options.cameras);
   const DetectorPool detectors = load_detector_pool(detector_options, static_cast<int>(frames.size()));
   settings.evaluation.detector_identity =
       detector_identity(detector_options, detectors.front()->capabilities().version);

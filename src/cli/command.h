@@ -34,29 +34,29 @@ struct Common {
   int threads = 0;
   std::filesystem::path out;
   bool quiet = false;
-  /// What the result is made of: options are in it; commands add what these stand for.
+  /// The result's provenance: it holds the options; commands add the inputs that these name.
   std::shared_ptr<Provenance> provenance = std::make_shared<Provenance>();
 };
 
-/// Every x_command() returns command_of<XOptions>({.name = …, .help = …, .example = …}).
-/// What is done stands above it in the anonymous namespace.
+/// Every x_command() returns command_of<XOptions>({.name = …, .help = …, .example = …}). The code that does
+/// the work stands above it in the anonymous namespace.
 struct Command {
-  /// `default_out`: "" is out/NAME. `example`: a command line of it, for its help.
+  /// `default_out`: "" is out/NAME. `example`: an example command line for its help.
   std::string name = {}, help = {}, default_out = {}, example = {};
   /// Adds the command's own options; the referenced variables live as long as the command.
   std::function<void(CLI::App&)> options = {};
-  /// Does the work, prints a short table on standard output and returns what result.json shall hold.
+  /// Does the work, prints a short table on standard output and returns the content of result.json.
   std::function<nlohmann::json(const Common&)> run = {};
-  /// After result.json is written: what is made from it, a page.
+  /// Runs after result.json is written, and makes output from it, such as a page.
   std::function<void(const Common&)> afterwards = {};
   bool many_ranks = false;  ///< may run under mpirun (base/ranks.h)
-  /// Of a command whose result is one file (a page, a rig): its name in the output folder. Common::out is
+  /// For a command whose result is one file (a page, a rig): its name in the output folder. Common::out is
   /// then that file; --out may name a folder or a file of its kind, beside which the result goes as
   /// *.result.json.
   std::string page = {}, one_file = "the page";
 };
 
-/// What the folder's result.json holds before this command writes its own; null without one that can be read.
+/// The folder's result.json before this command writes its own; null if it is missing or unreadable.
 inline nlohmann::json earlier_result(const std::filesystem::path& out) {
   try {
     return std::filesystem::exists(out / "result.json") ? read_json(out / "result.json") : nlohmann::json();
@@ -65,7 +65,7 @@ inline nlohmann::json earlier_result(const std::filesystem::path& out) {
   }
 }
 
-/// What a result lists under that key, texts of a list or keys of an object, but for what is no file's name.
+/// The names under a result's `key`: a list's strings or an object's keys, if they are plain file names.
 inline std::vector<std::string> listed_names(const nlohmann::json& result, const char* key) {
   std::vector<std::string> names;
   const auto add = [&](const std::string& name) {
@@ -94,9 +94,9 @@ inline void remove_unlisted_pictures(const std::filesystem::path& out, const nlo
   }
 }
 
-/// A command whose options are a struct. Beside that stand add_options(CLI::App&, Options&), run(Options&,
-/// const Common&) and, where there is one, afterwards(const Options&, const Common&): overloads, in a unity
-/// build. Of the pictures in --out those stay that run()'s answer lists (remove_unlisted_pictures).
+/// A command whose options are a struct. Beside the struct stand add_options(CLI::App&, Options&),
+/// run(Options&, const Common&) and, optionally, afterwards(const Options&, const Common&): overloads, in a
+/// unity build. Pictures in --out stay only if run()'s result lists them (remove_unlisted_pictures).
 template <class Options>
 Command command_of(Command command) {
   const auto options = std::make_shared<Options>();  // lives as long as the command
@@ -112,13 +112,13 @@ Command command_of(Command command) {
   return command;
 }
 
-/// An option whose help tells its default: `value` as it stands.
+/// Adds an option whose help shows its default: the present `value`.
 template <class T>
 CLI::Option* add_defaulted(CLI::App& app, const std::string& name, T& value, const std::string& help) {
   return app.add_option(name, value, help)->capture_default_str();
 }
 
-/// Sets those of a library's settings that are options of every command.
+/// Copies the options of every command into a library's settings.
 template <class Settings>
 void take_common(Settings& settings, const Common& common) {
   if constexpr (requires { settings.out; }) settings.out = common.out;
@@ -155,7 +155,7 @@ Command zoo_command();
 /// arguments or bad input. Errors print one line on standard error.
 int dispatch(std::vector<std::string> arguments);
 
-// What commands tell: short tables on standard output, and pages.
+// Output of commands: short tables on standard output, and pages.
 
 using Rows = std::vector<std::pair<std::string, std::string>>;
 
@@ -167,15 +167,15 @@ inline void print_table(const Rows& rows) {
   std::fflush(stdout);
 }
 
-/// Letters of UTF-8, each a column.
+/// Columns of a UTF-8 text, one for each character.
 inline std::size_t columns(const std::string& text) {
   return as_size(std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xC0) != 0x80; }));
 }
 
-/// Rows of cells, the first row the heads.
+/// Rows of cells; the first row holds the headings.
 using Columns = std::vector<std::vector<std::string>>;
 
-/// After an empty line; a row may have fewer cells than the others.
+/// Prints them after an empty line; a row may have fewer cells than the others.
 inline void print_columns(const Columns& rows) {
   std::vector<std::size_t> widest;
   for (const auto& row : rows)
@@ -205,13 +205,7 @@ inline std::string percent(const Interval& share) {
   return fmt::format("{} ({:.1f}–{:.1f})", percent(share.value), 100 * share.low, 100 * share.high);
 }
 
-/// Of a difference of shares, in points: "+9.2 (+3.4 to +16.2)"
-inline std::string signed_points(const Interval& difference) {
-  return fmt::format("{:+.1f} ({:+.1f} to {:+.1f})", 100 * difference.value, 100 * difference.low,
-                     100 * difference.high);
-}
-
-/// Of a detector's use of its picture.
+/// Table rows on a detector's use of its picture.
 inline Rows picture_rows(const Reliance& reliance) {
   Rows rows = {{"use of the picture", describe(reliance)}};
   if (const std::string note = picture_note(reliance); !note.empty()) rows.push_back({"images", note});
@@ -226,8 +220,8 @@ inline void remove_pages(const std::filesystem::path& out) {
 }
 
 /// The page that a Python program makes beside OUT/result.json, one self-contained file
-/// (validation/report/command_page.py). Where Python fails, a warning that says why, and no page of an
-/// earlier result either.
+/// (validation/report/command_page.py). If Python fails, logs a warning that says why; a page of an earlier
+/// result is removed all the same.
 inline void write_page(const std::filesystem::path& out) {
   remove_pages(out);
   std::string output;

@@ -21,7 +21,7 @@ struct CompareOptions {
   std::string unknown;
 };
 
-/// The `which`-th of a list that is empty, or has one or two entries.
+/// The entry number `which` of a list that is empty or has one or two entries.
 std::string of_two(const std::vector<std::string>& list, std::size_t which, const char* option,
                    const std::string& otherwise) {
   if (list.size() > 2)

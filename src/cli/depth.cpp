@@ -27,7 +27,7 @@ struct DepthOptions {
   double hide = -1;
 };
 
-/// Null for what no pixel says.
+/// Null for a figure without pixels.
 nlohmann::json to_json(const DepthErrors& e) {
   const auto of = [&](double error) { return e.pixels ? nlohmann::json(error) : nlohmann::json(); };
   return {{"rmse_mm", of(e.rmse)},
@@ -93,7 +93,7 @@ void add_options(CLI::App& app, DepthOptions& options) {
   app.add_option("--weights", options.weights,
                  "weights of learned depth completion (default: the shipped ones)");
   app.add_option("--hide", options.hide,
-                 "score on this share of the returns, held back (default: 0.2 where there is no true depth)")
+                 "hold back this share of the returns and score on it (default: 0.2 without true depth)")
       ->check(within({0, 0.99}));
   add_defaulted(app, "--farthest", options.score.farthest, "score up to this true depth, m")
       ->check(within({0.1, 1000}));

@@ -40,7 +40,7 @@ nlohmann::json box_json(const BevBox& box) {
 /// Names of a frame's cameras beside the first, by ObjectBoxes::camera.
 using CameraNames = std::map<int, std::string>;
 
-/// In the picture of the camera that it names, or of the first.
+/// The box in the picture of its camera, by name if it is not the first.
 nlohmann::json picture_json(const ObjectBoxes& boxes, const CameraNames& cameras) {
   const PictureBox& box = boxes.picture;
   nlohmann::json json = {{"left", box.left}, {"top", box.top}, {"right", box.right}, {"bottom", box.bottom}};
@@ -49,7 +49,7 @@ nlohmann::json picture_json(const ObjectBoxes& boxes, const CameraNames& cameras
   return json;
 }
 
-/// The box that is compared, and with its height where that is known of detections.
+/// The box that is compared, with its height if the detections have one.
 nlohmann::json box_json(const ObjectBoxes& boxes, Matching matching, bool heights,
                         const CameraNames& cameras) {
   if (matching.in_picture()) return picture_json(boxes, cameras);
@@ -58,7 +58,7 @@ nlohmann::json box_json(const ObjectBoxes& boxes, Matching matching, bool height
   return json;
 }
 
-/// `cameras`: of each frame.
+/// `cameras`: one entry for each frame.
 nlohmann::json detections_json(const DetectionRun& run, const Capabilities& can,
                                const std::vector<CameraNames>& cameras) {
   nlohmann::json frames = nlohmann::json::array();
@@ -157,10 +157,9 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   // One of ours works on all threads by itself; a program is started once a thread.
   DetectorPool pool;
   if (!is_program(detector_options.detector)) pool.push_back(load_detector(detector_options));
-  const std::vector<std::string> frames = first_frames(options.data, options.frames);
+  const std::vector<std::string> frames = list_frames(options.data, options.frames);
   if (pool.empty()) pool = load_detector_pool(detector_options, static_cast<int>(frames.size()));
-  std::vector<Detector*> detectors;
-  for (const auto& each : pool) detectors.push_back(each.get());
+  const std::vector<Detector*> detectors = instances(pool);
   Detector* const detector = detectors.front();
   const LabelCensus census = count_labels(options.data, frames, options.classes);
   if (rank() == 0) warn_of_labels(census);

@@ -56,7 +56,7 @@ void add_common(CLI::App& app, Common& common, const std::string& default_out) {
       ->type_name("TEXT");
 }
 
-/// InputError for the first argument that looks like an option and is none of the command's, or that stands
+/// InputError for the first argument that looks like an option but is unknown to the command, or that stands
 /// where nothing is expected.
 void check_names(const std::vector<std::string>& arguments, const CLI::App& command) {
   for (std::size_t i = 1; i < arguments.size() && arguments[i] != "--"; ++i) {
@@ -92,7 +92,7 @@ void check_command(const std::vector<std::string>& arguments, const std::vector<
                           : use_one_of(word, command_names));
 }
 
-/// InputError for a value that can be no path, nor anything else that an option takes.
+/// InputError for a value that is neither a valid path nor anything else that an option takes.
 void check_lengths(const CLI::App& app) {
   constexpr std::size_t kMaxNameLength = 255, kMaxPathLength = 3800;  // Linux's, less what is added to it
   for (const CLI::Option* option : app.get_options())
@@ -113,7 +113,7 @@ std::string version_text() {
                      commit.empty() ? "sources without git" : "commit " + commit);
 }
 
-/// As a shell takes it.
+/// The word as a shell takes it.
 std::string quoted(const std::string& text) {
   const bool plain = !text.empty() && text.find_first_not_of(
                                           "abcdefghijklmnopqrstuvwxyz"
@@ -125,7 +125,7 @@ std::string quoted(const std::string& text) {
   return out + "'";
 }
 
-/// A run folder by content, wherever it and its data set lie.
+/// Identifies a run folder by content, wherever it and its data set lie.
 std::string run_hash(const std::filesystem::path& run) {
   nlohmann::json about = read_json(run / "run.json");
   if (about.is_object())
@@ -136,13 +136,13 @@ std::string run_hash(const std::filesystem::path& run) {
   return content_hash(hashes);
 }
 
-/// A number or truth as such, else the text.
+/// A number or boolean as JSON, else the text.
 nlohmann::json typed(const std::string& text) {
   nlohmann::json value = nlohmann::json::parse(text, nullptr, false);
   return value.is_number() || value.is_boolean() ? value : nlohmann::json(written_text(text));
 }
 
-/// An earlier result by what it was made of: its date and timings do not count.
+/// Identifies an earlier result by its provenance: its date and timings do not count.
 std::string result_hash(const std::filesystem::path& file) {
   const nlohmann::json result = read_json(file);
   const nlohmann::json::json_pointer identity("/provenance/identity");
@@ -150,7 +150,7 @@ std::string result_hash(const std::filesystem::path& file) {
                                                                       : file_hash(file);
 }
 
-/// A file by content; of a glTF the files that it names, too.
+/// Identifies a file by content; for a glTF, with the files that it names.
 std::string whole_hash(const std::filesystem::path& file) {
   std::string hash = file_hash(file);
   if (const std::string kind = lower_extension(file); kind == ".gltf" || kind == ".glb")
@@ -162,9 +162,9 @@ std::string whole_hash(const std::filesystem::path& file) {
 constexpr auto kDataOptions =
     std::to_array<const char*>({"data", "validation", "real", "kitti64", "xenith", "meshes"});
 
-/// All options of a command with what they stand at, given or not, but for those that name a place for
-/// results or cost time alone. Files, run folders and earlier results count by content; data sets are the
-/// command's to add, or add_data_sets'.
+/// All options of a command with their values, set or not, except those that name a place for results or
+/// affect time alone. Files, run folders and earlier results count by content; the command adds data sets
+/// itself, or add_data_sets does.
 void add_options(Provenance& provenance, const CLI::App& command) {
   const std::set<std::string> beside = {"help", "out", "threads", "quiet", "config", "kitti", "claim"};
   for (const CLI::Option* option : command.get_options()) {
@@ -194,8 +194,8 @@ void add_options(Provenance& provenance, const CLI::App& command) {
   }
 }
 
-/// Folders of options that the command has not added itself: of a data set its first --frames frames, of
-/// others the files in them.
+/// Adds folders of options that the command has not added itself: a data set's first --frames frames, or the
+/// files of another folder.
 void add_data_sets(Provenance& provenance, const CLI::App& command) {
   const CLI::Option* frames = command.get_option_no_throw("--frames");
   for (const char* name : kDataOptions) {
@@ -223,8 +223,8 @@ void add_data_sets(Provenance& provenance, const CLI::App& command) {
   }
 }
 
-/// Runs one command line; returns CLI11's own exit code for --help, throws for errors. What result.json holds
-/// also goes to `result_out`, if that is not null.
+/// Runs one command line; returns CLI11's own exit code for --help, throws for errors. The content of
+/// result.json also goes to `result_out`, if that is not null.
 int run(const std::vector<std::string>& arguments, nlohmann::json* result_out = nullptr) {
   CLI::App app("Mirage: differentiable multi-sensor simulation for attacks on camera + LiDAR detectors",
                "mirage");

@@ -69,7 +69,7 @@ void print_arms(const RunEvaluation& evaluation) {
   print_columns(rows);
 }
 
-/// What can be excluded of each object, and of all of them together.
+/// Prints the bound on the hidden share for each object, and for all together.
 void print_bounds(const RunEvaluation& evaluation) {
   Rows rows;
   for (const ObjectEvaluation& entry : evaluation.each)

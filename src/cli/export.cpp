@@ -36,7 +36,7 @@ struct ExportOptions {
   std::string sheet = "A0";
 };
 
-/// What builds the adversary: parts for a printer, its skin as sheets of paper, a plate. Returns kit.json.
+/// Writes the kit of the adversary: parts for a printer, its skin as paper sheets, a plate. Returns kit.json.
 nlohmann::json write_kit(const ExportOptions& options, const Run& run, BlenderWorker& blender,
                          const std::filesystem::path& out) {
   constexpr double kTimeout = 600;  // s; it takes a few
@@ -92,8 +92,8 @@ Rows kit_rows(const nlohmann::json& kit) {
   return rows;
 }
 
-/// Removes the files that the export before wrote into this folder, by the list in its result: scenes of
-/// other vehicles and formats that are not asked for any more would pass for this object's.
+/// Removes the files that an earlier export wrote into this folder, by the list in its result: its other
+/// scenes and formats would pass for this object's.
 void remove_earlier_scenes(const std::filesystem::path& folder) {
   const nlohmann::json before = earlier_result(folder);
   if (!before.is_object() || !before.contains("files") || !before.at("files").is_array()) return;

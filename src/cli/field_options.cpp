@@ -17,7 +17,7 @@
 namespace mirage::cli {
 namespace {
 
-/// Fields whose option has another name.
+/// Option names of fields whose option has another name.
 std::map<std::string, std::string>& renamed() {
   static std::map<std::string, std::string> names;
   return names;
@@ -39,8 +39,8 @@ std::vector<std::string> option_names(const CLI::App& command) {
   return names;
 }
 
-/// What option `name` will be: by the command line, else by the file, else by itself. None where the command
-/// has no such option.
+/// The value of option `name`: from the command line, else from the file, else its default. Empty if the
+/// command has no such option.
 std::optional<std::string> value_of(const std::string& name, const std::vector<std::string>& arguments,
                                     const nlohmann::json& table, const CLI::App& command) {
   const CLI::Option* existing = command.get_option_no_throw("--" + name);
@@ -61,8 +61,8 @@ bool names_plugin(const std::string& words) {
   });
 }
 
-/// How an option's value is code; empty if it is data. `value` gives other options' values. A TorchScript
-/// model can have any name, so what may be one is data only where a part of ours reads it.
+/// Says how an option's value is code; empty if it is data. `value` gives other options' values. A
+/// TorchScript model can have any name, so a file counts as data only if our own code reads it.
 template <class Value>
 std::string code_in(const std::string& key, const std::string& text, const Value& value) {
   if ((key == "detector" || key == "depth" || key == "backends" || key == "sensors" || key == "tracker") &&
@@ -119,7 +119,7 @@ CLI::Validator within(const Range& range) {
             if (!CLI::detail::lexical_cast(text, value) || range.contains(value)) return "";
             return fmt::format("{} is out of range; use {}", text, range.words());
           },
-          words.substr(0, words.find(" (")), ""};  // without what is said to who missed it
+          words.substr(0, words.find(" (")), ""};  // without the hint for a user who missed it
 }
 
 CLI::Validator one_of(const std::vector<std::string>& words) {

@@ -1,4 +1,4 @@
-// Options of the command line, made of a struct's list of fields (base/fields.h).
+// Options of the command line, made from a struct's list of fields (base/fields.h).
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -12,18 +12,18 @@
 
 namespace mirage::cli {
 
-/// Remembers under which option a field is set, where its name is another.
+/// Records the option that sets a field, if their names differ.
 void name_option(const Field& field);
 /// The option of `app` that sets the field; the field's own name where there is none.
 std::string option_of(const CLI::App& app, const std::string& field);
-/// An option's help and what holds without the option, if anything is said of that.
+/// An option's help with its default in words, `otherwise`, if that is not empty.
 std::string with_default(const std::string& help, const std::string& otherwise);
-/// Refuses, on the command line, what is out of the range.
+/// Refuses values out of the range on the command line.
 CLI::Validator within(const Range& range);
-/// Refuses what is none of the words.
+/// Refuses every other word.
 CLI::Validator one_of(const std::vector<std::string>& words);
-/// Refuses, for every option that takes a number, what is none: CLI11 would say "could not convert", and take
-/// -1 for the largest that has no sign. To be called when the command has all its options.
+/// Refuses non-numbers for every option that takes a number: CLI11 would say "could not convert", and read -1
+/// as the largest unsigned number. Call it when the command has all its options.
 void check_numbers(CLI::App& app);
 /// The first part of an option's type, "TEXT" or "INT", and what within() or one_of() added to it.
 struct OptionType {
@@ -31,13 +31,13 @@ struct OptionType {
 };
 OptionType type_of(const CLI::Option& option);
 
-/// What CLI11 complains of: the option ("--size"; may be empty), what is wrong and how to mend it.
+/// An error of CLI11: the option ("--size"; may be empty), the problem and the fix.
 struct UsageError {
   std::string option, problem, fix;
 };
 UsageError usage_error(const CLI::ParseError& error, const CLI::App& app);
 
-/// Of add_fields.
+/// The visitor of add_fields.
 class FieldOptions : public FlatFields<FieldOptions> {
  public:
   FieldOptions(CLI::App& to, std::set<std::string> without, std::string elsewhere = "")
@@ -87,15 +87,15 @@ class FieldOptions : public FlatFields<FieldOptions> {
   std::string otherwise;
 };
 
-/// An option for each field that has one, but those to skip; `s` lives as long as the command. `otherwise`:
-/// where the values come from without the options, if `s` does not hold them; of all that matter to results.
+/// Adds an option for each field that has one, except those to skip; `s` must outlive the command.
+/// `otherwise`: the source of the default values, if not `s`, of all fields that affect results.
 template <class S>
 void add_fields(CLI::App& app, S& s, std::set<std::string> skip = {}, std::string otherwise = "") {
   FieldOptions options(app, std::move(skip), std::move(otherwise));
   visit_fields(options, s);
 }
 
-/// Of add_overrides.
+/// The visitor of add_overrides.
 class OverrideOptions : public FlatFields<OverrideOptions> {
  public:
   template <class T>
@@ -113,8 +113,8 @@ class OverrideOptions : public FlatFields<OverrideOptions> {
   std::string otherwise;
 };
 
-/// Options that ask for other values of S's fields (of `only` those, if any are named) than `otherwise`,
-/// which their help names; `overrides` lives as long as the command.
+/// Adds options that override values of S's fields (only those in `only`, if it is not empty). Their help
+/// names `otherwise` as the default's source; `overrides` must outlive the command.
 template <class S>
 void add_overrides(CLI::App& app, std::map<std::string, std::string>& overrides,
                    std::set<std::string> only = {}, std::string otherwise = "the run's") {
@@ -123,30 +123,29 @@ void add_overrides(CLI::App& app, std::map<std::string, std::string>& overrides,
   visit_fields(options, fields);
 }
 
-// --config FILE.toml: keys are the command's option names without the dashes; the command line wins. Such
-// files are passed on like data sets are, so they hold settings and no code.
+// --config FILE.toml: keys are the command's option names without the dashes; the command line wins. Users
+// share these files like data sets, so they hold settings and no code.
 
 /// Arguments with the file's keys turned into options, where the command line doesn't give them already.
-/// InputError naming file and key for: an unreadable file, a syntax error, an unknown key, and what would run
-/// code (a plugin, weights that may be a TorchScript model, trust in a run's code).
+/// InputError naming file and key for: an unreadable file, a syntax error, an unknown key, and a value that
+/// would run code (a plugin, weights that may be a TorchScript model, trust in a run's code).
 std::vector<std::string> apply_config(const std::vector<std::string>& arguments, const CLI::App& command);
 
 // Runs commands on named settings: for Python (plugins/python) and for commands that run others.
 
-/// Between the entries of a list in a NamedSettings' text. The "unit separator", which stands in no path and
-/// no word.
+/// Separates the entries of a list in a NamedSettings' text: the "unit separator", in no path or word.
 inline constexpr char kListSeparator = '\x1f';
 
-/// "--texel-rate=0.01" for each; one for each entry of a list where the option takes several. InputError,
-/// naming `where` and the names there are, for one that the command does not know.
+/// Arguments such as "--texel-rate=0.01": one for each setting, or for each entry of a list if the option
+/// takes several. InputError, naming `where` and the known names, for an unknown name.
 std::vector<std::string> arguments_of(const NamedSettings& settings, const CLI::App& command,
                                       const std::string& where);
 
-/// Sets what the command's options point at. InputError naming `where` for what an option does not take.
+/// Sets the variables of the command's options. InputError naming `where` for a refused value.
 void parse_settings(CLI::App& command, const NamedSettings& settings, const std::string& where);
 
-/// Runs a command as the command line does, OUT/result.json included, and returns what that holds. `where`
-/// names the call in its errors. Throws what the command throws.
+/// Runs a command as the command line does, OUT/result.json included, and returns its content. `where` names
+/// the call in its errors. Throws what the command throws.
 nlohmann::json run_command(const std::string& command, const NamedSettings& settings,
                            const std::string& where);
 

@@ -93,7 +93,7 @@ void print_report(const FitReport& report) {
   std::fflush(stdout);
 }
 
-/// The fits of one frame after the other, each kept in OUT/frames as soon as it is there.
+/// Fits the frames one by one and stores each result in OUT/frames at once.
 struct FitWork {
   const FitOptions& options;
   const std::filesystem::path& out;
@@ -101,7 +101,7 @@ struct FitWork {
   const LidarModel& lidar;
   const FitFrameSettings& settings;
   const std::optional<generator::StreetSource>& source;
-  Provenance provenance;  ///< but for the frame
+  Provenance provenance;  ///< without the frame
 
   std::filesystem::path file_of(const std::string& id) const {
     return out / "frames" / (escape_name(id) + ".json");
@@ -110,7 +110,7 @@ struct FitWork {
     return out / "meshes" / fmt::format("{}_{}.{}", escape_name(id), label, options.format);
   }
 
-  /// What to_json says of the frame's vehicles.
+  /// The list of to_json(vehicle) for the frame's vehicles, stored or computed.
   nlohmann::json fit(const std::string& id) const {
     Provenance of_frame = provenance;
     of_frame.input("frame", open_data_set(options.data)->hash(id));
@@ -119,7 +119,7 @@ struct FitWork {
     if (auto stored = stored_fits(id, key)) return std::move(*stored);
     const Frame frame = read_frame(options.data, id);
     std::vector<generator::TrueVehicle> truth;
-    const auto index = source ? generator::index_of(id) : std::nullopt;
+    const auto index = source ? try_parse_number<std::uint64_t>(id) : std::nullopt;
     if (index) truth = generator::true_vehicles(*source, *index, lidar.height);
     const std::vector<FittedVehicle> fits =
         fit_frame(finder, frame, lidar, settings, index ? &truth : nullptr);
@@ -134,7 +134,7 @@ struct FitWork {
   }
 
  private:
-  /// None as of read_cached, and where a mesh is missing.
+  /// Empty as read_cached, and if a mesh is missing.
   std::optional<nlohmann::json> stored_fits(const std::string& id, const std::string& key) const {
     return read_cached(file_of(id), key, [&](const JsonFields& fields) -> std::optional<nlohmann::json> {
       const nlohmann::json& rows = fields.list("vehicles", kMaxVehicles);
@@ -167,7 +167,7 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   const LidarModel lidar = lidar_of(options.data, options.rig);
   check_data(options.data, options.rig, UnitUse::casts_rays);
   const ShapeRoofFinder finder(read_shape_model(model_file), lidar, options.min_points);
-  const std::vector<std::string> ids = first_frames(options.data, as_size(options.frames));
+  const std::vector<std::string> ids = list_frames(options.data, as_size(options.frames));
   const auto source = generator::source_of(options.data);
   FitFrameSettings frame_settings = options.frame;
   for (std::string& type : frame_settings.types) type = kitti_type(type);

@@ -248,7 +248,7 @@ std::vector<std::string> usual_words(const CLI::App& command, const CLI::Option&
   return words;
 }
 
-/// The words of a choice, "{both,image}" in the option's type; empty where anything may stand.
+/// The words of a choice, "{both,image}" in the option's type; empty for free text.
 std::vector<std::string> choices(const CLI::App& command, const CLI::Option& option) {
   const std::string type = option.get_type_name();
   const auto open = type.find('{');
@@ -262,8 +262,8 @@ std::string names(const CLI::Option& option, const char* separator) {
   return fmt::format("{}", fmt::join(all, separator));
 }
 
-/// Cases of the word before the one to complete, for one command; what follows an option with a value is one
-/// of its words or a file.
+/// Shell cases for one command by the word before the one to complete. After an option with a value come its
+/// words or files.
 std::string cases_of(const CLI::App& command) {
   std::string text;
   std::vector<std::string> free;

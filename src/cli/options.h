@@ -17,7 +17,7 @@
 
 namespace mirage::cli {
 
-/// For the data set that the detector is to see, whose rig chooses the shipped weights.
+/// The detector's options for a data set, whose rig selects the shipped weights.
 inline DetectorOptions with_common(const DetectorOptions& from, const Common& common,
                                    const FrameSource& source) {
   DetectorOptions options = for_data(from, source);
@@ -47,14 +47,14 @@ inline void add_min_view_option(CLI::App& app, double& share) {
       ->check(within(kShare));
 }
 
-// Options of the commands that prepare frames, and how their results are told.
+// Options of the commands that prepare frames, and texts for their tables.
 
-/// --quality beside the options that it stands in for.
+/// --quality, which stands for several other options.
 struct QualityOption {
   std::string name;               ///< empty: none was asked for
   const CLI::App* app = nullptr;  ///< knows which options were given, on the command line or in a config file
 
-  /// `name` as it stands is the default. `otherwise` says what holds without one ("the run's").
+  /// The present `name` is the default, unless `otherwise` names its source ("the run's").
   void add(CLI::App& command, const std::string& otherwise = "") {
     app = &command;
     auto* option = command.add_option(
@@ -82,11 +82,11 @@ struct QualityOption {
   }
 };
 
-/// --lidar-effects: what returns on the object have of a real unit.
+/// --lidar-effects: sensor effects on the returns from the object.
 struct LidarEffectsOption {
   std::string words;  ///< empty: none was asked for
 
-  /// `words` as they stand are the default. `otherwise` says what holds without any ("the run's").
+  /// The present `words` are the default, unless `otherwise` names their source ("the run's").
   void add(CLI::App& command, const std::string& otherwise = "") {
     auto* option = command.add_option("--lidar-effects", words,
                                       with_default("sensor effects on the object's returns: ideal (none), "
@@ -100,8 +100,8 @@ struct LidarEffectsOption {
   void add_to(Overrides& overrides) const {
     if (!words.empty()) overrides["lidar_effects"] = words;
   }
-  /// Those of the unit, or `recorded` (scene/data/data_rig.h) where those of the sweeps are asked for; drawn
-  /// by `seed`.
+  /// Sets the unit's effects, or `recorded` (scene/data/data_rig.h) if `words` ask for those of the sweeps.
+  /// `seed` draws them.
   void apply(SimulationSettings& settings, const LidarModel& unit, const std::string& recorded,
              std::uint64_t seed) const {
     if (words.empty()) return;
@@ -114,7 +114,7 @@ struct LidarEffectsOption {
   }
 };
 
-/// For the commands that keep what frames cost to prepare (frames/frame_cache.h).
+/// For the commands that cache prepared frames (frames/frame_cache.h).
 inline void add_cache_note(CLI::App& app) {
   app.footer(
       "Completed depth, fitted roofs, visible host vehicles and detections are cached on disk, keyed by "
@@ -127,20 +127,20 @@ inline std::string roofs(int fitted, int from_box) {
   return fmt::format("{} fitted, {} from the labelled box", fitted, from_box);
 }
 
-/// What an insertion can be asked for: one table for `mirage simulate` and for mirage.insert in Python.
+/// The options of an insertion: one table for `mirage simulate` and for mirage.insert in Python.
 struct InsertionOptions : FrameSource {
   QualityOption quality{"default"};
   LidarEffectsOption lidar_effects{"ideal"};
   SimulationSettings simulation;
 
-  /// `skip`: fields that are no options there.
+  /// `skip`: fields without an option.
   void add(CLI::App& app, std::set<std::string> skip = {}) {
     add_fields(app, static_cast<FrameSource&>(*this), std::move(skip));
     quality.add(app);
     add_fields(app, simulation, {"lidar_gradient"});  // an insertion alone has no detector that knows
     lidar_effects.add(app);
   }
-  /// Once the options are parsed.
+  /// Call it once the options are parsed.
   void apply() {
     quality.apply(simulation);
     lidar_effects.check();

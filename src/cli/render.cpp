@@ -35,7 +35,7 @@ void check_renderer(const RenderOptions& options) {
                        "leave it out, or choose --renderer soft");
 }
 
-/// Removes what the render before drew into this folder of its other cameras.
+/// Removes pictures of other cameras that an earlier render drew into this folder.
 void remove_earlier_cameras(const std::filesystem::path& folder) {
   for (const std::string& name : listed_names(earlier_result(folder), "cameras"))
     for (const std::string& file :
@@ -60,7 +60,7 @@ std::vector<int> whole_numbers(const std::string& option, const std::string& tex
   return numbers;
 }
 
-/// What lies behind the things.
+/// The background behind the objects.
 ImageF background_of(const SceneCamera& scene, const RenderOptions& options, bool photograph) {
   if (photograph) {
     if (scene.photograph.empty())
@@ -89,7 +89,7 @@ void choose_camera(RenderScene& scene, const std::string& name) {
   scene.others.clear();
 }
 
-/// Draws it and writes picture and depth, with this at the end of their names.
+/// Draws the scene and writes picture and depth, with this suffix in their names.
 SceneImage draw(const RenderScene& scene, const ImageF& background, const SceneRenderSettings& settings,
                 const std::filesystem::path& folder, const std::string& suffix = "") {
   SceneImage image = render_scene(scene, background, settings);

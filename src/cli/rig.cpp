@@ -66,8 +66,8 @@ std::string rig_text(const Calibration& calibration, const LidarFit& found, cons
   return text + "]\n";
 }
 
-/// The unit of so many sweeps: of up to four choices, the first that 99 % of the returns agree with, else the
-/// best.
+/// The unit that recorded these sweeps: of up to four choices, the first that agrees with 99 % of the
+/// returns, else the best.
 LidarFit fit_lidar(const DataSet& set, const std::vector<std::string>& ids, std::size_t count,
                    const std::filesystem::path& data) {
   const std::size_t choices = count < ids.size() ? 4 : 1;
@@ -96,7 +96,7 @@ nlohmann::json run(const RigOptions& options, const Common& common) {
   const Calibration calibration = set->annotations(ids.front(), width, height).calibration;
   const LidarFit found = fit_lidar(*set, ids, count, options.data);
   write_file(common.out, rig_text(calibration, found, options.data.string()));
-  const LidarModel lidar = read_lidar_model(common.out);  // what other commands will read of it
+  const LidarModel lidar = read_lidar_model(common.out);  // as other commands will read it
   print_table(
       {{"sweeps", fmt::format("{} of {}", count, ids.size())},
        {"beams", fmt::format("{}, from {:+.2f} to {:+.2f} degrees", lidar.beams.size(),

@@ -63,8 +63,8 @@ ImageF depth_picture(const PreparedFrame& prepared, const Simulated& simulated, 
   return depth;
 }
 
-/// Removes the files of the simulation before in this folder that this one need not have: of cameras and
-/// sensors by their names in its result.
+/// Removes files of an earlier simulation in this folder that this one may lack, by the names of cameras and
+/// sensors in its result.
 void remove_earlier_pictures(const std::filesystem::path& folder) {
   const nlohmann::json before = earlier_result(folder);
   for (const std::string& name : listed_names(before, "cameras"))
@@ -90,7 +90,7 @@ void write_sights(const PreparedFrame& prepared, const Simulated& simulated,
   }
 }
 
-/// What each of several cameras sees of the object, by name.
+/// Each camera's view of the object, by name.
 nlohmann::json cameras_json(const Frame& frame, const Simulated& simulated) {
   nlohmann::json cameras;
   for (std::size_t k = 0; k < frame.cameras(); ++k) {
@@ -103,7 +103,7 @@ nlohmann::json cameras_json(const Frame& frame, const Simulated& simulated) {
   return cameras;
 }
 
-/// "31", or of several cameras "CAM_BACK 31, CAM_BACK_LEFT 5".
+/// "31", or for several cameras "CAM_BACK 31, CAM_BACK_LEFT 5".
 std::string pixel_counts(const Frame& frame, const Simulated& simulated) {
   if (frame.others.empty()) return std::to_string(simulated.adversary_pixels);
   std::string counts;

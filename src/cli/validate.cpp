@@ -20,7 +20,7 @@ struct ValidateOptions {
 std::string fidelity(const MeanChange& change, double seconds, const PooledError* error) {
   std::string text = fmt::format("{:.4f} ({} of radiance), SSIM {:.3f}, FLIP {:.3f}, {:.1f} s", change.mae,
                                  percent(change.relative), change.ssim, change.flip, seconds);
-  // Without noise, as root mean square: may come out below zero, and then nothing is left that can be seen.
+  // Without noise, as root mean square: it may be negative, and then no error is visible.
   if (error)
     text += fmt::format("; RMS to full light {:.1f} % ({:.1f} to {:.1f}) without noise, noise floor {}",
                         100 * error->unbiased.value, 100 * error->unbiased.low, 100 * error->unbiased.high,
@@ -58,18 +58,17 @@ void add_attack(const FooledSummary& attack, Rows& rows) {
                               percent(attack.share(attack.fooled_cycles)))});
 }
 
-/// "; -5.9 points (-20.0 to 8.2): cannot be told", after the rate of an arm that is not the first.
-std::string against_first(const Compared<VerdictCondition>& condition) {
+/// "; -5.9 (-20.0 to +8.2) points: cannot be told", after the rate of an arm that is not the first.
+std::string against_first(const Compared<RenderCondition>& condition) {
   if (!condition.difference) return "";
   const Interval& gap = *condition.difference;
   if (condition.flips == 0)
     return fmt::format("; no flips among {} vehicles (at most {:.1f} points)", condition.vehicles,
                        100 * gap.high);
-  return fmt::format("; {:+.1f} points ({:.1f} to {:.1f}): {}", 100 * gap.value, 100 * gap.low,
-                     100 * gap.high, to_word(classify(gap)));
+  return fmt::format("; {} points: {}", signed_points(gap), to_word(classify(gap)));
 }
 
-/// `sees`: else who drew the object says nothing about the attack.
+/// `sees`: whether the detector uses pictures; otherwise the renderer says nothing about the attack.
 void add_verdict(const Verdict& verdict, bool sees, Rows& rows) {
   for (const auto& [group, title] :
        {std::pair(&verdict.held_back, "held back"), std::pair(&verdict.all, "all")}) {

@@ -45,7 +45,7 @@ void add_options(CLI::App& app, ViewOptions& options) {
   for (const char* who : {"--detector", "--weights", "--defense"})
     app.get_option("--no-detector")->excludes(app.get_option(who));
   add_overrides<FrameSource>(app, settings.overrides, {"depth", "rig", "placement", "cameras"});
-  // What is shown of a drive is what it judged.
+  // A drive's page shows what the drive judged, so these options are excluded.
   for (const char* other : {"--frames", "--no-detector", "--detector", "--weights", "--defense", "--depth",
                             "--rig", "--place", "--cameras"})
     drive->excludes(app.get_option(other));

@@ -69,10 +69,11 @@ void add_options(CLI::App& app, ZooOptions& options) {
   add_defaulted(app, "--frames", options.frames, "generated frames to learn on");
   add_defaulted(app, "--judged", options.judged, "generated frames to judge on");
   add_defaulted(app, "--iterations", options.iterations, "optimisation steps of each attack");
-  add_defaulted(app, "--quality", options.quality, "of the attacks' pictures: draft or default");
+  add_defaulted(app, "--quality", options.quality,
+                "quality of the rendered pictures while learning: draft or default");
 }
 
-/// FieldError for a word that is none.
+/// FieldError for an unknown word.
 Recipe recipe_of(const std::string& text) {
   const std::vector<std::string> rigs = shipped_names("scenes/rigs", ".toml");
   Recipe recipe;

@@ -27,10 +27,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The adversary's side of the training as an attack's settings.
+/// The adversary's part of the training as attack settings.
 AttackSettings attack_settings(const DefenseSettings& settings) {
   AttackSettings attack;
-  attack.buildable.on = false;  // what need not be built is the stronger opponent
+  attack.buildable.on = false;  // a mesh that need not be buildable is the stronger opponent
   static_cast<FrameSource&>(attack) = settings;
   attack.detector = settings.detector;
   attack.batch = settings.adversary_batch;
@@ -42,7 +42,7 @@ AttackSettings attack_settings(const DefenseSettings& settings) {
   return attack;
 }
 
-/// What must agree for a run to go on.
+/// The identity that a resumed run must match.
 RunIdentity identity(const DefenseSettings& settings, const AttackSettings& attack, std::size_t hosts) {
   nlohmann::json json = fields_json(settings);
   json["start"] = file_hash(weights_file(settings.detector));
@@ -54,7 +54,7 @@ RunIdentity identity(const DefenseSettings& settings, const AttackSettings& atta
   json["limits"] = {attack.limits.half.x(), attack.limits.half.y(), attack.limits.half.z()};
   json["hosts"] = hosts;
   json["frames_hash"] =
-      frames_hash(settings.data, first_frames(settings.data, settings.frames), settings.cameras);
+      frames_hash(settings.data, list_frames(settings.data, settings.frames), settings.cameras);
   json["lidar"] = lidar_identity(lidar_of(settings.data, settings.rig));
   if (content_of(settings.placement).is_object()) json["placed"] = to_json(settings.placement);
   nlohmann::json lacking = lacking_json<DefenseSettings>();
@@ -62,15 +62,15 @@ RunIdentity identity(const DefenseSettings& settings, const AttackSettings& atta
   earlier.fp_top_k = 0;
   lacking["objective"] = fields_json(earlier);
   for (const char* key : {"frames_hash", "lidar", "plugin_hash"})
-    if (json.contains(key)) lacking[key] = json[key];  // earlier runs do not say
+    if (json.contains(key)) lacking[key] = json[key];  // missing in earlier runs
   return {json, lacking};
 }
 
-/// The trained detector and instances on the same weights that compute the adversary's gradients beside it.
+/// The trained detector, and instances that share its weights and compute the adversary's gradients.
 DetectorPool shared_pool(const DetectorOptions& options, int most) {
   DetectorPool pool;
   pool.push_back(load_detector(options));
-  add_shared(pool, most);  // where it cannot, one thread does: a copy would not learn
+  add_shared(pool, most);  // if it cannot share, one thread works: a copy would not learn
   return pool;
 }
 
@@ -84,7 +84,7 @@ std::size_t attacked_samples(const DefenseSettings& settings) {
   return attacks ? as_size(std::lround(settings.attacked * settings.batch)) : 0;
 }
 
-/// FieldError where a share of the batch rounds to none or all of it.
+/// FieldError if the attacked share rounds to none or all of the batch.
 void check_attacked(const DefenseSettings& settings) {
   if (settings.carried == Carried::adversary && settings.adversary_updates == 0) return;
   const std::size_t count = attacked_samples(settings);
@@ -96,8 +96,8 @@ void check_attacked(const DefenseSettings& settings) {
                      fmt::format("use a larger --batch, or --attacked {}", none ? 0 : 1));
 }
 
-/// FieldError for a detector that finds boxes in the picture alone, and if what is of a network that sees the
-/// picture is asked of another.
+/// FieldError for a detector that finds boxes in the picture alone, and for methods that need the picture
+/// with a detector that does not read it.
 void check_parts(const DefenseSettings& settings, const Detector& detector) {
   if (!detector.capabilities().finds_bev)
     throw FieldError("detector", detector.name(),
@@ -114,10 +114,8 @@ class DefenseTraining {
  public:
   DefenseTraining(const DefenseSettings& settings, const std::array<double, 4>& region)
       : settings_(settings), attack_(attack_settings(settings)), region_(region), store_(attack_) {
-    const std::vector<std::string> frames = first_frames(settings.data, settings.frames);
-    const LabelCensus census = count_labels(settings.data, frames);
-    require_cars(census, "adversarial training");
-    warn_of_labels(census);
+    const std::vector<std::string> frames = list_frames(settings.data, settings.frames);
+    check_labels(settings.data, frames, "adversarial training");
     SkippedHosts left_out;
     hosts_ = find_all_hosts(store_, frames, region, attack_.simulation, attack_.min_view, true, &left_out);
     warn_of_left_out(store_.place(), left_out);
@@ -132,7 +130,7 @@ class DefenseTraining {
   const AttackSettings& attack() const { return attack_; }
   FrameStore& store() { return store_; }
 
-  /// The samples of a step: those that carry the adversary first. They depend on (seed, step) and the mesh.
+  /// The samples of a step, attacked ones first. They depend on (seed, step) and the mesh alone.
   std::vector<PreparedSample> samples(std::int64_t step, const TexturedMesh& adversary) {
     const auto batch = order_->batch(step);
     const bool random = settings_.carried == Carried::random;
@@ -163,7 +161,7 @@ class DefenseTraining {
   std::array<double, 4> region_;
   FrameStore store_;
   std::vector<Host> hosts_;
-  std::optional<HostOrder> order_;  ///< known once the hosts are
+  std::optional<HostOrder> order_;  ///< set once the hosts are known
 };
 
 struct Method {

@@ -1,15 +1,12 @@
-// Making a detector robust: fine-tuning it on frames that carry an adversary, which goes on learning
-// meanwhile.
+// Adversarial training: fine-tuning a detector on frames with an adversary that keeps learning meanwhile.
 //
 // In the style of free adversarial training (Shafahi et al., NeurIPS 2019), as Tu et al. (CoRL 2021) use it:
-// one adversary persists through the whole training and takes a few Adam steps against the model of the
-// moment (attack/attack_step.h: any vehicle, both sensors) before each step of the model. Training starts
-// from clean weights. Part of every batch stays clean, so that the detector does not forget the world as it
-// is.
+// one adversary persists through the whole training. Before each model step it takes a few Adam steps against
+// the current model (attack/attack_step.h: any vehicle, both sensors). Training starts from clean weights.
+// Part of every batch stays clean, so that the detector does not forget clean frames.
 //
-// Two controls separate what such a training gains from what else it changes: samples that carry random
-// meshes (the detector has merely seen things on roofs), and samples that leave the picture out (it has
-// learned to do without).
+// Two controls separate the effect of the adversary from side effects: samples with random meshes (the
+// detector has merely seen objects on roofs), and samples without the picture (it has learned to do without).
 #pragma once
 
 #include <array>
@@ -25,19 +22,18 @@
 
 namespace mirage {
 
-/// What the attacked samples of a training carry on a roof. adversary: the mesh that learns meanwhile.
-/// random: each one its own random mesh (random_load), and nothing learns but the model.
+/// The mesh on the roofs of attacked samples. adversary: the mesh that keeps learning. random: each sample
+/// has its own random mesh (random_load), and only the model learns.
 enum class Carried { adversary, random };
 constexpr auto words_of(Carried) {
   return std::to_array<const char*>({"adversary", "random"});
 }
 
-/// A mesh as nobody learned it: the paper's random one (random_adversary), stretched along each axis to
-/// between half of the box and all of it, in 1 to 40 patches of random colours. Depends on (seed, index)
-/// alone.
+/// The paper's random mesh (random_adversary), stretched along each axis to between half of the box and the
+/// whole box, in 1 to 40 patches of random colours. Depends on (seed, index) alone.
 TexturedMesh random_load(std::uint64_t seed, std::uint64_t index, const AdversaryLimits& limits);
 
-/// What adversarial training starts from, how long it goes on, and how strong its adversary is.
+/// Settings of adversarial training: its start, its length and the strength of its adversary.
 struct DefenseSettings : FrameSource, TrainingSchedule {
   DefenseSettings() {
     steps = 400;
@@ -45,7 +41,7 @@ struct DefenseSettings : FrameSource, TrainingSchedule {
     checkpoint.steps = 50;
   }
   std::filesystem::path validation;  ///< may be empty
-  /// Where training starts (empty weights: the shipped clean ones) and what is added to the network (parts).
+  /// The start of training (empty weights: the shipped clean ones), and parts added to the network.
   DetectorOptions detector;
   Carried carried = Carried::adversary;
   double attacked = 0.5;  ///< share of a batch that carries a mesh (rounded)
@@ -57,7 +53,7 @@ struct DefenseSettings : FrameSource, TrainingSchedule {
   std::size_t validation_frames = 0;             ///< only the first N (0: all)
 };
 
-/// The weights are of the identity by their content (train_defended), not by their path.
+/// In the identity the weights count by content (train_defended), not by path.
 template <class Visitor, FieldsOf<DefenseSettings> S>
 void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, as_base<FrameSource>(s));
@@ -93,27 +89,27 @@ void visit_fields(Visitor& visit, S& s) {
         s.validation_frames);
 }
 
-/// What adversarial training ends with; at50 and at70 are clean.
+/// Result of adversarial training; at50 and at70 are on clean frames.
 struct DefenseResult : TrainingResult {
   int hosts = 0;
-  double adversary_loss = 0;  ///< of its last step (objective.h; negative: false positives prevail)
+  double adversary_loss = 0;  ///< last step's (objective.h; negative: mostly false positives)
   PrecisionRecall at50_before, at70_before;
 };
 
-/// The words of `mirage defend --method` and of the weights that come of it.
+/// The words of `mirage defend --method`, also used to name its weights.
 const std::vector<std::string>& defense_methods();
-/// What the method is of the settings: parts, what is carried, what is left out. FieldError naming method for
-/// a word that is none.
+/// Sets the settings that define the method: parts, carried mesh, omitted pictures. FieldError naming method
+/// for an unknown word.
 void set_method(const std::string& method, DefenseSettings& settings);
-/// Names of the settings that decide nothing with the method: those of an adversary that does not learn, and
-/// the share that carries one where nothing is carried. Errors as set_method's.
+/// Names of the settings without effect under the method: those of an adversary that does not learn, and the
+/// attacked share if nothing is carried. Errors as set_method.
 std::vector<std::string> unused_fields(const std::string& method);
 
-/// Trains, or goes on from the newest checkpoint in `out` (of the same settings and frames, or InputError),
-/// to the same result. FieldError for settings out of range, a share that rounds to none or all of a batch, a
-/// detector of boxes in the picture, and parts that the detector cannot have. InputError for data without a
-/// host. Writes out/training.jsonl (a line every 10 steps: step, seconds, rate, loss,
-/// score_loss, box_loss, hide, false_positive) and the last adversary, out/adversary.glb.
+/// Trains, or resumes from the newest checkpoint in `out` to the same result (InputError for other settings
+/// or frames). FieldError for settings out of range, a share that rounds to none or all of a batch, a
+/// detector of boxes in the picture, and unsupported parts. InputError for data without hosts. Writes
+/// out/training.jsonl (a line every 10 steps: step, seconds, rate, loss, score_loss, box_loss, hide,
+/// false_positive) and the last adversary, out/adversary.glb.
 DefenseResult train_defended(const DefenseSettings& settings);
 
 }  // namespace mirage

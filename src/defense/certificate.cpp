@@ -18,7 +18,7 @@
 namespace mirage {
 namespace {
 
-/// IoU over which a car is found, whatever is asked.
+/// IoU of the strictest rule for a found car.
 constexpr double kStrictest = 0.7;
 
 void check_certificate(const CertificateSettings& settings) {
@@ -28,20 +28,20 @@ void check_certificate(const CertificateSettings& settings) {
     check_number({.name = "sizes", .range = {kMinAdversarySize, kMaxAdversarySize}}, size);
 }
 
-/// A frame before the detector, with what every mask of it needs.
+/// A frame for the detector, with the data that its masks share.
 struct MaskedView {
   Detector& detector;
   const PreparedFrame& prepared;
-  EvaluationSettings by;  ///< down to the scores that AP asks for
+  EvaluationSettings by;  ///< with the score threshold of AP
   std::vector<Detection> clean;
-  std::optional<UnchangedInput> recorded;  ///< where the detector computes only what a mask changes
+  std::optional<UnchangedInput> recorded;  ///< set if the detector computes only a mask's changes
   std::vector<HostTruth> hosts = {};
   std::vector<Placement> roofs = {};
 
   MaskedFrame behind(const Box3& box, const MaskMargin& margin) const {
     return masked(prepared.frame.image, prepared.frame.sweep, prepared.frame.calibration, box, margin);
   }
-  /// `elsewhere`: where the picture was changed before it was masked.
+  /// `elsewhere`: pixels that were changed before masking.
   std::vector<Detection> found(const MaskedFrame& masked, const PixelRect& elsewhere = {}) {
     SensorView view = view_of(prepared.frame, masked.image, masked.sweep);
     if (recorded) {
@@ -59,7 +59,7 @@ double best_iou(const std::vector<Detection>& proposals, const HostTruth& truth,
   return best;
 }
 
-/// Random objects within the limits: dented balls, and every second one fills the box.
+/// A random object within the limits: a dented ellipsoid for even i; for odd i it fills the box.
 TexturedMesh random_object(std::uint64_t seed, int i, const AdversaryLimits& limits) {
   const std::uint64_t own = RandomStream(seed, "certified against", static_cast<std::uint64_t>(i)).next_u32();
   TexturedMesh object = random_adversary(own, limits, 0.2 * limits.half.maxCoeff());
@@ -68,7 +68,7 @@ TexturedMesh random_object(std::uint64_t seed, int i, const AdversaryLimits& lim
   return object;
 }
 
-/// Whether the object stays in the box for which certificates of these limits are.
+/// Whether the object stays in the box of these limits.
 bool fits(const TexturedMesh& object, const AdversaryLimits& limits) {
   return (half_lengths(object.mesh).array() <= limits.half.array() + 1e-9).all();
 }
@@ -80,20 +80,20 @@ bool same(const MaskedFrame& a, const MaskedFrame& b) {
   return equal(a.image.data, b.image.data) && equal(a.sweep, b.sweep);
 }
 
-/// What is kept of known objects on every car: the best IoU with it under each, by host.
+/// Best IoU with each host under each known object.
 using AttackedIou = std::map<HostId, std::vector<double>>;
 
 /// A frame's part of the work.
 struct FrameWork {
   std::string id;
-  std::vector<std::size_t> hosts;  ///< places in the result
+  std::vector<std::size_t> hosts;  ///< indices into the result
   std::vector<Detection> clean;
-  ViewAnswers united;                   ///< of the whole lattice, by size
+  ViewAnswers united;                   ///< detections of the whole lattice, by size
   std::vector<std::size_t> masks;       ///< by size
   std::vector<std::size_t> violations;  ///< by size
 };
 
-/// Every number that is found of a frame and its hosts.
+/// Calls use() on every stored number of a frame and its hosts.
 template <class Use>
 void for_each_number(FrameWork& work, std::vector<CertifiedHost>& hosts, std::size_t sizes, const Use& use) {
   work.violations.resize(sizes);
@@ -123,7 +123,7 @@ class Certifier {
     for (const TexturedMesh& adversary : settings.adversaries) adversaries_.push_back(hash_of(adversary));
   }
 
-  /// What is kept of the frame, or else what is found now, which is then kept.
+  /// Reads the frame's cached result, or computes and caches it.
   void work_on(Detector& detector, FrameWork& work, std::vector<CertifiedHost>& hosts) const {
     const auto now = [&] {
       FrameAnswers answers;
@@ -215,14 +215,14 @@ class Certifier {
     }
   }
 
-  /// For every adversary that stays in the box: what is found of the host under it.
+  /// Calls visitor(adversary, best IoU with the host) for every adversary that stays in the box.
   template <class Visitor>
   void for_those_in(const AdversaryLimits& limits, const HostId& id, const Visitor& visitor) const {
     for (std::size_t i = 0; i < settings_.adversaries.size(); ++i)
       if (fits(settings_.adversaries[i], limits)) visitor(settings_.adversaries[i], attacked_.at(id)[i]);
   }
 
-  /// How many objects change something that the mask leaves: random ones, and the adversaries in the box.
+  /// Number of objects that change something outside the mask: random ones, and the adversaries in the box.
   std::size_t violations(const PreparedFrame& prepared, const Placement& roof, const AdversaryLimits& limits,
                          const Box3& box, const MaskedFrame& recorded) const {
     const Frame& frame = prepared.frame;
@@ -251,7 +251,7 @@ class Certifier {
     for (const Box3& mask : masks) {
       throw_if_interrupted(how_to_go_on(store_, settings_.evaluation));
       const auto holds = [&](const Box3& object) { return covers(mask, object); };
-      bool needs_lattice = settings_.whole_lattice;  // else of cars that no mask before has certified
+      bool needs_lattice = settings_.whole_lattice;  // or only for cars not yet certified
       for (std::size_t h = 0; h < objects.size() && !needs_lattice; ++h)
         needs_lattice = hosts[work.hosts[h]].sizes[s].lattice_iou <= kStrictest && holds(objects[h]);
       if (!needs_lattice) continue;
@@ -285,8 +285,8 @@ class Certifier {
     }
   }
 
-  /// The best IoU with the host under the adversary behind a mask that does not hold its roof, or `best`;
-  /// nearest masks first, and no further than to kStrictest.
+  /// The larger of `best` and the best IoU with the host under the adversary, over masks that do not cover
+  /// its roof. Nearest masks come first; stops above kStrictest.
   double attacked_through(MaskedView& sight, std::size_t h, const HostId& id, const TexturedMesh& adversary,
                           std::vector<Box3> masks, const Box3& object, double best) const {
     const PreparedFrame& prepared = sight.prepared;
@@ -312,7 +312,7 @@ class Certifier {
   double ground_;
   MaskMargin margin_;
   std::vector<AdversaryLimits> limits_;
-  std::vector<std::string> adversaries_;  ///< by content
+  std::vector<std::string> adversaries_;  ///< content hashes
 };
 
 CertifiedShares shares_of(const std::vector<CertifiedHost>& hosts, std::size_t s) {
@@ -354,7 +354,7 @@ CertifiedShares shares_of(const std::vector<CertifiedHost>& hosts, std::size_t s
   return shares;
 }
 
-/// What is found of each host under each adversary, of outcomes or by looking.
+/// Best IoU of each host under each adversary, from settings.attacked or by evaluation.
 AttackedIou attacked_iou(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                          const CertificateSettings& settings) {
   AttackedIou attacked;
@@ -363,7 +363,7 @@ AttackedIou attacked_iou(const DetectorPool& detectors, FrameStore& store, const
   std::span<const HostOutcome> outcomes = settings.attacked;
   if (outcomes.empty()) {
     EvaluationSettings by = settings.evaluation;
-    by.reports_outcomes = true;  // on every rank
+    by.reports_outcomes = true;  // needed on every rank
     by.matching = detectors.front()->capabilities().matching();
     own = evaluate(detectors, store, hosts, clean_detections(detectors, store, hosts, by),
                    settings.adversaries, settings.simulation, by)
@@ -382,7 +382,7 @@ AttackedIou attacked_iou(const DetectorPool& detectors, FrameStore& store, const
   return attacked;
 }
 
-/// A bracket's `attacked` only where that was looked for.
+/// The bands as JSON; a bracket has `attacked` only if it was computed.
 nlohmann::json bands_json(const CertifiedShares& shares, const CertificateSettings& settings) {
   auto bands = nlohmann::json::array();
   for (const CertifiedBand& band : shares.bands) {

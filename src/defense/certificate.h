@@ -1,20 +1,20 @@
 // A guarantee that no object in a box on this roof can hide this car.
 //
-// The defended detector looks at every frame through masks (roof_mask.h) and keeps what it finds under any of
-// them. What is found under a mask that covers the object does not depend on the object, so a car that is
-// found under such a mask stays found. (PatchCleanser, Xiang et al., USENIX Security 2022, does this against
-// patches in pictures; here a mask is a volume of the world, and takes pixels and returns that it touches.)
+// The defended detector runs on every frame under several masks (roof_mask.h), and keeps the detections under
+// any of them. Detections under a mask that covers the object do not depend on the object, so a car found
+// under such a mask stays found. (PatchCleanser, Xiang et al., USENIX Security 2022, does this against
+// patches in pictures; here a mask is a volume of the world that removes the pixels and returns it touches.)
 //
 // Two sets of masks:
-//   known roof  the one mask is the object's own box: what any masking defence could reach at best.
-//   lattice     boxes on a grid over the ground, at roofs' heights, that do not depend on the frame: every
-//               box of an object is inside one of them, so the guarantee needs no knowledge of the roof.
-// A certificate is for a car as it was recorded; a car that is not certified may still be found. The share of
-// cars that no object can hide lies in a bracket: no less than are certified, no more than are found with
-// known objects on the roof, under a mask or without one.
+//   known roof  the one mask is the object's own box: the upper bound of any masking defence.
+//   lattice     boxes on a grid over the ground, at roof height, independent of the frame. Every object's box
+//               is inside one of them, so the guarantee needs no knowledge of the roof.
+// A certificate holds for a car as recorded; a car without one may still be found. The share of cars that no
+// object can hide lies in a bracket. It is at least the certified share, and at most the share found with
+// known objects on the roof, with or without a mask.
 //
-// A certificate asks of the lattice only those masks that hold the car's roof, one to four; the other
-// hundreds can add cars under attack, and false alarms, and are looked through where that is asked for.
+// A certificate needs only the lattice's masks that cover the car's roof, one to four. The other hundreds can
+// add found cars under attack, and false alarms; they are evaluated on request.
 #pragma once
 
 #include <array>
@@ -42,32 +42,31 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "farthest", .help = "with --lattice: the grid's reach, m", .range = {1, 200}}, s.farthest);
 }
 
-/// The grid's boxes for objects of these limits: any object_box() whose roof point is within
-/// `farthest` − step, in view, on a roof of these heights lies inside one of them, whatever its heading.
-/// `ground`: m, z of the road in `velo`.
+/// The grid's boxes for objects of these limits: any object_box(), whatever its heading, lies inside one if
+/// its roof point is within `farthest` − step, in view and at these heights. `ground`: m, road's z in `velo`.
 std::vector<Box3> lattice(const Calibration& calibration, const AdversaryLimits& limits, double ground,
                           const LatticeSettings& settings);
 /// Whether the second lies inside the first.
 bool covers(const Box3& mask, const Box3& box);
 
-/// What `certify` does.
+/// Settings of `certify`.
 struct CertificateSettings {
   std::vector<double> sizes = {0.2, 0.4, 0.6, 0.8, 1.0};  ///< L of AdversaryLimits (limits_of_size), m
-  bool with_lattice = false;                              ///< the masks that hold a roof
-  bool whole_lattice = false;                             ///< and all others: hundreds of passes a frame
+  bool with_lattice = false;                              ///< evaluates masks that cover a roof
+  bool whole_lattice = false;                             ///< evaluates all masks: hundreds of passes a frame
   LatticeSettings lattice;
   double mask_pixels = MaskMargin().pixels, mask_metres = MaskMargin().metres;
-  /// Random objects a host and size for which the premise is checked, and the adversaries; 0: none of both.
+  /// Random objects per host and size to check the premise, besides the adversaries; 0: no check.
   int objects = 20;
   std::uint64_t seed = 0;
-  SimulationSettings simulation;          ///< of these objects
+  SimulationSettings simulation;          ///< simulation of these objects
   std::vector<TexturedMesh> adversaries;  ///< known objects: the bracket's other end
-  /// What the detector finds with them, as evaluate() has it. Empty: certify() evaluates.
+  /// Their outcomes from evaluate(). Empty: certify() evaluates them.
   std::span<const HostOutcome> attacked;
   EvaluationSettings evaluation;
 };
 
-/// But `sizes`, a list of any length.
+/// All fields except `sizes`, a list of any length.
 template <class Visitor, FieldsOf<CertificateSettings> S>
 void visit_fields(Visitor& visit, S& s) {
   visit(
@@ -91,17 +90,17 @@ void visit_fields(Visitor& visit, S& s) {
 
 /// One car at one size.
 struct Certificate {
-  double with_roof_iou = 0;  ///< best IoU with the car of what is found under its own roof's mask
-  /// The best over the lattice's masks that cover the roof, but for `whole_lattice` no further than to one
-  /// over 0.7; 0 without one.
+  double with_roof_iou = 0;  ///< best IoU with the car under its own roof's mask
+  /// The best IoU over the lattice's masks that cover the roof; without `whole_lattice` the search stops
+  /// above 0.7. 0 if no mask covers it.
   double lattice_iou = 0;
-  /// The least under the adversaries that stay in the box, without masks; without any, clean_iou.
+  /// The smallest IoU under the adversaries that stay in the box, without masks; clean_iou if there are none.
   double attacked_iou = 0;
-  /// The same where a detection under any mask of the whole lattice counts, too; above 0.7 not measured out.
+  /// The same if detections under any mask of the whole lattice also count; not exact above 0.7.
   double survived_iou = 0;
   bool covered = false;     ///< whether a mask of the lattice covers the roof
-  std::size_t removed = 0;  ///< returns that the roof's mask takes
-  double hidden_share = 0;  ///< of the picture's pixels
+  std::size_t removed = 0;  ///< returns that the roof's mask removes
+  double hidden_share = 0;  ///< share of the picture's pixels that it hides
 };
 
 /// One car at every size.
@@ -109,20 +108,20 @@ struct CertifiedHost {
   HostId id;
   int track = -1;
   double range = 0;      ///< m
-  double clean_iou = 0;  ///< best IoU of a detection of the frame as recorded
-  /// Control: the same under a mask over the car itself. Who is found there is found by what is around, or
-  /// the mask takes nothing.
+  double clean_iou = 0;  ///< best IoU of a detection in the frame as recorded
+  /// Control: the same under a mask over the car itself. A car found there is found by its surroundings, or
+  /// the mask removes nothing.
   double control_iou = 0;
   std::vector<Certificate> sizes;
 };
 
-/// Between these lies the share of cars that no object in the box can hide from a detector that keeps what it
-/// finds with and without masks.
+/// Bounds of the share of cars that no object in the box can hide from a detector that keeps its detections
+/// with and without masks.
 struct Bracket {
   Interval certified, attacked;
 };
 
-/// Cars at some distances.
+/// Cars in one band of distance.
 struct CertifiedBand {
   double nearest = 0, farthest = 0;  ///< m; the nearer end belongs to it
   int hosts = 0;
@@ -134,28 +133,28 @@ struct CertifiedShares {
   double size = 0;                  ///< L, m
   Interval clean70, clean50;        ///< found as recorded, of all hosts
   Interval control70, control50;    ///< found under a mask over the car itself
-  Interval attacked70, attacked50;  ///< found under every adversary that the box holds, without masks
+  Interval attacked70, attacked50;  ///< found under every adversary in the box, without masks
   std::array<CertifiedBand, kScoreBands.size()> bands;  ///< all distances, then kScoreBands
-  int covered = 0;                                      ///< hosts whose roof a mask of the lattice covers
+  int covered = 0;                                      ///< hosts with a roof that some lattice mask covers
   int adversaries = 0;                                  ///< that the box holds
-  std::size_t objects = 0;                              ///< for which the premise was checked
-  std::size_t violations = 0;                           ///< that changed something the mask leaves
+  std::size_t objects = 0;                              ///< objects for which the premise was checked
+  std::size_t violations = 0;                           ///< objects that changed something outside the mask
 };
 
-/// What certify() found.
+/// Result of certify().
 struct CertificateResult {
   std::vector<CertifiedHost> hosts;
   std::vector<CertifiedShares> shares;  ///< one a size
-  std::vector<std::size_t> masks;       ///< of the lattice, one a size, a frame on average
-  /// AP at 0.7 of the frame as recorded, and of the whole lattice's answer to it; one a size.
+  std::vector<std::size_t> masks;       ///< lattice masks per frame (mean), one for each size
+  /// AP at 0.7 on frames as recorded: without masks, and with the whole lattice, one a size.
   double clean_ap70 = 0;
   std::vector<double> lattice_ap70;
-  ClusterCount clusters;  ///< of the hosts: what the shares' intervals rest on
+  ClusterCount clusters;  ///< of the hosts, for the shares' intervals
 };
 
-/// Certifies every host. FieldError for settings out of range and for outcomes that lack a host or an
-/// adversary; Interrupted between hosts. A call of all ranks (base/ranks.h), who share the frames through the
-/// store's cache; all but the first get nothing.
+/// Certifies every host. FieldError for settings out of range, and for outcomes that lack a host or an
+/// adversary. Interrupted between hosts. A collective call (base/ranks.h): ranks share the frames through the
+/// store's cache, and only the first gets the result.
 CertificateResult certify(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                           const LidarModel& lidar, const CertificateSettings& settings);
 

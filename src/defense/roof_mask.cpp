@@ -8,10 +8,10 @@
 namespace mirage {
 namespace {
 
-constexpr double kNear = 0.1;  // m; a box with a corner nearer to the camera's plane has no rectangle
-constexpr int kRing = 8;       // pixels around the hidden rectangle whose mean fills it
+constexpr double kNear = 0.1;  // m, least depth of a box corner for projection
+constexpr int kRing = 8;       // width of the ring of pixels whose mean fills the rectangle
 
-/// The box grown by `metres`, with its frame.
+/// The box grown by the mask's margins.
 class DilatedBox {
  public:
   DilatedBox(const Box3& box, const MaskMargin& margin)
@@ -24,9 +24,9 @@ class DilatedBox {
     if (!point_velo.allFinite()) return false;
     const Vec3d origin = box_from_velo_.translation(), way = box_from_velo_.linear() * point_velo;
     if (!segment_meets(origin, way, margin_.metres + margin_.beam_origin)) return false;
-    // A beam that leaves `beam_origin` away is that much less away the nearer it is to the point: with
-    // q(t) on the segment, is |q(t) − box| ≤ metres + beam_origin (1 − t) somewhere? The difference of the
-    // two is convex in t.
+    // A beam's offset from the segment falls linearly from `beam_origin` to 0 at the point. With q(t) on the
+    // segment: is |q(t) − box| ≤ metres + beam_origin (1 − t) for some t? The difference of the two is convex
+    // in t.
     const auto excess = [&](double t) {
       return distance(origin + t * way) - margin_.beam_origin * (1 - t) - margin_.metres;
     };
@@ -37,7 +37,7 @@ class DilatedBox {
       if (at_a <= 0 || at_b <= 0) return true;
       (at_a < at_b ? high : low) = at_a < at_b ? b : a;
     }
-    // What the search left open is on the safe side: less than a hair of the segment.
+    // The remaining interval is negligible, and the tolerance errs on the safe side.
     return std::min({excess(low), excess(high), excess((low + high) / 2)}) <= kHair;
   }
 
@@ -47,7 +47,7 @@ class DilatedBox {
 
   double distance(const Vec3d& p) const { return (p - p.cwiseMax(low_).cwiseMin(high_)).norm(); }
 
-  /// Kay and Kajiya's slabs (1986) of the box grown by `grow`.
+  /// Kay and Kajiya's slab test (1986) for the box grown by `grow`.
   bool segment_meets(const Vec3d& origin, const Vec3d& way, double grow) const {
     double enter = 0, leave = 1;
     for (int k = 0; k < 3; ++k) {

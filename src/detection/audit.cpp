@@ -45,7 +45,7 @@ struct FrameAnswers {
   std::vector<std::optional<Answers>> changed;
 };
 
-/// The detections that are kept, and the proposal that matches each labelled car.
+/// The detections after suppression, and the proposal that matches each labelled car.
 ViewAnswers answers_to(Detector& detector, const SensorView& view, const GroundTruth& truth) {
   const Matching matching = detector.capabilities().matching();
   const std::vector<Detection> proposals = detector.forward(view, kFaintScore, false);
@@ -55,7 +55,7 @@ ViewAnswers answers_to(Detector& detector, const SensorView& view, const GroundT
   return found;
 }
 
-/// `found`: answers_to's.
+/// `found`: the result of answers_to.
 Answers answers(ViewAnswers found, const GroundTruth& truth, double focal_length, Matching matching) {
   Answers result;
   result.scored = scored(std::move(found.at(0)), truth, focal_length, matching);
@@ -78,7 +78,7 @@ ImageF blurred(const ImageF& picture, double sigma) {
   return result;
 }
 
-/// The returns of `count` beams, drawn of those that have any.
+/// The returns of `count` beams, drawn from the beams with returns.
 std::vector<LidarPoint> thinned(std::span<const LidarPoint> points, const LidarModel& lidar, int count,
                                 RandomStream random) {
   const std::vector<int> beam = beams_of(points, lidar);
@@ -93,7 +93,7 @@ std::vector<LidarPoint> thinned(std::span<const LidarPoint> points, const LidarM
   return result;
 }
 
-/// What the changes of one frame are made from.
+/// The data that the changes of one frame are made from.
 struct Scene {
   const DataSet& data;
   const PicturePair& pair;
@@ -105,14 +105,14 @@ struct Scene {
   std::uint64_t seed;
 };
 
-/// The sweep of another frame, as much of it as is shown of the scene's.
+/// The sweep of another frame, cut to the view as the scene's is.
 std::vector<LidarPoint> sweep_in_view(const Scene& scene, const std::string& id) {
   if (!scene.frame.others.empty()) return scene.data.sweep(id);
   const auto [width, height] = scene.data.picture_size(id);
   return points_in_view(scene.data.sweep(id), scene.data.annotations(id, width, height).calibration);
 }
 
-/// What the scene's camera of that number saw in another frame.
+/// The picture of the scene's camera of that number in another frame.
 ImageF picture_in(const std::string& id, const Scene& scene, std::size_t of) {
   if (of == 0) return read_srgb(scene.data.source_files(id).at(1).file);
   const std::string& name = scene.frame.name_of(of);
@@ -121,7 +121,7 @@ ImageF picture_in(const std::string& id, const Scene& scene, std::size_t of) {
   throw InputError("frame " + id, name, "has no such camera", "leave the frame out, or give --cameras first");
 }
 
-/// A view with what it shows in place of the frame's own.
+/// A view, with the data that it shows in place of the frame's own.
 struct ChangedView {
   std::deque<ImageF> pictures;
   std::vector<LidarPoint> points;
@@ -131,8 +131,8 @@ struct ChangedView {
   ChangedView(const Scene& scene)
       : calibration(scene.frame.calibration), view(view_of(scene.frame, scene.frame.image, scene.points)) {}
   ChangedView(const ChangedView&) = delete;
-  /// picture(camera) of the first camera and of each other that the detector reads, by their numbers in the
-  /// frame; an empty one is none.
+  /// Shows picture(camera) for the first camera and each other one that the detector reads, by its number in
+  /// the frame; empty: no picture.
   template <class Picture>
   void show_pictures(const Scene& scene, const Picture& picture) {
     for (std::size_t camera = 0; camera < scene.frame.cameras(); ++camera) {
@@ -201,7 +201,7 @@ std::unique_ptr<ChangedView> changed_view(const AuditChange& change, const Scene
   return changed;
 }
 
-/// What the change shows of the frame at that place.
+/// The view of the frame at `index` under the change.
 ShownView shown_view(const AuditChange& change, const DataSet& data, const PicturePair& pair,
                      std::size_t index, std::uint64_t seed) {
   ShownView view = {{pair.frame}, {static_cast<int>(change.kind), change.amount}};
@@ -416,7 +416,7 @@ Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& sour
   std::vector<std::string> refused(changes.size());
   std::mutex mutex;
   std::size_t done = 0;
-  const bool tells = rank() == 0;  // the others fill what is kept
+  const bool tells = rank() == 0;  // the others fill the cache
   const std::vector<std::size_t> order = order_among_ranks(pairs.size());
   hand_out(detectors.size(), pairs.size(), [&](std::size_t worker, std::size_t k) {
     throw_if_interrupted(source.cached_views ? "run the same command again to resume"

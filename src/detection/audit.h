@@ -1,14 +1,14 @@
-// How much a detector's answers rest on each of its inputs, and on the calibration that ties them together.
+// How much a detector's answers depend on each of its inputs, and on the calibration between them.
 //
 // The same frames are shown to the detector again and again, each time with one input changed: another
 // frame's picture or a black one, another frame's sweep or a few of its beams, a camera that is turned
-// against its calibration, a picture that comes late. What a change costs is the fall of AP at IoU 0.7, the
-// movement of the cars' logits, and the cars that are no longer found. The right input is the control of
-// every row, on the same frames and vehicles.
+// against its calibration, a late picture. The cost of a change is the drop of AP at IoU 0.7, the shift of
+// the cars' logits, and the cars that are no longer found. The right input is the control of every row, on
+// the same frames and vehicles.
 //
 // A car's logit in a pass is the largest of the proposals that overlap its box (IoU ≥ 0.1, before
 // suppression) and have a score over kFaintScore; without one it is that score's. So a lost car counts with
-// what it lost, and a proposal that has moved a little still belongs to its car.
+// its whole drop, and a proposal that has moved a little still belongs to its car.
 #pragma once
 
 #include <cstdint>
@@ -38,7 +38,7 @@ constexpr auto words_of(AuditInput) {
   return std::to_array<const char*>({"picture", "points", "calibration"});
 }
 
-/// What the detector gets in place of the right input.
+/// The input that the detector gets in place of the right one.
 struct AuditChange {
   /// Which input is wrong, and how: pictures first, then points, then the calibration.
   enum class Kind {
@@ -56,9 +56,9 @@ struct AuditChange {
   Kind kind;
   double amount = 0;
 
-  /// The input that the change is of.
+  /// The changed input.
   AuditInput input() const;
-  /// no_picture, no_points: a detector may refuse to go without.
+  /// no_picture, no_points: a detector may refuse to run without the input.
   bool removes_input() const;
   /// "another frame's", "blurred, 4 px", "turned 2°"
   std::string text() const;
@@ -67,10 +67,10 @@ struct AuditChange {
 /// All changes of inputs that the detector has, strongest last within a kind: pictures blurred by 2 and 8 px
 /// and late by 1, 2 and 5 frames, 8, 4 and 2 beams, a camera turned by 0.5 to 10° and moved by 5 to 50 cm.
 std::vector<AuditChange> audit_changes(const Capabilities& can);
-/// What the gate needs (reliance.h): another frame's picture, a black one, none.
+/// The gate's changes (reliance.h): another frame's picture, a black one, none.
 std::vector<AuditChange> gate_changes();
 
-/// The most frames that are shown unless more are asked for.
+/// The default limit of the number of frames.
 inline constexpr std::size_t kAuditFrames = 120;
 /// `most` of the items (ids of frames, hosts), spread evenly; all if there are no more, or for 0.
 template <class T>
@@ -81,13 +81,13 @@ std::vector<T> spread_evenly(const std::vector<T>& items, std::size_t most) {
   return result;
 }
 
-/// A frame, and the one whose picture or sweep it is shown.
+/// A frame, and another one whose picture or sweep replaces its own.
 struct PicturePair {
   std::string frame, other;
 };
-/// The frames by their pictures' size; each gets the picture of the one half a round further among those of
-/// its size (neighbours of a drive look alike). Frames that are alone with their size are left out. In the
-/// order of `ids`. InputError for a missing picture.
+/// Pairs each frame with the one half a round further among the frames of its picture's size (neighbours of a
+/// drive look alike). Frames with a unique size are left out. In the order of `ids`. InputError for a missing
+/// picture.
 std::vector<PicturePair> pair_pictures(const std::filesystem::path& data,
                                        const std::vector<std::string>& ids);
 
@@ -95,23 +95,23 @@ std::vector<PicturePair> pair_pictures(const std::filesystem::path& data,
 /// without one over kFaintScore, a proposal of that score.
 Detection matching_proposal(std::span<const Detection> proposals, const ObjectBoxes& car, Matching matching);
 
-/// What changes of an input say of its use; `unclear`: the frames are too few for either.
+/// Whether an input is used, by the effect of its changes; `unclear`: too few frames to tell.
 enum class InputUse { used, ignored, unclear };
 /// The rule of the gate. Used: the wrong input costs AP 0.7 beyond the interval (`drop`), and the cars'
-/// logits move by kMinDeltaLogit on average. Ignored: AP falls by less than kSameWithin, and that it does,
-/// or that the logits move by less than kMinDeltaLogit, is beyond the interval.
+/// logits move by kMinDeltaLogit on average. Ignored: AP falls by less than kSameWithin, and the upper end of
+/// its interval is below kSameWithin or that of the logits' below kMinDeltaLogit.
 InputUse input_use(const Interval& drop, const Interval& delta_logit, int vehicles);
 
-/// What one change costs, over the frames that have it.
+/// The cost of one change, over the frames that have it.
 struct AuditRow {
   AuditChange change;
-  std::string refused;  ///< what the detector said instead of an answer; all below is then 0
+  std::string refused;  ///< the detector's error instead of an answer; all fields below are then 0
   int frames = 0, vehicles = 0;
   double right70 = 0, ap70 = 0;  ///< AP at IoU 0.7 with the right input and with this one, in [0, 1]
   Interval drop;                 ///< right70 − ap70, paired, by cluster
   Interval delta_logit;          ///< mean |logit(right) − logit(changed)| of the cars
   double delta_score = 0;        ///< the same of the scores
-  /// Share of a stratum's cars that are found with the right input less that found with this one. Found: a
+  /// Share of a stratum's cars found with the right input, minus the share found with this one. Found: a
   /// detection at IoU 0.7 with a score over kScoreThreshold.
   struct RecallLoss {
     std::string stratum;
@@ -139,12 +139,12 @@ struct Audit {
   const AuditRow* row(AuditChange::Kind kind) const;
 };
 
-/// Shows those frames of the data set, each with every change that it has. `detectors`: instances of one
+/// Runs the detector on those frames, each with every change that it has. `detectors`: instances of one
 /// detector, at least one; each works on a thread of its own. `lidar`: the unit of the sweeps, for
 /// thinned_sweep, which is left out without it. `seed` draws the beams. `progress(done, total)` may be empty.
-/// A changed picture is that of every camera that the detector reads; a changed calibration is the first's.
-/// What takes an input away is `refused` if the detector fails on any frame without it. Its other errors come
-/// through, and those of read_frame; Interrupted between frames. A call of all ranks (base/ranks.h), who
+/// A changed picture is that of every camera that the detector reads; a changed calibration is the first's. A
+/// change that removes an input is `refused` if the detector fails on any frame without it. Its other errors
+/// are passed on, as are read_frame's; Interrupted between frames. A call of all ranks (base/ranks.h), which
 /// share the frames through RecordedFrames::cached_views; all but the first get nothing.
 Audit run_audit(std::span<Detector* const> detectors, const RecordedFrames& source,
                 const std::vector<std::string>& ids, const std::vector<AuditChange>& changes,

@@ -16,9 +16,9 @@ namespace mirage {
 namespace {
 
 constexpr DifficultyLimits kLevels[] = {{40, 0, 0.15}, {25, 1, 0.3}, {25, 2, 0.5}};
-/// Of a label that says nothing of it: beyond each range of standard_strata(), and within "any".
+/// Distance of a label without a box in space: beyond each range of standard_strata(), and within "any".
 constexpr double kUnknownDistance = 1e8;  // m
-/// More than any sensor reaches, and any picture is wide: what lies in it is neither right nor wrong.
+/// Beyond any sensor's reach and any picture's width: an ignored box of this size covers all detections.
 constexpr double kEverywhere = 1e5;  // m or pixels
 
 bool meets(const Label& label, const DifficultyLimits& limits) {
@@ -42,7 +42,7 @@ double height_of(const PictureBox& box) {
   return box.bottom - box.top;
 }
 
-/// By falling score.
+/// The detections that count, by falling score.
 std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) {
   std::vector<Ranked> detections;
   std::vector<std::vector<char>> claimed;
@@ -84,13 +84,13 @@ std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) 
   return result;
 }
 
-/// Where a detection is and how high it looks: m from the sensor, pixels. Infinite where the focal length
-/// that it takes is unknown.
+/// A detection's distance (m from the sensor) and height (pixels). Infinite if the focal length is needed and
+/// unknown.
 struct ApparentSize {
   double distance, height;
 };
 ApparentSize apparent_size(const Detection& proposal, const ScoredFrame& frame) {
-  const auto by_car = [&](double other) {  // of distance and height each gives the other
+  const auto by_car = [&](double other) {  // distance to height, or height to distance
     return frame.focal_length > 0 ? frame.focal_length * kNominalHeight / std::max(other, 1.0)
                                   : std::numeric_limits<double>::infinity();
   };
@@ -111,7 +111,7 @@ double area_under(std::vector<std::array<double, 2>>& curve) {
   return sum;
 }
 
-/// The whole area under that curve. Over 40 recalls AP moves in steps, of which a jackknife would make
+/// The exact area under that curve. Over 40 recalls AP moves in steps, which a jackknife would count as
 /// spread.
 double whole_area_under(std::vector<std::array<double, 2>>& curve) {
   for (std::size_t i = curve.size(); i-- > 1;) curve[i - 1][1] = std::max(curve[i - 1][1], curve[i][1]);
@@ -145,7 +145,7 @@ class FramesAndVehicles {
   std::size_t of(const Judged& detection) const {
     return detection.hit ? of_box_[detection.frame][detection.box] : detection.frame;
   }
-  /// Without the cluster.
+  /// Number of boxes without the cluster.
   int boxes_without(std::size_t cluster) const {
     return std::reduce(boxes_.begin(), boxes_.end()) - (cluster < boxes_.size() ? boxes_[cluster] : 0);
   }
@@ -184,8 +184,8 @@ class PrecisionWithout {
   std::vector<std::array<double, 2>> curve_;
 };
 
-/// `value` with the spread of a figure that each cluster is left out of in turn: `without` gets its number,
-/// past the last for none. t has the degrees of the clusters that hold boxes.
+/// `value` with the spread of a figure when each cluster is left out in turn: `without` gets its number, past
+/// the last to leave out none. Degrees of freedom: the clusters with boxes, less one.
 template <class Without>
 Estimate jackknifed(double value, const FramesAndVehicles& clusters, const Without& without) {
   std::vector<double> figures;

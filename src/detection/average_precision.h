@@ -20,7 +20,7 @@ struct DifficultyLimits {
   int most_occluded;
   double most_truncated;
 };
-/// Of a level.
+/// The limits of a level.
 const DifficultyLimits& limits_of(Difficulty difficulty);
 /// The easiest level whose limits the label meets; hard if it meets none.
 Difficulty easiest_level(const Label& label);
@@ -33,7 +33,7 @@ ObjectBoxes boxes_of(const Label& label);
 /// A label that must be found.
 struct TruthBox : ObjectBoxes {
   using ObjectBoxes::ObjectBoxes;
-  /// These boxes, of which nothing else is known.
+  /// A label of which only the boxes are known.
   TruthBox(const ObjectBoxes& boxes = {}) : ObjectBoxes(boxes) {}
   std::size_t label = 0;                     ///< index into frame.labels
   Difficulty difficulty = Difficulty::easy;  ///< its easiest_level
@@ -50,24 +50,24 @@ struct TruthBoxes {
   std::vector<ObjectBoxes> look_alikes = {};  ///< of type "Misc": background that a LiDAR takes for cars
 };
 
-/// What must be found in space, and what in the picture.
+/// The labels in space, and those in the picture.
 struct GroundTruth {
   TruthBoxes space, picture;
 };
 
-/// Whether a label must be found: a Car (or what else is_sought) of a level, with its centre inside `region`
-/// (x and y from, to; `velo`, m). However few returns it has, none included: who sees its pixels can find it.
+/// Whether a label must be found: a Car (or another that is_sought) of a level, with its centre inside
+/// `region` (x and y from, to; `velo`, m). It may have no returns: its pixels can be enough.
 bool counts_by_label(const Label& label, const std::array<double, 4>& region);
 
-/// Sorts the labels by counts_by_label. Other cars and vans are ignored: finding them is neither right
-/// nor wrong. Everything else (trucks, trams, people, the generator's look-alikes: "Misc") is background. In
-/// a frame that nobody has labelled (Frame::labelled) all is ignored. In the picture: picture_truth() of the
-/// cameras that a detector of these capabilities looks at.
+/// Sorts the labels by counts_by_label. Other cars and vans are ignored: finding them is neither right nor
+/// wrong. Everything else (trucks, trams, people, the generator's look-alikes: "Misc") is background. In a
+/// frame without labels (Frame::labelled) everything is ignored. In the picture: picture_truth() of the
+/// cameras that a detector of these capabilities reads.
 GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region,
                          const Capabilities& can = {});
 
-/// By a camera's number (Label::camera): its place in sensors() of the frame as recorded, −1 for one that a
-/// detector of these capabilities does not look at.
+/// By a camera's number (Label::camera): its place in sensors() of the frame as recorded, −1 for a camera
+/// that a detector of these capabilities does not read.
 std::vector<int> places_of_cameras(const Frame& frame, const Capabilities& can);
 
 /// Cars of a level must be found, whatever their distance and their returns. Other cars, vans, trucks, trams
@@ -83,7 +83,7 @@ struct ScoredFrame {
   Matching matching = {};   ///< how the detections are compared with the truth
 };
 
-/// The detections beside the truth that they are compared with.
+/// The detections, with the truth that they are compared with.
 ScoredFrame scored(std::vector<Detection> detections, const GroundTruth& truth, double focal_length,
                    Matching matching);
 
@@ -99,17 +99,17 @@ struct PrecisionRecall {
 
 /// Detections of all frames are taken by falling score (ties: frame, then place in the frame). Each claims
 /// the unclaimed box of its frame that it overlaps most (Matching), if that reaches `min_iou`: a hit.
-/// Otherwise it is dropped when it overlaps an ignored box by `min_iou`, or covers one so that half of itself
-/// lies inside, and is a false alarm when not; in the picture, as in KITTI's benchmark, it is dropped too
-/// when it is less than 25 pixels high. AP is the mean over recalls 1/40 … 40/40 of the best precision at
-/// that recall or above (Simonelli et al., ICCV 2019; KITTI since 2019). Without boxes AP and recall are 0.
+/// Otherwise it is dropped if it overlaps an ignored box by `min_iou` or lies inside one by half of its own
+/// area; if not, it is a false alarm. In the picture, as in KITTI's benchmark, it is also dropped below 25
+/// pixels of height. AP is the mean over recalls 1/40 … 40/40 of the best precision at that recall or above
+/// (Simonelli et al., ICCV 2019; KITTI since 2019). Without boxes AP and recall are 0.
 PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou);
 
-/// The same frames with look-alikes ignored instead of background: detections of them no longer count.
+/// The same frames with look-alikes ignored instead of background: their detections no longer count.
 std::vector<ScoredFrame> without_look_alikes(std::span<const ScoredFrame> frames);
 
 /// average_precision's AP with its 95 % interval over clusters (base/intervals.h): a box and the hit on it go
-/// with the vehicle where its identity is known, else with the frame; false alarms go with their frame. The
+/// with the vehicle if its identity is known, otherwise with the frame; false alarms go with their frame. The
 /// whole of [0, 1] where a single cluster holds all boxes. {0, 0, 1} without boxes.
 Interval average_precision_interval(std::span<const ScoredFrame> frames, double min_iou);
 
@@ -118,11 +118,10 @@ Interval average_precision_interval(std::span<const ScoredFrame> frames, double 
 Interval average_precision_difference(std::span<const ScoredFrame> a, std::span<const ScoredFrame> b,
                                       double min_iou);
 
-/// What these intervals rest on: the clusters that hold a box which must be found.
+/// The clusters of these intervals: those that hold a box which must be found.
 ClusterCount clusters_of(std::span<const ScoredFrame> frames);
 
-/// Part of the boxes: those whose centre is at a distance in [nearest, farthest) of the sensor, of a level or
-/// an easier one.
+/// The boxes whose centre is at a distance in [nearest, farthest) of the sensor, of a level or an easier one.
 struct Stratum {
   std::string name;
   double nearest = 0, farthest = 1e9;  ///< m
@@ -131,11 +130,10 @@ struct Stratum {
 /// "0-20 m", "20-40 m", "40-70 m", "0-40 m", "easy", "moderate", "hard".
 std::vector<Stratum> standard_strata();
 
-/// AP over a stratum. Boxes outside of it are ignored, not missed. A detection that overlaps none of its
-/// boxes by `min_iou` counts neither way when it is itself outside: by its distance, or, as in KITTI's
-/// benchmark, when it is less than the level's number of pixels high in the image. A car is taken to be
-/// 1.53 m high, KITTI's mean: its distance ahead gives the height in the image, or in the picture its height
-/// there the distance.
+/// AP over a stratum. Boxes outside it are ignored, not missed. A detection that overlaps none of its boxes
+/// by `min_iou` is dropped if it is itself outside: by its distance, or, as in KITTI's benchmark, by fewer
+/// pixels of height in the image than the level's. A car is assumed to be 1.53 m high, KITTI's mean: its
+/// distance ahead gives its height in the image, or its height in the picture its distance.
 PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou,
                                   const Stratum& stratum);
 

@@ -7,11 +7,10 @@ namespace {
 
 constexpr std::size_t kGroundReturns = 15, kBodyReturns = 20;
 constexpr double kRoad = 0.3;                    // m over the bottom: lower returns may be the road's
-constexpr double kLowest = 1.2, kHighest = 2.2;  // m: what is measured beyond is no car's height
+constexpr double kLowest = 1.2, kHighest = 2.2;  // m: other heights are not a car's
 constexpr double kOverhead = 4;                  // m over the bottom: higher returns hang over the car
 
-/// m under the median of a car's surroundings: lower returns came by way of a mirror (KITTI has some at -25
-/// m).
+/// m under the median of a car's surroundings: lower returns came through a mirror (KITTI has some at -25 m).
 constexpr double kMirrored = 5;
 
 /// z of the returns over the box grown by `margin`.

@@ -1,5 +1,5 @@
-// Where the picture shows a car that is known from above, by the lowest returns around it. Header only: a
-// detector plugin, which links no layer but base, asks the same.
+// A car's rectangle in the picture, by its box from above and the lowest returns around it. Header only: a
+// detector plugin, which links no layer but base, needs it too.
 #pragma once
 
 #include <algorithm>
@@ -17,10 +17,10 @@
 
 namespace mirage {
 
-/// KITTI's mean car's (m).
+/// Height of KITTI's mean car (m).
 inline constexpr double kNominalHeight = 1.53;
 
-/// Returns as their numbers: x, y, z and reflectance of each.
+/// The returns' values: x, y, z and reflectance of each.
 inline std::span<const float> floats_of(std::span<const LidarPoint> points) {
   static_assert(sizeof(LidarPoint) == 4 * sizeof(float));
   return {reinterpret_cast<const float*>(points.data()), 4 * points.size()};
@@ -41,10 +41,10 @@ class LowestReturns {
       lowest = std::min(lowest, points[i + 2]);
     }
   }
-  /// Of a square metre; kNone without a return.
+  /// z (m) of a square metre; kNone without a return.
   float at(int row, int column) const { return lowest_[as_size(row) * kColumns + as_size(column)]; }
-  /// Height (m) of the ground around a box, by the lowest return up to kNearby m around it; kGround where
-  /// there is none below kHighest.
+  /// Height (m) of the ground around a box: the lowest return up to kNearby m around it, or kGround if there
+  /// is none below kHighest.
   double ground(const BevBox& box) const {
     const double reach = std::hypot(box.length, box.width) / 2 + kNearby;
     const auto bound = [](double at, int size) {
@@ -64,8 +64,8 @@ class LowestReturns {
 };
 
 /// The rectangle around the corners of a car's box of kNominalHeight m on that ground, within a picture of
-/// width × height pixels; nothing where no part of it lies in the picture. `pixel_from_velo`: row-major 3
-/// × 4. Corners behind the camera count as 0.1 m before it.
+/// width × height pixels; nullopt if no part of it lies in the picture. `pixel_from_velo`: row-major 3 × 4.
+/// Corners behind the camera count as 0.1 m before it.
 inline std::optional<PictureBox> car_in_picture(const BevBox& box, double ground,
                                                 const std::array<double, 12>& pixel_from_velo, int width,
                                                 int height) {
@@ -89,20 +89,19 @@ inline std::optional<PictureBox> car_in_picture(const BevBox& box, double ground
   return seen;
 }
 
-// The height that a box of the bird's-eye view does not tell.
+// The height of a box that is known from above alone.
 
-/// The box in space as it was found, or where its height was not, with bottom and height from the sweep.
-/// Bottom: the 5 % quantile of the returns in and up to 0.5 m around it (up to 6 m where there are fewer than
-/// 15; of the whole sweep, where there are none). Height: from there to the 98 % quantile of the returns
-/// within it, of 20 or more between 1.2 and 2.2 m; else kNominalHeight. On the 160 labelled cars of 44 KITTI
-/// frames the bottom is off by 8 cm in the mean, the height by 6 cm.
+/// The box in space as found; if it has no height, with bottom and height from the sweep. Bottom: the 5 %
+/// quantile of the returns in and up to 0.5 m around it (up to 6 m where there are fewer than 15; of the
+/// whole sweep, where there are none). Height: from there to the 98 % quantile of the returns within it, if
+/// these are 20 or more and it is 1.2 to 2.2 m; otherwise kNominalHeight. On the 160 labelled cars of 44
+/// KITTI frames the bottom is off by 8 cm in the mean, the height by 6 cm.
 Box3 upright(const ObjectBoxes& found, std::span<const LidarPoint> sweep);
 
-// The part of a sweep that detectors are given.
+// The part of a sweep that detectors get.
 
 /// The points in front of the camera that project into its image, in the sweep's order. KITTI labels only
-/// what the camera sees, so training, detection and attack all search this part of the sweep and nothing
-/// else.
+/// objects in the camera's view, so training, detection and attack search only this part of the sweep.
 std::vector<LidarPoint> points_in_view(const Sweep& sweep, const Calibration& calibration);
 
 /// Row-major 3 × 4 projection: (u w, v w, w) = M (x, y, z, 1) for a point in `velo`.

@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kSamePicture = 0.3;  // IoU
 
-/// Which member a logit comes from, and which of its proposals.
+/// The member and the proposal that a logit comes from.
 struct Source {
   enum Member { fused, lidar, camera, nobody } member = nobody;
   std::size_t index = 0;
@@ -39,7 +39,7 @@ std::vector<std::size_t> by_confidence(const std::vector<Detection>& proposals) 
   return order;
 }
 
-/// What the camera network says of boxes that are known from above.
+/// The camera network's votes for boxes that are known from above.
 class CameraVotes {
  public:
   CameraVotes(const SensorView& view, const std::vector<Detection>& boxes)
@@ -166,7 +166,7 @@ class ConsistentDetector : public DetectorWrapper {
   }
 
  private:
-  /// `sum` += `more`; what one of them does not know is zero.
+  /// `sum` += `more`; missing values are zero.
   static void add(SensorGradient& sum, const SensorGradient& more) {
     if (sum.image.empty())
       sum.image = more.image;

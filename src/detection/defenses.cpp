@@ -30,7 +30,7 @@ void hide_above(ImageF& image, const Calibration& calibration, const Vec3d& ahea
     }
 }
 
-/// The same for a camera beside the first, along its own level heading.
+/// The same for another camera, along its own level heading.
 void hide_above(ImageF& image, const SensorData& camera, double plane, double reach) {
   Calibration calibration;
   calibration.camera = camera.camera, calibration.camera_from_velo = camera.sensor_from_ego;
@@ -38,8 +38,8 @@ void hide_above(ImageF& image, const SensorData& camera, double plane, double re
   hide_above(image, calibration, Vec3d(axis.x(), axis.y(), 0).normalized(), plane, reach);
 }
 
-/// Gives the view each camera beside the first that the detector names, and applies change(picture, sensor)
-/// to a copy in `kept` of each of their pictures. What the view does not have would be read as recorded.
+/// Adds to the view each camera beside the first that the detector names, and applies change(picture, sensor)
+/// to a copy in `kept` of each of their pictures. Cameras missing in the view would be read as recorded.
 template <class Change>
 void change_beside(SensorView& view, const Capabilities& can, std::deque<ImageF>& kept,
                    const Change& change) {
@@ -56,7 +56,7 @@ void change_beside(SensorView& view, const Capabilities& can, std::deque<ImageF>
   }
 }
 
-/// What is left of a frame, and which of its places.
+/// The visible part of a frame, with indices into it.
 struct Below {
   ImageF image;
   std::deque<ImageF> beside;       ///< of its cameras beside the first
@@ -126,7 +126,7 @@ class CeilingDetector : public DetectorWrapper {
   double plane() const { return height_ - unit_height_; }
   double reach() const { return inner_->region()[1]; }
 
-  /// The view of what lies below the ceiling, which lives in `below`; without a clean one.
+  /// The view below the ceiling, whose data live in `below`; without a clean one.
   SensorView lowered(SensorView view, Below& below) const {
     const RoadSurface road(view.points);
     const auto keep = [&](std::span<const LidarPoint> points, auto& kept, auto& indices) {
@@ -152,7 +152,7 @@ class CeilingDetector : public DetectorWrapper {
   }
 
   double height_, unit_height_;
-  // Of the last forward: what the inner detector looks at until its backward pass is done.
+  // Of the last forward: the inner detector's input, until its backward pass is done.
   Below below_, clean_below_;
   UnchangedInput clean_;
   std::size_t count_ = 0, watched_count_ = 0;
@@ -165,7 +165,7 @@ struct Answer {
   double logit = 0, slope = 1;
 };
 
-/// What a body makes of a logit: continuous and rising.
+/// A logit raised by a body: continuous and rising.
 Answer raised(std::size_t from, double logit) {
   if (logit >= kBodyLogit) return {from, logit, 1};
   const double lifted = logit + kBodyLift, level = kBodyLogit + kSaturatedSlope * (logit - kBodyLogit);
@@ -221,7 +221,7 @@ class ShadowDetector : public DetectorWrapper {
       Detection own = found[i];
       own.box.bev = bodies[b];
       Answer answer = raised(i, found[i].logit);
-      answer.logit += 1e-3;  // before the proposals, whose boxes may have been turned by what hides the car
+      answer.logit += 1e-3;  // before the proposals, whose boxes the hiding object may have turned
       add(own, answer);
     }
     return result;
@@ -241,7 +241,7 @@ class ShadowDetector : public DetectorWrapper {
 
  private:
   std::size_t count_ = 0;        ///< of the last forward's proposals
-  std::vector<Answer> answers_;  ///< of its answers
+  std::vector<Answer> answers_;  ///< one for each box of the last forward
 };
 
 using TurboJpeg = std::unique_ptr<void, int (*)(tjhandle)>;
@@ -289,7 +289,7 @@ class JpegDetector : public DetectorWrapper {
   }
 
  private:
-  /// The view with its pictures compressed, which live in `images`.
+  /// The view with compressed pictures, which live in `images`.
   SensorView compressed(SensorView view, std::deque<ImageF>& images) const {
     view.clean = nullptr;
     if (view.image != nullptr && !view.image->empty())
@@ -347,7 +347,7 @@ std::unique_ptr<Detector> behind_jpeg(std::unique_ptr<Detector> inner, int quali
 
 RoadSurface::RoadSurface(std::span<const LidarPoint> points)
     : lowest_(floats_of(points), -4) {  // m; below it mirrored returns
-  // Least squares over what lies near the plane of before, more of it below than above.
+  // Least squares over the returns near the previous plane, with a wider margin below than above.
   for (const double reach : {1.0, 0.5, 0.3, 0.3, 0.3}) {
     constexpr int kMinCount = 20;
     Eigen::Matrix3d squares = Vec3d(1e-3, 10, 10).asDiagonal();  // level where little is seen
@@ -420,7 +420,7 @@ RayCount BodyEvidence::rays(const BevBox& box) const {
 
 std::vector<BevBox> BodyEvidence::bodies() const {
   constexpr double kCell = 0.25, kLow = 0.3, kHigh = 1.4, kTall = 1.0, kFar = 45;  // m
-  constexpr double kMaxSize = 6.5, kMinSize = 0.9;                                 // m, of what is joined
+  constexpr double kMaxSize = 6.5, kMinSize = 0.9;                                 // m, of a joined region
   constexpr std::size_t kMinCount = 10;
   constexpr int kMinStopped = 20, kPassedShare = 10;  // nine of ten are stopped
   // Cells that returns touch, joined where they are neighbours but one.
@@ -444,7 +444,7 @@ std::vector<BevBox> BodyEvidence::bodies() const {
     double tallest = 0;
     Eigen::AlignedBox2d around;
   };
-  // By number, in the order of their first cells; 0 is what no return touches.
+  // By number, in the order of their first cells; 0: cells without returns.
   std::vector<Region> regions(as_size(cv::connectedComponents(touched, number, 8, CV_32S, cv::CCL_WU)));
   for (const auto& [place, over] : low) {
     Region& its = regions[as_size(number(cell_of(place)))];

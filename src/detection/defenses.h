@@ -1,4 +1,4 @@
-// What defences that stand around a detector share.
+// Defences that wrap a detector, and their common base.
 #pragma once
 
 #include <algorithm>
@@ -16,11 +16,11 @@
 
 namespace mirage {
 
-/// A detector within: whatever a defence does not override is the inner detector's own. What it hands on in
-/// forward() must live until backward() is done.
+/// A wrapper of a detector: methods that it does not override are the inner detector's. The view that it
+/// hands on in forward() must live until backward() is done.
 class DetectorWrapper : public Detector {
  public:
-  /// Stands around `inner`, which is not null.
+  /// Wraps `inner`, which is not null.
   explicit DetectorWrapper(std::unique_ptr<Detector> inner) : inner_(std::move(inner)) {}
 
   std::string name() const override { return inner_->name(); }
@@ -40,10 +40,10 @@ class DetectorWrapper : public Detector {
   std::unique_ptr<Detector> inner_;
 };
 
-/// What counts for a place of which a detector says nothing.
+/// The logit at a place where a detector has no proposal.
 inline constexpr double kNoDetectionLogit = -8;
 
-/// The score threshold at which a detector reports all that is above kNoDetectionLogit, and all that is over
+/// The score threshold at which a detector reports all proposals above kNoDetectionLogit, and all over
 /// `threshold`.
 inline double reporting_threshold(double threshold) {
   return std::min(threshold, Detection{BevBox(), kNoDetectionLogit}.score());
@@ -56,26 +56,26 @@ inline bool same_place(const BevBox& a, const BevBox& b) {
   return horizontal_distance(a, b) < reach && iou(a, b) > kOverlap;
 }
 
-// A ceiling as a defence: a detector that looks at nothing above a height over the road.
+// A ceiling as a defence: a detector that ignores everything above a height over the road.
 //
-// What an attacker straps to a roof stands above it; what tells a car from everything else stands below. So
+// An object strapped to a roof is above it; the features that tell a car from other things are below. So
 //
 //     returns   higher than `height` over the road there (RoadSurface) are left out;
 //     pixels    whose line of sight is nowhere below a level plane at that height, within the searched region
-//               ahead, are black: with the camera near that height, what lies above the horizon. Those of
-//               cameras beside the first are, too, as far along their own headings.
+//               ahead, are black: with the camera near that height, those above the horizon. The same
+//               holds for other cameras, along their own headings.
 //
 // A roof of 1.5 m under a ceiling of 1.6 m leaves an object of 0.7 m its lowest 10 cm, in both sensors,
-// whatever it looks like. An attacker who knows the defence has its gradient: what is left passes as it is,
-// what is hidden has none, and a return that rises through the ceiling is a step, as one that leaves the
-// object is.
+// whatever it looks like. An attacker who knows the defence has its gradient: that of visible data is
+// unchanged, hidden data have none. A return that rises through the ceiling is a step, like one that leaves
+// the object.
 
 /// `height`: m over the road; `unit_height`: of the LiDAR unit over it, which places the level plane.
-/// Training sees the same.
+/// Training sees the same input.
 std::unique_ptr<Detector> under_ceiling(std::unique_ptr<Detector> inner, double height, double unit_height);
 
-// Bodies and shadows as a defence: what a detector says is held against what the sweep says of solid bodies
-// without any network. In logits:
+// Bodies and shadows as a defence: proposals are cross-checked with solid bodies in the sweep, found without
+// any network. In logits:
 //
 //     a body stands there      its proposals, and the body's own box, are raised by kBodyLift
 //                              up to kBodyLogit;
@@ -84,12 +84,11 @@ std::unique_ptr<Detector> under_ceiling(std::unique_ptr<Detector> inner, double 
 //                              five rays or more,
 //                              and more than are stopped
 //
-// An object on a roof changes neither bodies nor the rays below it, so all that an attacker who knows the
-// defence can do is to push a car's logit further, by kBodyLift; the gradient that says how is there.
+// An object on a roof changes neither bodies nor the rays below it. So an attacker who knows the defence has
+// to push a car's logit further, by kBodyLift, and has the gradient for it.
 
-/// A score of 0.38: such a body counts as found where 0.3 is asked for, and comes behind what the detector
-/// finds by itself, since every other body of a car's size is none (look-alikes, vans, what stands in
-/// gardens).
+/// A score of 0.38: the body counts as found at a threshold of 0.3, and ranks behind the detector's own
+/// finds, since every second body of a car's size is not a car (look-alikes, vans, garden objects).
 inline constexpr double kBodyLogit = -0.5;
 inline constexpr double kBodyLift = 4, kSaturatedSlope = 0.05, kThroughLogit = -2;
 inline constexpr int kThroughRays = 5;
@@ -108,27 +107,27 @@ std::unique_ptr<Detector> with_shadows(std::unique_ptr<Detector> detector);
 /// library fails.
 std::string encode_jpeg(const ImageF& linear, int quality);
 
-/// Through 8-bit sRGB and baseline JPEG with 4:2:0 chroma at `quality` (1–100), back to scene-linear. Failure
-/// if the library fails.
+/// `linear` through 8-bit sRGB and baseline JPEG with 4:2:0 chroma at `quality` (1–100), back to
+/// scene-linear. Failure if the library fails.
 ImageF jpeg_round_trip(const ImageF& linear, int quality);
 
 /// `inner` behind JPEG: its forward, image features and training see every camera's picture compressed.
 std::unique_ptr<Detector> behind_jpeg(std::unique_ptr<Detector> inner, int quality);
 
-// What a sweep says of solid bodies without any network.
+// Solid bodies in a sweep, found without any network.
 //
-// Bodies are told by returns from 0.3 to 1.4 m above the road and by the space behind them that no ray
-// reaches, their shadow. So a car that a detector was made to miss still stands there as a body (Hau et al.,
-// "Using 3D Shadows to Detect Object Hiding Attacks on Autonomous Vehicle Perception", 2022), and where rays
-// go through at the height of a car's body there is none, whatever a detector was made to see (as local
-// objectness does: Xiao et al., "Exorcising Wraith", USENIX Security 2023).
+// Bodies are found by returns from 0.3 to 1.4 m above the road and by their shadow, the space behind them
+// that no ray reaches. So a car hidden from a detector still is a body (Hau et al., "Using 3D Shadows to
+// Detect Object Hiding Attacks on Autonomous Vehicle Perception", 2022), and where rays pass at the height of
+// a car's body there is no car, whatever a detector reports (as local objectness does: Xiao et al.,
+// "Exorcising Wraith", USENIX Security 2023).
 
 /// The road as a plane, by the lowest return of each square metre, and heights around it.
 class RoadSurface {
  public:
   explicit RoadSurface(std::span<const LidarPoint> points);
-  /// z (m, `velo`): the lowest return within the square metre and those around it, the plane where that lies
-  /// further than 0.4 m from it (a roof, or nothing seen of the road).
+  /// z (m, `velo`): the lowest return within the square metre and its neighbours, or the plane if that is
+  /// more than 0.4 m away (a roof, or no return of the road).
   double height(double x, double y) const;
 
  private:
@@ -137,23 +136,23 @@ class RoadSurface {
   Vec3d plane_ = Vec3d(-1.7, 0, 0);  ///< z = a + b x + c y
 };
 
-/// Rays and a box that stands on the road, at the height of a car's body.
+/// Rays at a box that stands on the road, at the height of a car's body.
 struct RayCount {
   int stopped = 0;  ///< returns in the box
   int passed = 0;   ///< rays through its inner part that go on for half a metre or more
 };
 
-/// What one sweep says; the unit stands at the origin of `velo`.
+/// Bodies and rays of one sweep; the unit is at the origin of `velo`.
 class BodyEvidence {
  public:
-  /// `points`: of the part of the sweep that is searched (points_in_view).
+  /// `points`: the searched part of the sweep (points_in_view).
   explicit BodyEvidence(std::span<const LidarPoint> points);
 
   RayCount rays(const BevBox& box) const;
   /// Things of a car's size, up to 45 m away, that stop nine of ten rays or more, each with the box of a car
-  /// that shows what is seen of it: rectangles by closeness (Zhang et al., "Efficient L-Shape Fitting for
-  /// Vehicle Detection Using Laser Scanners", 2017), made longer and wider away from the unit to KITTI's mean
-  /// car where less is seen.
+  /// that fits its visible part: rectangles by closeness (Zhang et al., "Efficient L-Shape Fitting for
+  /// Vehicle Detection Using Laser Scanners", 2017), extended away from the unit to KITTI's mean car where
+  /// less is visible.
   std::vector<BevBox> bodies() const;
 
  private:

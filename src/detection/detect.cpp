@@ -32,15 +32,9 @@ std::vector<Detection> detect_vehicles(Detector& detector, const Frame& frame, d
                   detector.capabilities().matching());
 }
 
-std::vector<std::string> first_frames(const std::filesystem::path& data, std::size_t limit) {
-  std::vector<std::string> ids = list_frames(data);
-  if (limit > 0 && ids.size() > limit) ids.resize(limit);
-  return ids;
-}
-
 namespace {
 
-/// InputError for a box that no reader of the files takes: what is written must be read.
+/// InputError for a box that readers of the files refuse: written files must be readable.
 void check_readable(std::span<const Detection> detections, Matching matching, const std::string& who) {
   if (matching.in_picture()) return;
   for (std::size_t i = 0; i < detections.size(); ++i) {
@@ -58,7 +52,7 @@ constexpr const char* kFix = "write it again with mirage detect";
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-/// The ID.txt of a folder, by ID.
+/// The files ID.txt of a folder, by ID.
 std::map<std::string, fs::path> texts_of(const fs::path& folder) {
   std::map<std::string, fs::path> texts;
   for (const auto& entry : fs::directory_iterator(folder))
@@ -82,7 +76,7 @@ PictureBox picture_of(const json& from, const fs::path& file, const std::string&
   return box;
 }
 
-/// A text that the file need not have.
+/// A text that is optional in the file.
 std::string optional_text(const json& from, const char* key, const std::string& otherwise,
                           const fs::path& file, const std::string& where) {
   if (!from.contains(key)) return otherwise;
@@ -124,7 +118,7 @@ KittiDetection detection_of(const json& from, const fs::path& file, const std::s
 
 constexpr int kRecalls = 41;
 
-/// What becomes of a label or a detection at one level.
+/// The role of a label or a detection at one level.
 enum class MatchRole { counts, ignored, absent };
 
 /// The kit reads a label's height as too low where it equals the limit.
@@ -143,7 +137,7 @@ MatchRole role_of(const KittiDetection& detection, Difficulty level) {
   return detection.type == "Car" ? MatchRole::counts : MatchRole::absent;
 }
 
-/// A frame at one level: roles, and what overlaps what.
+/// A frame at one level: roles and overlaps.
 struct Judgement {
   std::vector<MatchRole> labels, detections;
   std::vector<double> scores;
@@ -179,7 +173,7 @@ Judgement judgement(const KittiFrame& frame, Matching matching, Difficulty level
   return result;
 }
 
-/// The detection that a label takes to find the scores at which the curve is read: the surest one.
+/// Scores of the hits, for the curve's thresholds: each label takes its detection of the highest score.
 std::vector<double> hit_scores(const Judgement& frame, double min_iou) {
   std::vector<double> scores;
   std::vector<char> taken(frame.detections.size(), 0);
@@ -201,8 +195,8 @@ struct Counts {
   int hits = 0, alarms = 0;
 };
 
-/// At a score or above: a label takes the detection of the largest overlap, a low one only where there is no
-/// other.
+/// Hits and false alarms at `score` or above: a label takes the detection of the largest overlap, a low one
+/// only without another.
 Counts counts_at(const Judgement& frame, double min_iou, double score) {
   Counts counts;
   const std::size_t none = frame.detections.size();
@@ -232,7 +226,7 @@ Counts counts_at(const Judgement& frame, double min_iou, double score) {
   return counts;
 }
 
-/// Of the hits' scores those at which recall is nearest to 0, 1/40, 2/40, …
+/// The hits' scores at which recall is nearest to 0, 1/40, 2/40, …
 std::vector<double> thresholds(std::vector<double> scores, int cars) {
   std::sort(scores.begin(), scores.end(), std::greater<>());
   std::vector<double> chosen;
@@ -267,9 +261,9 @@ DetectionRun detect_data_set(
     const std::function<void(std::size_t, const Frame&, const std::vector<Detection>&)>& seen) {
   DetectionRun run;
   run.matching = detectors.front()->capabilities().matching();
-  run.ids = first_frames(frames.data, limit);
+  run.ids = list_frames(frames.data, limit);
   run.frames.resize(run.ids.size());
-  const bool tells = rank() == 0;  // the others fill what is kept, and read nothing that is there
+  const bool tells = rank() == 0;  // the others fill the cache, and read nothing from it
   const std::vector<std::size_t> order = order_among_ranks(run.ids.size());
   std::atomic<std::size_t> next = 0;
   const auto policy = tells && thread_count() > 1 ? std::launch::async : std::launch::deferred;
@@ -323,7 +317,7 @@ DetectionRun detect_data_set(
     }
   });
   if (!tells) return run;
-  if (looked == 0 && !run.ids.empty()) {  // all was kept; a network's first pass is slower than others
+  if (looked == 0 && !run.ids.empty()) {  // all was cached; a network's first pass is slower than others
     const Frame frame = frames.read(run.ids.front());
     detect_frame(*detectors.front(), frame);
     seconds = 0, looked = 0;

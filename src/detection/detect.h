@@ -18,14 +18,14 @@
 
 namespace mirage {
 
-/// Detections below this score are not looked at (the paper's "relevant" proposals start here too).
+/// Detections below this score are ignored (the paper's "relevant" proposals start here too).
 inline constexpr double kScoreThreshold = 0.1;
 /// For AP the curve's tail matters: detections down to this score.
 inline constexpr double kScoreThresholdForAp = 0.02;
-/// What audit.h follows a car's logit down to.
+/// The score down to which audit.h follows a car's logit.
 inline constexpr double kFaintScore = 1e-4;
 
-/// Those with a score over `least`.
+/// The proposals with a score over `least`.
 std::vector<Detection> scored_over(std::vector<Detection> proposals, double least);
 
 /// Points in view → proposals → suppression as the detector is judged (Capabilities::matching).
@@ -49,12 +49,12 @@ struct DetectionRun {
   Matching matching;                  ///< how it was judged
 };
 
-/// What a detector is shown of one frame, changed or not: names for keeping its answers.
+/// A detector's view of one frame, changed or not, as a key for caching its answers.
 struct ShownView {
-  std::vector<std::string> frames;  ///< of which something is shown, the frame itself first
-  nlohmann::json change;            ///< what is shown of them
+  std::vector<std::string> frames;  ///< whose data are shown, the frame itself first
+  nlohmann::json change;            ///< how they are changed
 };
-/// A detector's answers to a view, and whatever else is told of them.
+/// A detector's answers to a view, in lists that the caller defines.
 using ViewAnswers = std::vector<std::vector<Detection>>;
 
 /// Frames of a data set as recorded, without an object, and how they are read.
@@ -62,47 +62,44 @@ struct RecordedFrames {
   RecordedFrames(std::filesystem::path of, std::string sought = kCars)
       : data(std::move(of)), classes(std::move(sought)) {}
   std::filesystem::path data;
-  std::string classes;               ///< what has to be found
-  Cameras cameras = Cameras::first;  ///< which are looked at
-  /// Adds what sensors measured that are neither cameras nor LiDARs; empty: there are none.
+  std::string classes;               ///< the sought classes
+  Cameras cameras = Cameras::first;  ///< which are read
+  /// Adds the data of sensors that are neither cameras nor LiDARs; empty: there are none.
   std::function<void(Frame&)> add_measurements = {};
-  /// What the detector at hand finds in a frame as recorded, down to kScoreThresholdForAp: what is kept, or
-  /// else compute()'s, which is then kept (frames/frame_store.h). Empty: nothing is.
+  /// The detector's detections in a frame as recorded, down to kScoreThresholdForAp: the cached ones, or
+  /// those of the given function, which are then cached (frames/frame_store.h). Empty: no cache.
   std::function<std::vector<Detection>(const std::string& id, const std::function<std::vector<Detection>()>&)>
       cached = {};
-  /// The same of answers to other views of them.
+  /// The same for answers to other views of the frames.
   std::function<ViewAnswers(const ShownView& view, const std::function<ViewAnswers()>&)> cached_views = {};
 
-  /// The frame, whole, its labels marked.
+  /// The whole frame, with its sought labels marked.
   Frame read(const std::string& id) const;
-  /// What a detector gets of the frame's sweep: all of it with several cameras, else what the camera sees.
+  /// The detector's part of the frame's sweep: all of it with several cameras, otherwise the points in view.
   static std::vector<LidarPoint> points(const Frame& frame);
 };
 
-/// The frames of `data`, or the first `limit` of them (0: all).
-std::vector<std::string> first_frames(const std::filesystem::path& data, std::size_t limit);
-
 /// Runs the detector on each frame of `data` (or on the first `limit`); the next frame is read meanwhile when
 /// there is more than one thread. `detectors`: instances of it, at least one; each works on a thread of its
-/// own. `progress(done, total)` and `seen(place of the frame, it, its detections)` may be empty; one call at
-/// a time. Throws Interrupted between frames. A call of all ranks (base/ranks.h), who share the frames
+/// own. `progress(done, total)` and `seen(frame's place, frame, detections)` may be empty; one call at a
+/// time. Throws Interrupted between frames. A call of all ranks (base/ranks.h), which share the frames
 /// through RecordedFrames::cached; all but the first get the frames' ids alone.
 DetectionRun detect_data_set(
     std::span<Detector* const> detectors, const RecordedFrames& frames, std::size_t limit = 0,
     const std::function<void(std::size_t, std::size_t)>& progress = {},
     const std::function<void(std::size_t, const Frame&, const std::vector<Detection>&)>& seen = {});
 
-// Detections on disk: what `mirage detect` writes, and what other people's detectors do.
+// Detections on disk, written by `mirage detect` or by other people's detectors.
 
-/// Proposals as KITTI's results hold them: upright() in the whole sweep; one that is judged in the picture
-/// gives no box in space. `types`: what the numbers of their classes mean (Capabilities::types). `cameras`:
-/// cameras_by_place(); boxes in pictures of cameras that are not in it are left out, but for the first's.
+/// Proposals in the format of KITTI's results: upright() in the whole sweep; without a box in space if judged
+/// in the picture. `types`: the names of their classes (Capabilities::types). `cameras`: cameras_by_place();
+/// boxes in pictures of other cameras are left out, except the first's.
 std::vector<KittiDetection> kitti_detections(std::span<const Detection> proposals, Matching matching,
                                              const Frame& frame,
                                              const std::vector<std::string>& types = {kCars},
                                              const std::map<int, std::string>& cameras = {});
 
-/// The names of the frame's cameras beside the first that a detector of these capabilities looks at, by
+/// The names of the frame's cameras beside the first that a detector of these capabilities reads, by
 /// ObjectBoxes::camera.
 std::map<int, std::string> cameras_by_place(const Frame& frame, const Capabilities& can);
 
@@ -110,22 +107,22 @@ std::map<int, std::string> cameras_by_place(const Frame& frame, const Capabiliti
 class DetectionFiles {
  public:
   /// `path`: detections.json of mirage detect (or its folder), a folder of KITTI result files ID.txt (or one
-  /// that holds them as data/ID.txt), or one such file. InputError if it is none of these, or detections.json
-  /// holds what can't be read.
+  /// that holds them as data/ID.txt), or one such file. InputError if it is none of these, or if
+  /// detections.json is invalid.
   explicit DetectionFiles(const std::filesystem::path& path);
 
-  /// Whether the frame has been looked at; a frame without detections has.
+  /// Whether the files cover the frame, also if it has no detections.
   bool has(const std::string& id) const;
-  /// The frame's detections by falling score; none if it has not been looked at. InputError naming file and
-  /// field for what can't be read.
+  /// The frame's detections by falling score; empty if the files do not cover it. InputError naming file and
+  /// field for invalid content.
   std::vector<KittiDetection> of(const Frame& frame) const;
-  /// As it was given.
+  /// The path as given to the constructor.
   const std::filesystem::path& path() const { return path_; }
 
  private:
   std::filesystem::path path_;
   std::map<std::string, std::filesystem::path> texts_;  ///< by frame
-  /// Of detections.json, by frame; boxes are without a height where the file tells none.
+  /// Of detections.json, by frame; boxes have no height if the file has none.
   std::map<std::string, std::vector<KittiDetection>> frames_;
 };
 
@@ -146,18 +143,18 @@ class DetectionFiles {
 // With fewer cars of a level than 41 the kit leaves the end of the curve at zero: of 25 cars it gives at most
 // 60 %.
 
-/// One frame as the kit's files have it: every detection has a box in the picture, of no area where the
-/// camera sees nothing of it.
+/// One frame as the kit's files have it: every detection has a box in the picture, of no area if the camera
+/// does not see it.
 struct KittiFrame {
   std::vector<Label> labels;
   std::vector<KittiDetection> detections;
-  bool labelled = true;  ///< false: what is found there is neither a hit nor a false alarm
+  bool labelled = true;  ///< false: its detections are neither hits nor false alarms
 };
-/// A detector's own boxes in the picture, else those of the upright boxes projected (kitti_detections).
+/// A frame with the detector's boxes in the picture, or its upright boxes projected (kitti_detections).
 KittiFrame kitti_frame(const Frame& frame, std::span<const Detection> detections, Matching matching,
                        const std::vector<std::string>& types = {kCars});
 
-/// AP of a level, and how many cars it asks for.
+/// AP of a level, and the number of its cars.
 struct KittiPrecision {
   double average_precision = 0;  ///< in [0, 1]; 0 without cars
   int cars = 0;

@@ -24,9 +24,9 @@ extern "C" {
 /* Kinds of sensors. */
 #define MIRAGE_CAMERA 1u
 #define MIRAGE_LIDAR 2u
-#define MIRAGE_OTHER 4u /* any other: what its array holds is its plugin's (simulation/sensor_abi.h) */
+#define MIRAGE_OTHER 4u /* any other: its plugin defines its array (simulation/sensor_abi.h) */
 
-/* What one sensor saw. */
+/* One sensor's data. */
 typedef struct MirageSensor {
   const char* name; /* "camera", "lidar", "CAM_BACK" */
   uint32_t kind;    /* MIRAGE_CAMERA, MIRAGE_LIDAR or MIRAGE_OTHER */
@@ -50,19 +50,19 @@ typedef struct MirageFrame {
   int64_t sensor_count;
 } MirageFrame;
 
-/* One answer, before non-maximum suppression. score = sigmoid(logit). What is not found is 0. */
+/* One answer, before non-maximum suppression. score = sigmoid(logit). Values that it does not find are 0. */
 typedef struct MirageDetection {
   float x, y, z;                    /* the box's centre (m, ego) */
   float length, width, height, yaw; /* m; yaw counter-clockwise from +x. height 0: from above alone */
   float left, top, right, bottom;   /* pixels */
-  int32_t camera;                   /* whose picture that box is in: index into MirageFrame.sensors */
+  int32_t camera;                   /* the camera of that box: index into MirageFrame.sensors */
   float logit;
   int32_t type;      /* index into MirageCapabilities.types */
   int32_t identity;  /* of a tracker: the same for the same object; -1: not known */
   float velocity[3]; /* m/s over ground, axes of the ego frame; NaN: not known */
 } MirageDetection;
 
-/* What a detector reads, finds and can. Flags that version 3 knew have its values. */
+/* A detector's inputs, outputs and abilities. Flags of version 3 keep their values. */
 #define MIRAGE_FINDS_BEV 4u       /* x, y, length, width, yaw */
 #define MIRAGE_FINDS_HEIGHTS 64u  /* z and height, too */
 #define MIRAGE_FINDS_PICTURE 8u   /* left, top, right, bottom; with MIRAGE_FINDS_BEV both are of one object */
@@ -70,12 +70,12 @@ typedef struct MirageDetection {
 #define MIRAGE_HAS_LOCAL_PASSES 16u /* MiragePass.clean saves it work */
 #define MIRAGE_KNOWS_PRESENCE 32u   /* MiragePass.watched */
 #define MIRAGE_REMEMBERS 256u       /* answers depend on the frames before: reset */
-/* What a detector says of itself. */
+/* A detector's description. */
 typedef struct MirageCapabilities {
   uint32_t flags; /* MIRAGE_FINDS_… | MIRAGE_HAS_… | … */
   uint32_t kinds; /* of sensors that it reads: MIRAGE_CAMERA | MIRAGE_LIDAR */
   const char* const*
-      sensors; /* those that it reads, by name, of any kind; sensor_count 0: all of these kinds */
+      sensors; /* sensors that it reads, by name, of any kind; sensor_count 0: all of these kinds */
   int64_t sensor_count;
   const char* const* types; /* classes that it finds, by KITTI's, nuScenes', Waymo's or Argoverse's names */
   int64_t type_count;       /* at least 1 */
@@ -83,7 +83,7 @@ typedef struct MirageCapabilities {
   const char* why_whole;    /* NULL, or why its local passes are no shorter than whole ones */
 } MirageCapabilities;
 
-/* An input that is another one with something put in. The returns may differ anywhere; of the camera i of
+/* A clean input with an object in it. The returns may differ anywhere; of the camera i of
  * `sensors` the pictures are the same outside the rectangle left, top, right, bottom (exclusive, pixels) at
  * changed + 4 i. */
 typedef struct MirageClean {
@@ -92,17 +92,17 @@ typedef struct MirageClean {
   const int32_t* changed;
 } MirageClean;
 
-/* What forward is asked for. */
+/* The arguments of forward. */
 typedef struct MiragePass {
   const MirageFrame* frame;
   float score_threshold; /* answers with a score over it, in a fixed order; the host drops others */
   int32_t keep_graph;    /* prepare backward */
-  /* NULL, or the frame without the object: what it makes of that may be kept. Answers are those of the whole
+  /* NULL, or the frame without the object: outputs for it may be cached. Answers are those of the whole
    * pass up to rounding; backward then fills gradients inside the rectangles and of returns that are not in
    * the clean sweep, and the rest may be 0. */
   const MirageClean* clean;
-  /* Places (count x 4: x, y, z in m, ego; the fourth is 0) of which backward is to know what a further return
-   * there would change. */
+  /* Places (count x 4: x, y, z in m, ego; the fourth is 0) for which backward gives the effect of a further
+   * return (d_presence). */
   const float* watched;
   int64_t watched_count;
 } MiragePass;
@@ -125,7 +125,7 @@ typedef struct MirageTrainingFrame {
   MirageFrame frame;
   const MirageLabel* labels;
   int64_t label_count;
-  const uint8_t* vehicle_mask; /* rows x columns of the first camera: 1 a vehicle; NULL: nobody tells */
+  const uint8_t* vehicle_mask; /* rows x columns of the first camera: 1 a vehicle; NULL: unknown */
   uint64_t picture_key;        /* the same for the same picture of a data set; 0: keep nothing */
 } MirageTrainingFrame;
 
@@ -151,18 +151,18 @@ typedef struct MirageDetectorApi {
   void* (*create)(const char* options_json, const char* weights, char* error, size_t error_size);
   /* Ends an instance that create or share gave. */
   void (*destroy)(void* detector);
-  /* Of this instance; it and what it points to live as long. */
+  /* Of this instance; the struct and its pointers live as long. */
   const MirageCapabilities* (*capabilities)(void* detector);
 
   /* Runs the network. Points *detections at memory of the detector, valid until the next call. */
   int (*forward)(void* detector, const MiragePass* pass, const MirageDetection** detections, int64_t* count,
                  char* error, size_t error_size);
   /* Vector-Jacobian product of the last forward(keep_graph): d_logits has one value a detection, 0 for
-   * those that the host dropped. `d_presence`: d loss / d number of returns at each watched place; NULL where
-   * none is. NULL without MIRAGE_HAS_GRADIENTS. */
+   * those that the host dropped. `d_presence`: d loss / d number of returns at each watched place; NULL
+   * without any. NULL without MIRAGE_HAS_GRADIENTS. */
   int (*backward)(void* detector, const float* d_logits, int64_t count, const MirageGradient* gradients,
                   int64_t gradient_count, float* d_presence, char* error, size_t error_size);
-  /* Forgets the frames before; `sequence` begins ("": a frame that stands alone). NULL without
+  /* Forgets previous frames; `sequence` begins ("": a frame that stands alone). NULL without
    * MIRAGE_REMEMBERS. */
   int (*reset)(void* detector, const char* sequence, char* error, size_t error_size);
 

@@ -19,7 +19,7 @@ extern "C" {
 
 #define MIRAGE_DETECTOR_ABI_3 3u
 
-/* What the sensors saw. The host keeps the memory alive until the next call of forward or destroy. */
+/* The sensors' data. The host keeps the memory alive until the next call of forward or destroy. */
 typedef struct MirageSensorInput {
   const float* image;    /* height x width x 3, scene-linear RGB in [0, 1], row 0 on top */
   int32_t width, height; /* pixels */
@@ -61,12 +61,12 @@ typedef struct MirageSample {
   int64_t picture_ignore_count;
   /* height x width: 1 where the pixel shows a vehicle, 0 where not; NULL where the data set does not tell. */
   const uint8_t* vehicle_mask;
-  /* The same number for the same picture of a data set, so that what frozen parts of a network make of it may
-   * be kept between epochs; 0: keep nothing. */
+  /* The same number for the same picture of a data set, so that outputs of frozen parts of a network may be
+   * cached between epochs; 0: keep nothing. */
   uint64_t picture_key;
 } MirageSample;
 
-/* What a detector reads and finds: flags of `capabilities`. */
+/* A detector's inputs and outputs: flags of `capabilities`. */
 #define MIRAGE_READS_IMAGE 1u
 #define MIRAGE_READS_POINTS 2u
 #define MIRAGE_FINDS_BEV 4u /* MirageProposal.box */
@@ -78,10 +78,10 @@ typedef struct MirageSample {
  * flag above. */
 #define MIRAGE_KNOWS_PRESENCE 32u
 
-/* An input that is another one with something put in. The points may differ anywhere; outside the rectangle
+/* A clean input with an object in it. The points may differ anywhere; outside the rectangle
  * (left, top) to (right, bottom), exclusive, pixels, the pictures are the same. */
 typedef struct MirageChange {
-  const MirageSensorInput* clean; /* the other input; the same projection */
+  const MirageSensorInput* clean; /* the clean input; the same projection */
   uint64_t key;                   /* the same for the same clean input */
   int32_t left, top, right, bottom;
 } MirageChange;
@@ -92,8 +92,8 @@ typedef struct MirageImageFeatures {
       map; /* rows x columns in the image plane, row 0 on top, from the picture's upper left corner */
   int32_t columns, rows;
   float stride;     /* pixels that one value covers along a side */
-  const float* bev; /* bev_rows x bev_columns: what fusion carries to the bird's-eye view; columns along x
-                     * from x_min, rows along y from y_min of the region; 0 where it carries nothing */
+  const float* bev; /* bev_rows x bev_columns: the features in the bird's-eye view; columns along x
+                     * from x_min, rows along y from y_min of the region; 0 without a feature */
   int32_t bev_columns, bev_rows;
   float cell; /* m */
 } MirageImageFeatures;
@@ -105,9 +105,9 @@ typedef struct MirageDetectorApi3 {
 
   /* `options_json`: {"modality": the detector's name as the user gave it, "seed": N, "threads": N,
    * "start": bool, "precision": "float", "bfloat16" or "double", of convolutions, "locality": metres (0:
-   * exact; else forward_changed may leave what lies further from the change as it was), "camera": a weights
+   * exact; otherwise forward_changed may skip places further from the change), "camera": a weights
    * file that the image branch of a new training starts from, "lidar": the same for the LiDAR branch,
-   * "clean_memory_mb": N, what forward_changed may keep of clean inputs (0: nothing, and passes are whole),
+   * "clean_memory_mb": N, memory of forward_changed for clean inputs (0: nothing, and passes are whole),
    * "parts": [names of optional parts of a fresh or starting network: "denoising", "depth-gate"]};
    * `weights`: a file, or NULL for freshly initialised weights. start: the weights begin a new training
    * (fresh optimiser; a fusion detector may begin with a lidar detector's).
@@ -157,10 +157,10 @@ typedef struct MirageDetectorApi3 {
 
   /* Only with MIRAGE_KNOWS_PRESENCE. Places (count x 4: x, y, z in m, velo; the fourth is 0) of which the
    * next forward or forward_changed that keeps its graph is to know what a further return there would change.
-   * Its answers are the same. */
+   * Its answers do not change. */
   int (*watch)(void* detector, const float* places, int64_t count, char* error, size_t error_size);
-  /* After backward: d loss / d number of returns at each of these places, where the number counts as if it
-   * could be any; count as in watch. */
+  /* After backward: d loss / d number of returns at each of these places, as if the number were
+   * continuous; count as in watch. */
   int (*presence)(void* detector, float* d_presence, int64_t count, char* error, size_t error_size);
 } MirageDetectorApi3;
 

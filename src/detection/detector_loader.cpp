@@ -52,8 +52,7 @@ void log_missing_weights(const fs::path& plugin) {
   });
 }
 
-/// The host program's own detector, or another program. InputError where there is none, or for what only
-/// plugins have.
+/// The in-process detector, or a program. InputError if there is none, or for options that only plugins have.
 std::unique_ptr<Detector> load_outside_detector(const DetectorOptions& options) {
   const InProcessDetector* in_process = in_process_detector(options);
   const bool program = is_program(options.detector);
@@ -72,8 +71,8 @@ std::unique_ptr<Detector> load_outside_detector(const DetectorOptions& options) 
   return program ? start_program(options) : in_process->make();
 }
 
-/// A detector whose boxes are compared as asked, and of whose classes those alone are looked at that answer
-/// for what is sought.
+/// A detector with the requested matching, restricted to those of its classes that answer for the sought
+/// ones.
 class MatchingOverride : public DetectorWrapper {
  public:
   MatchingOverride(std::unique_ptr<Detector> inner, MatchBy matching, std::vector<std::string> classes)
@@ -117,13 +116,13 @@ class MatchingOverride : public DetectorWrapper {
  private:
   MatchBy by_;
   std::vector<std::string> classes_;
-  std::vector<int> types_;           ///< of each of the inner detector's: its place in classes_, -1: none
+  std::vector<int> types_;           ///< place in classes_ of each inner class, -1: none
   std::vector<std::size_t> places_;  ///< of the last forward's answers
-  std::size_t count_ = 0;            ///< of all that it found
+  std::size_t count_ = 0;            ///< number of the inner detector's answers
 };
 
-/// FieldError for a way that the detector's boxes cannot be compared by, and for one that finds nothing of
-/// what is sought.
+/// FieldError for a matching that the detector's boxes do not allow, and for a detector without a sought
+/// class.
 std::unique_ptr<Detector> judged_by(std::unique_ptr<Detector> detector, MatchBy by,
                                     const std::string& classes) {
   const Capabilities can = detector->capabilities();
@@ -146,7 +145,7 @@ std::unique_ptr<Detector> judged_by(std::unique_ptr<Detector> detector, MatchBy 
   return std::make_unique<MatchingOverride>(std::move(detector), by, types);
 }
 
-/// The picture network that a detector without weights of its own is given.
+/// The picture network of a detector without weights of its own.
 std::optional<DetectorOptions> picture_of(const DetectorOptions& options) {
   if (options.weights.empty() || !needs_no_weights(options.detector)) return std::nullopt;
   DetectorOptions its = options;
@@ -154,11 +153,11 @@ std::optional<DetectorOptions> picture_of(const DetectorOptions& options) {
   its.defense = "none";
   its.matching = MatchBy::own;
   its.classes = kCars;
-  its.clean_memory_mb = 0;  // what a thing covers in the picture is looked at as a whole
+  its.clean_memory_mb = 0;  // it gets whole pictures
   return its;
 }
 
-/// The detector within what its options name to stand around it.
+/// The detector inside the wrappers that its options name.
 std::unique_ptr<Detector> wrap_in_defenses(std::unique_ptr<Detector> detector,
                                            const DetectorOptions& options) {
   for (const std::string& word : read_defense(options.defense).around) {
@@ -176,10 +175,10 @@ std::unique_ptr<Detector> wrap_in_defenses(std::unique_ptr<Detector> detector,
   return judged_by(std::move(detector), options.matching, options.classes);
 }
 
-// Which weights a detector is loaded with, and those of its auxiliary detectors.
+// The weights of a detector, and of its auxiliary detectors.
 
 /// "-" and the word that shipped weights of a trained defence carry, or those fine-tuned on real frames;
-/// empty for the plain ones. InputError for what can be no such word.
+/// empty for the plain ones. InputError for an invalid word.
 std::string weights_word(const DetectorOptions& options) {
   const std::string word = read_defense(options.defense).weights;
   if (word.empty()) return options.weights == kRealWeights ? std::string("-") + kRealWeights : "";
@@ -190,18 +189,18 @@ std::string weights_word(const DetectorOptions& options) {
   return "-" + word;
 }
 
-/// The detector's part of its weights' names.
+/// The detector's part in the names of its weights files.
 std::string weights_name(const DetectorOptions& options) {
   return is_plugin_path(options.detector) ? fs::path(options.detector).stem().string() : options.detector;
 }
 
-/// Where weights that ship beside the plugin lie, by the options' words; whether they are there or not.
+/// Path of the weights that ship beside the plugin, by the options' words; the file may be missing.
 fs::path shipped_weights(const DetectorOptions& options, const fs::path& plugin) {
   return plugin.parent_path() / "weights" /
          (weights_name(options) + "-" + options.rig + weights_word(options) + ".weights");
 }
 
-/// What the names of weights beside the plugin go on with after `start`.
+/// The rest, after `start`, of the names of weights files beside the plugin.
 std::vector<std::string> weights_beside(const fs::path& plugin, const std::string& start) {
   std::vector<std::string> words;
   std::error_code none;
@@ -213,7 +212,7 @@ std::vector<std::string> weights_beside(const fs::path& plugin, const std::strin
   return words;
 }
 
-/// Words of the defences that weights ship for beside the plugin: the detector's on this rig.
+/// Words of the defences whose weights for this detector and rig ship beside the plugin.
 std::vector<std::string> shipped_defenses(const DetectorOptions& options, const fs::path& plugin) {
   std::vector<std::string> words = weights_beside(plugin, weights_name(options) + "-" + options.rig + "-");
   std::erase(words, kRealWeights);  // a family of weights
@@ -232,7 +231,7 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
   }
   fs::path file = real || options.weights.empty() ? shipped_weights(options, plugin) : options.weights;
   if (fs::is_regular_file(file)) return file;
-  // Where some of another rig lie, one of those may be meant.
+  // If there are weights for another rig, one of these may be meant.
   if (is_plugin_path(options.detector) && options.weights.empty() && word.empty() &&
       weights_beside(plugin, weights_name(options) + "-").empty())
     return {};
@@ -373,7 +372,7 @@ std::vector<DetectorOptions> auxiliary_detectors(const DetectorOptions& options)
     its.locality = options.locality;
     its.clean_memory_mb = options.clean_memory_mb;
     if (options.weights != kRealWeights) continue;
-    its.weights = kRealWeights;  // where there are any
+    its.weights = kRealWeights;  // if there are any
     if (!fs::exists(shipped_weights(its, plugin_file(its)))) its.weights.clear();
   }
   if (picture) all.push_back(*picture);

@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <mutex>
 #include <optional>
 #include <string_view>
 
 #include "base/fields.h"
 #include "base/logging.h"
+#include "base/names.h"
 
 namespace mirage {
 
@@ -51,15 +51,11 @@ std::vector<std::string> split_words(const std::string& text) {
   return words;
 }
 
-/// The number that a word gives after its name and a colon; none for another word, −1 for one that gives
-/// none.
+/// The number after a word's name and colon; nullopt for another word, −1 without a valid number.
 template <class Number>
 std::optional<Number> number_after(std::string_view name, const std::string& text) {
   if (!text.starts_with(name)) return std::nullopt;
-  Number number = 0;
-  const char *first = text.data() + name.size(), *end = text.data() + text.size();
-  const auto [read, error] = std::from_chars(first, end, number);
-  return error != std::errc() || read != end ? Number(-1) : number;
+  return try_parse_number<Number>(std::string_view(text).substr(name.size())).value_or(Number(-1));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// What a detector's convolutions are computed in (--precision).
+// The precision of a detector's convolutions (--precision).
 #pragma once
 
 #include <string>
@@ -21,21 +21,21 @@ bool multiplies_bfloat16();
 /// FieldError for a word that is no precision.
 void check_precision(const std::string& word);
 
-/// `precision`, or "float" where the processor has no instructions for bfloat16: elsewhere they are emulated,
-/// slower than float. Says so, once. Errors as check_precision's.
+/// `precision`, or "float" if the processor has no instructions for bfloat16: emulated ones are slower than
+/// float. Then warns, once. Errors as check_precision's.
 std::string usable_precision(const std::string& precision, bool has_bfloat16 = multiplies_bfloat16());
 
-// The words of DetectorOptions::defense: what a detector is defended by, joined by '+'.
+// The words of DetectorOptions::defense, joined by '+':
 //
 //     none                       nothing
 //     WORD                       weights that were trained to resist, DETECTOR-RIG-WORD.weights; one at most
 //     jpeg:QUALITY               the picture is compressed before the detector sees it (defenses.h)
-//     consistency                held against what each sensor says alone (consistent_detector.h)
-//     ceiling:HEIGHT             nothing that stands higher over the road is looked at (defenses.h)
+//     consistency                cross-checked with single-sensor detectors (consistent_detector.h)
+//     ceiling:HEIGHT             everything higher over the road is ignored (defenses.h)
 //     ceiling                    the same with weights that were trained under it
-//     shadows                    held against bodies and rays of the sweep (defenses.h)
-//     adversarial+shadows        both: what stands around the detector does so in the order given, the first
-//                                next to it
+//     shadows                    cross-checked with bodies and rays of the sweep (defenses.h)
+//     adversarial+shadows        both: wrappers are nested in the order of the words, the first one
+//                                innermost
 
 inline constexpr const char* kConsistency = "consistency";
 /// The word of the defence that looks for bodies and rays.
@@ -49,10 +49,10 @@ inline constexpr const char* kTrainedCeiling = "ceiling:1.4";
 /// Words and forms of the defences that need no training, for messages.
 std::vector<std::string> untrained_defenses();
 
-/// JPEG's quality in "jpeg:QUALITY"; 0 for another word. FieldError for a quality that is none.
+/// JPEG's quality in "jpeg:QUALITY"; 0 for another word. FieldError for an invalid quality.
 int jpeg_quality(const std::string& word);
 
-/// Metres over the road in "ceiling:HEIGHT"; 0 for another word. FieldError for a height that is none.
+/// Metres over the road in "ceiling:HEIGHT"; 0 for another word. FieldError for an invalid height.
 double ceiling_height(const std::string& word);
 
 /// A defence taken apart.
@@ -64,11 +64,11 @@ struct Defense {
   bool has(const std::string& word) const;
 };
 
-/// Of DetectorOptions::defense (empty is none). FieldError for an empty word, two that are weights, one given
-/// twice, "none" beside others, or letters that no word has.
+/// Parses DetectorOptions::defense (empty is none). FieldError for an empty word, two words of weights, a
+/// repeated word, "none" beside others, or letters that no word has.
 Defense read_defense(const std::string& text);
 
-// Detectors by their words, and which of what a detector is made of is code.
+// Detectors by their words, and which of their files are code.
 
 /// The kind of detector plugins (base/plugins.h).
 inline constexpr const char* kDetectorPlugins = "detector";
@@ -78,14 +78,14 @@ inline bool is_shipped_detector(const std::string& word) {
   return shipped_plugin(kDetectorPlugins, word) != nullptr;
 }
 
-/// Whether the weights of such a detector may run code when they are loaded: TorchScript is a program, ONNX
-/// files are read by a library that Mirage does not guard, and nobody knows what somebody else's plugin does.
+/// Whether the detector's weights may run code when they are loaded: TorchScript is a program, ONNX files are
+/// read by a library that Mirage does not guard, and another author's plugin may do anything.
 inline bool weights_are_code(const std::string& detector) {
   const ShippedPlugin* plugin = shipped_plugin(kDetectorPlugins, detector);
   return plugin == nullptr || plugin->weights_are_code;
 }
 
-/// Whether it is a detector that ships and learned nothing: it needs no weights file.
+/// Whether it is a shipped detector without learned weights: it needs no weights file.
 inline bool needs_no_weights(const std::string& detector) {
   const ShippedPlugin* plugin = shipped_plugin(kDetectorPlugins, detector);
   return plugin != nullptr && !plugin->needs_weights;

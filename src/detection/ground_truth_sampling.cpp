@@ -73,7 +73,7 @@ class Columns {
   int count_;
 };
 
-/// What the car's returns span in one azimuth column.
+/// The span of the car's returns in one azimuth column.
 struct Span {
   double low = 1e9, high = -1e9, range = 1e9;
   bool empty() const { return low > high; }
@@ -140,7 +140,7 @@ bool same_camera(const CompactFrame& frame, const CutOut& car) {
   return frame.width == car.camera.width && frame.height == car.camera.height && (here - there).norm() < 1;
 }
 
-/// Enough of each present car's returns must outlive the paste.
+/// Whether each present car keeps enough of its returns.
 bool others_stay(const CompactFrame& frame, const std::vector<char>& removed, double bottom) {
   for (const ObjectBoxes& present : frame.truth.space.boxes) {
     const Box3 body{present.box.bev, bottom + kOffGround, 3};
@@ -194,7 +194,7 @@ TruthBox pasted(const CutOut& car, const PictureBox& picture) {
   return truth;
 }
 
-/// The picture's truth with the car's box in it, `rows` lower than it was.
+/// Adds the car's box, `rows` lower than it was, to the picture's truth.
 void paste_picture_box(CompactFrame& frame, const CutOut& car, int rows) {
   PictureBox box = car.picture;
   box.top = std::clamp<double>(box.top + rows, 0, frame.height - 1);
@@ -208,7 +208,7 @@ void paste_picture_box(CompactFrame& frame, const CutOut& car, int rows) {
   truth.boxes.push_back(pasted(car, box));
 }
 
-/// The car's pixels, its part of the mask and its box in the picture.
+/// Pastes the car's pixels, its part of the mask and its box in the picture.
 void paste_picture(CompactFrame& frame, const CutOut& car, const std::vector<char>& nearer,
                    const SamplingUnit& unit, double lift) {
   const Vec3d centre(car.box.bev.x, car.box.bev.y, car.box.bottom);
@@ -405,7 +405,7 @@ const std::vector<CutOut>& GroundTruthSampler::cars_of(std::size_t frame) {
 int GroundTruthSampler::augment(CompactFrame& frame, std::uint64_t index) {
   if (candidates_.empty()) return 0;
   RandomStream random(seed_, "ground-truth sampling", index);
-  int goal = -1;  // Knuth's way to a Poisson number
+  int goal = -1;  // Knuth's algorithm for a Poisson number
   for (double product = 1; product > std::exp(-mean_); ++goal) product *= random.uniform();
   int pasted = 0;
   for (int attempt = 0; pasted < goal && attempt < kAttempts * goal; ++attempt) {

@@ -19,7 +19,7 @@ struct CompactFrame {
   std::vector<LidarPoint> points;
   Calibration calibration;
   GroundTruth truth;
-  /// Of each pixel, row-major: whether it shows a vehicle. Empty where the data set does not tell.
+  /// Row-major: whether the pixel shows a vehicle. Empty if the data set has no masks.
   std::vector<bool> vehicle_mask = {};
   std::uint64_t picture_key = 0;  ///< TrainingSample::picture_key
 };
@@ -37,7 +37,7 @@ struct CutOut {
   Image<std::uint8_t> mask;  ///< 1 where the pixel is the car's
 };
 
-/// A car with fewer returns than this is neither cut out nor left behind by what is put before it.
+/// A car with fewer returns is not cut out, and not pasted if nearer returns leave it fewer.
 inline constexpr std::size_t kMinPoints = 5;
 
 /// The fully visible cars of a frame that detection counts (see ground_truth), with kMinPoints or more.
@@ -48,16 +48,16 @@ std::vector<CutOut> cut_out_cars(const std::filesystem::path& data, const std::s
                                  const std::array<double, 4>& region, bool with_picture);
 
 // Ground-truth sampling: vehicles of the training set pasted into other frames of it (Yan et al., SECOND,
-// Sensors 2018), with their pixels where the set says which are theirs (as in Wang et al., PointAugmenting,
-// CVPR 2021).
+// Sensors 2018), with their pixels if the set has instance masks (as in Wang et al., PointAugmenting, CVPR
+// 2021).
 
-/// What of the LiDAR unit decides which returns hide which.
+/// The properties of the LiDAR unit that decide which returns hide which.
 struct SamplingUnit {
-  Vec3d origin = Vec3d::Zero();  ///< m, `velo`: mean of where the beams start
+  Vec3d origin = Vec3d::Zero();  ///< m, `velo`: mean origin of the beams
   double azimuth_step = 0;       ///< rad
   double beam_gap = 0;           ///< rad, median between neighbouring beams
 };
-/// Read off the unit's beams.
+/// Computed from the unit's beams.
 SamplingUnit sampling_unit(const LidarModel& lidar);
 
 /// Pastes the car at its own pose: range, direction and pixels stay true. It is lifted (points, and pixels by
@@ -75,13 +75,13 @@ bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit);
 /// The vehicles of a training set, ready to be pasted into its frames.
 class GroundTruthSampler {
  public:
-  /// `mean`: vehicles wanted in a sample (their number is Poisson's). With `with_picture`, a set without
-  /// training/instance_2 gives nothing to paste, and a warning. `rig`: as data_rig.h takes it.
+  /// `mean`: mean number of vehicles to paste into a sample (Poisson-distributed). With `with_picture`, a set
+  /// without training/instance_2 gives nothing to paste, and a warning. `rig`: as data_rig.h takes it.
   GroundTruthSampler(const std::filesystem::path& data, const std::vector<std::string>& ids,
                      const std::array<double, 4>& region, std::uint64_t seed, double mean, bool with_picture,
                      const std::string& rig = "");
-  /// Pastes vehicles into the frame, in up to 8 attempts for each that is wanted; which ones depends on
-  /// (seed, index) alone. Returns how many. Not for two threads at once.
+  /// Pastes vehicles into the frame, in up to 8 attempts for each; the choice depends on (seed, index) alone.
+  /// Returns their number. Not for two threads at once.
   int augment(CompactFrame& frame, std::uint64_t index);
   /// Vehicles to choose from, before their points are counted.
   std::size_t size() const { return candidates_.size(); }
@@ -100,7 +100,7 @@ class GroundTruthSampler {
   double mean_;
   bool with_picture_;
   SamplingUnit unit_;
-  std::vector<std::size_t> candidates_;  // frame of each labelled car that may do
+  std::vector<std::size_t> candidates_;  // frame of each labelled car that may be pasted
   std::vector<Donor> donors_;            // one a frame, read when first wanted
   std::size_t bytes_ = 0;
   Donor passing_;  // used once memory for donors is spent

@@ -1,5 +1,5 @@
-// How the boxes of detections and labels are compared: suppression, AP, hosts, the objective and evaluation
-// take one.
+// How the boxes of detections and labels are compared in suppression, AP, hosts, the objective and
+// evaluation.
 #pragma once
 
 #include <array>
@@ -10,8 +10,8 @@
 
 namespace mirage {
 
-/// The boxes that tell where one object is. What nobody tells is zero: a detector from above leaves bottom
-/// and height, one of the picture alone the whole box in space.
+/// The boxes of one object. Unknown values are zero: bottom and height of a detector from above, the whole
+/// box in space of one in the picture alone.
 struct ObjectBoxes {
   ObjectBoxes() = default;  ///< all 0
   /// Seen from above: bottom, height and picture are 0.
@@ -22,16 +22,16 @@ struct ObjectBoxes {
   ObjectBoxes(const PictureBox& in_picture) : picture(in_picture) {}
   Box3 box;            ///< in space (m, ego)
   PictureBox picture;  ///< in a camera's picture (pixels)
-  int camera = 0;      ///< whose picture: which of sensors() (detector.h)
+  int camera = 0;      ///< that camera's index in sensors() (detector.h)
 };
 
-/// Says how alike two objects' boxes are, in [0, 1]:
+/// The overlap of two objects' boxes, in [0, 1]:
 ///     bev      intersection over union of the rectangles from above
 ///     space    of the boxes in 3-D
 ///     picture  of the boxes in the picture
 ///     centre   1 − d / 4 m, at least 0, with d the distance of the centres from above (Caesar et al., CVPR
 ///              2020: 4 m is nuScenes' widest limit, 2 m, where this is 0.5, that of its errors)
-enum class MatchBy { own, bev, space, picture, centre };  ///< own: as the detector's boxes are made for
+enum class MatchBy { own, bev, space, picture, centre };  ///< own: as Capabilities::matching chooses
 constexpr auto words_of(MatchBy) {
   return std::to_array<const char*>({"own", "bev", "3d", "picture", "centre"});
 }
@@ -40,20 +40,20 @@ constexpr auto words_of(MatchBy) {
 struct Matching {
   MatchBy by = MatchBy::bev;
 
-  /// How alike, in [0, 1].
+  /// The overlap, in [0, 1].
   double overlap(const ObjectBoxes& a, const ObjectBoxes& b) const;
   /// Between the centres: m from above, or pixels in the picture.
   double distance(const ObjectBoxes& a, const ObjectBoxes& b) const;
-  /// What is compared, as a rectangle: from above, or in the picture (pixels; x: columns, y: rows).
+  /// The compared box as a rectangle: from above, or in the picture (pixels; x: columns, y: rows).
   BevBox flat(const ObjectBoxes& boxes) const {
     return in_picture() ? rectangle(boxes.picture) : boxes.box.bev;
   }
-  /// What the box covers from above (m²) or in the picture (pixels²), and what of it both cover.
+  /// The box's area from above (m²) or in the picture (pixels²).
   double area(const ObjectBoxes& a) const;
   /// The common area in the units of area(); 0 in pictures of two cameras.
   double intersection(const ObjectBoxes& a, const ObjectBoxes& b) const;
-  /// Two detections that are more alike than this are of one vehicle. From above 0.1, for vehicles stand
-  /// beside each other; in the picture, where they stand behind each other, 0.5, and so by distance (2 m).
+  /// Two detections with a larger overlap are of one vehicle. From above 0.1, because vehicles do not
+  /// overlap; in the picture, where they hide each other, 0.5, and also by distance (2 m).
   double same() const { return by == MatchBy::bev || by == MatchBy::space ? 0.1 : 0.5; }
   /// Whether boxes are compared in the picture.
   bool in_picture() const { return by == MatchBy::picture; }
@@ -61,7 +61,7 @@ struct Matching {
   std::string name() const { return words_of(by)[as_size(by)]; }
 };
 
-/// The matching by that way.
+/// One matching of each kind.
 inline constexpr Matching kFromAbove{MatchBy::bev}, kInSpace{MatchBy::space}, kInPicture{MatchBy::picture},
     kByCentre{MatchBy::centre};
 

@@ -98,7 +98,7 @@ namespace {
 constexpr double kMaxSide = 1000, kMaxBoxDistance = 1e5;  // m
 constexpr double kMaxPicture = 1e6;                       // pixels
 
-/// What is wrong with a proposal, and what its network should do; empty where nothing is.
+/// A proposal's problem, and the advice for its network; empty if it is valid.
 std::pair<std::string, const char*> proposal_problem(const Detection& proposal, Matching matching) {
   const BevBox& box = proposal.box.bev;
   const double bottom = proposal.box.bottom, height = proposal.box.height;

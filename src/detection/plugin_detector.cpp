@@ -95,7 +95,7 @@ class PluginDetectorBase : public Detector {
     shared->version_ = version_;
     return shared;
   }
-  /// To be called with each input: backward() is to it.
+  /// To be called with each input, to which backward() then refers.
   void keep(const SensorView& view, bool keep_graph) {
     kept_width_ = view.image ? view.image->width : 0, kept_height_ = view.image ? view.image->height : 0;
     kept_points_ = view.points.size();
@@ -108,7 +108,7 @@ class PluginDetectorBase : public Detector {
     gradient.presence.resize(kept_watched_);
     return gradient;
   }
-  /// What errors name: the weights, or the plugin without any.
+  /// The file that errors name: the weights, or without weights the plugin.
   std::string who() const { return (plugin_.weights.empty() ? plugin_.file : plugin_.weights).string(); }
 
   PluginInstance<Api> plugin_;
@@ -124,7 +124,7 @@ void copy_matrix(const Eigen::Affine3d& transform, double (&out)[12]) {
   matrix = transform.matrix().topRows<3>();
 }
 
-/// Where the gradients to the first camera and the first LiDAR go; null for what saw nothing.
+/// Memory for the gradients of the first camera and the first LiDAR; null for a sensor without data.
 std::array<float*, 2> places_of_first(SensorGradient& gradient) {
   return {gradient.image.empty() ? nullptr : gradient.image.data.data(),
           gradient.points.empty() ? nullptr : gradient.points.front().data()};
@@ -170,7 +170,7 @@ class RawFrame {
 
   const MirageFrame& frame() const { return frame_; }
   const std::string& sequence() const { return sequence_; }
-  /// In sensors(): of each that the plugin reads.
+  /// The place in sensors() of each sensor that the plugin reads.
   const std::vector<std::size_t>& places() const { return places_; }
   const MirageSensor& at(std::size_t i) const { return raw_.at(i); }
   std::size_t values(std::size_t i) const {
@@ -271,7 +271,7 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     std::unique_ptr<RawFrame> clean;
     std::vector<std::int32_t> changed(4 * raw.places().size());
     MirageClean as_recorded{};
-    // Of other sensors nobody says what changed there.
+    // The changes of other sensors are unknown.
     if (view.clean && view.others.empty() && capabilities_.why_whole.empty()) {
       SensorView before = view;
       before.image = view.clean->image, before.points = view.clean->points;
@@ -293,7 +293,7 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
     for (std::int64_t i = 0; i < count; ++i) detections.push_back(detection(found[i], raw, i));
     check_proposals(detections, capabilities_.matching(), who());
     detections = rows_.proposals(std::move(detections), score_threshold);
-    // Labels end at the picture's border, and what they are compared with must, too.
+    // Labels are clipped at the picture's border, and so must detections be.
     for (std::size_t i = 0; i < raw.places().size(); ++i)
       for (Detection& detection : detections)
         if (detection.camera == static_cast<int>(raw.places()[i]))
@@ -358,7 +358,7 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
   }
 
  private:
-  /// InputError for a class or a camera that there is none of.
+  /// InputError for a class or a camera that does not exist.
   Detection detection(const MirageDetection& found, const RawFrame& frame, std::int64_t place) const {
     Detection made;
     made.box = {{found.x, found.y, found.length, found.width, found.yaw},
@@ -412,7 +412,7 @@ std::unique_ptr<Detector> instance_of(const std::filesystem::path& file, const A
   return std::make_unique<Made>(std::move(plugin));
 }
 
-/// What both versions begin with.
+/// The first field of both versions' tables.
 struct AnyVersion {
   std::uint32_t abi_version;
 };
@@ -498,7 +498,7 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
     }
     check_proposals(proposals, capabilities_.matching(), who());
     proposals = rows_.proposals(std::move(proposals), score_threshold);
-    // Labels end at the picture's border, and what they are compared with must, too.
+    // Labels are clipped at the picture's border, and so must detections be.
     for (Detection& proposal : proposals)
       proposal.picture = within(proposal.picture, kept_width_, kept_height_);
     return proposals;

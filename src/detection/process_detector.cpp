@@ -47,11 +47,11 @@ constexpr int kProtocol = 1;
 constexpr int kTries = 3;                         // at one frame
 constexpr double kPatience = 10;                  // s after Ctrl-C for the frame at hand
 constexpr std::size_t kAlign = 64;                // bytes, of arrays
-constexpr std::size_t kMinAnswerBytes = 1 << 26;  // bytes for answers, of which only what is written counts
+constexpr std::size_t kMinAnswerBytes = 1 << 26;  // bytes for answers; only written pages take memory
 constexpr const char* kAnswerAsAsked =
     R"(answer with the job's "id" as it was given, and with "ok" true or false, without quotes)";
 
-/// The words of the command, as a shell parts them; none of its own programs is run.
+/// The words of the command, split as by a shell, without command substitution.
 std::vector<std::string> command_words(const std::string& detector) {
   const std::string command = detector.substr(kProgramPrefix.size());
   wordexp_t parts{};
@@ -65,10 +65,10 @@ std::vector<std::string> command_words(const std::string& detector) {
   return words;
 }
 
-/// What a word of a command names, alone or behind a "=" ("--weights=FILE").
+/// The file or folder that a word of a command names, alone or behind a "=" ("--weights=FILE").
 struct NamedByWord {
   std::size_t at = 0;                                                  ///< where in the word the name begins
-  std::filesystem::file_type type = std::filesystem::file_type::none;  ///< none: no file and no folder
+  std::filesystem::file_type type = std::filesystem::file_type::none;  ///< none: neither file nor folder
 };
 NamedByWord named_by(const std::string& word) {
   using std::filesystem::file_type;
@@ -83,7 +83,7 @@ NamedByWord named_by(const std::string& word) {
   return {};
 }
 
-/// Says once of each command which of its words name what program_content() does not look into.
+/// Warns once for each command of the words whose contents program_hash() does not include.
 void warn_of_uncounted(const std::string& detector, const std::vector<std::string>& words) {
   static std::mutex mutex;
   static std::set<std::string> said;
@@ -122,7 +122,7 @@ class ProcessDetector : public ExternalDetector {
       throw FieldError("detector", error_name_, "names a program that is not on PATH: " + words_[0],
                        "write \"exec:PROGRAM ARGUMENTS\"");
     words_[0] = program;
-    // Beside what the user has on it: mirage_serve.py needs no installation.
+    // Added to the user's own: mirage_serve.py needs no installation.
     const char* before = std::getenv("PYTHONPATH");
     const std::string folder = built_file("plugins/process");
     words_.insert(words_.begin(), {"/usr/bin/env", fmt::format("PYTHONPATH={}{}{}", folder, before ? ":" : "",
@@ -196,7 +196,7 @@ class ProcessDetector : public ExternalDetector {
   }
 
  private:
-  /// As the program wrote it.
+  /// An array as the program wrote it.
   template <class T>
   struct Array {
     std::span<const T> values;
@@ -208,7 +208,7 @@ class ProcessDetector : public ExternalDetector {
                      "let the program tell \"gradient\": true and answer the job gradient");
   }
 
-  /// Starts the program; its answer to hello. InputError if it does not come so far.
+  /// Starts the program and returns its answer to hello. InputError if there is no answer.
   json start() {
     worker_.emplace(words_, "", "the detector was at work", kPatience);
     json answer;
@@ -235,7 +235,7 @@ class ProcessDetector : public ExternalDetector {
     description_ = read_external_description(answer, error_name_);
   }
 
-  /// Writes the sensor's array into the memory from `at` on, which goes behind it; where it lies.
+  /// Writes the sensor's array into the memory at `at`, moves `at` behind it, returns its location.
   json write(const SensorData& sensor, ExternalSensor& its, std::size_t& at) {
     const bool bytes = its.kind == SensorData::Kind::camera && description_.bytes;
     its.at = at;
@@ -249,7 +249,7 @@ class ProcessDetector : public ExternalDetector {
     return array_at(its.at, its.shape, bytes ? "uint8" : "float32");
   }
 
-  /// Writes the view's sensors into the memory; the job that names them.
+  /// Writes the view's sensors into the memory; returns the job that names them.
   json place(const SensorView& view, double score_threshold, bool keep_graph) {
     std::size_t at = 0, gradients = 0;
     json job = describe_input(
@@ -267,8 +267,8 @@ class ProcessDetector : public ExternalDetector {
     return job;
   }
 
-  /// The answer to a job of the frame at hand. A process that is lost is started again; for a gradient it is
-  /// given the frame anew. Failure of one that remembers where the frame continues a sequence.
+  /// The answer to a job on the current frame. A lost process is started again; for a gradient it gets the
+  /// frame again. Failure if it remembers and the frame continues a sequence.
   json exchange(const json& job) {
     const bool again = job["job"] == "gradient",
                remembered = description_.can.remembers && forward_.value("continues", false);
@@ -301,7 +301,7 @@ class ProcessDetector : public ExternalDetector {
     }
   }
 
-  /// The array of a field, within the answers' room. Failure for another.
+  /// The array of a field. Failure if it is invalid or outside the answers' room.
   template <class T>
   Array<T> array(const json& answer, const char* field, std::size_t dimensions) const {
     constexpr const char* kType = std::is_same_v<T, float> ? "float32" : "int32";
@@ -341,7 +341,7 @@ class ProcessDetector : public ExternalDetector {
                   "look for logarithms, roots and divisions of 0");
   }
 
-  /// The gradient to a sensor; zero where the program gives none.
+  /// The gradient of a sensor's data; zero if the program gives none.
   std::vector<float> take(const json& answer, const ExternalSensor& sensor) const {
     const auto group = answer.find(sensor.group());
     if (!sensor.sent || group == answer.end() || !group->is_object() || !group->contains(sensor.name) ||
@@ -558,7 +558,7 @@ json ExternalDetector::describe_input(const SensorView& view,
   };
   json job = groups(sensors(view, description_.can, error_name_), sensors_);
   if (view.clean && description_.can.why_whole.empty() &&
-      view.others.empty()) {  // of others nobody says what changed
+      view.others.empty()) {  // the changes of others are unknown
     SensorView before = view;
     before.image = view.clean->image, before.points = view.clean->points, before.clean = nullptr;
     std::vector<ExternalSensor> without;
@@ -613,7 +613,7 @@ bool is_program(const std::string& detector) {
   return detector.starts_with(kProgramPrefix);
 }
 
-std::string program_content(const std::string& detector) {
+std::string program_hash(const std::string& detector) {
   const std::vector<std::string> words = command_words(detector);
   std::string all;
   std::vector<std::string> uncounted;
@@ -658,7 +658,7 @@ bool is_outside(const DetectorOptions& options) {
 }
 
 std::string outside_content(const DetectorOptions& options) {
-  if (is_program(options.detector)) return program_content(options.detector);
+  if (is_program(options.detector)) return program_hash(options.detector);
   const InProcessDetector* in_process = in_process_detector(options);
   return in_process ? in_process->content : "";
 }

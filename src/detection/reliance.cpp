@@ -65,10 +65,10 @@ std::string picture_note(const Reliance& reliance) {
 std::string describe(const Reliance& reliance) {
   if (!reliance.reads_picture) return "no camera";
   return fmt::format(
-      "AP 0.7 {:.1f} % with the right picture, {:.1f} % with another frame's: {:+.1f} points ({:+.1f} to "
-      "{:+.1f}); logits of cars move by {:.2f}",
-      100 * reliance.ap70, 100 * reliance.ap70_swapped, 100 * reliance.drop.value, 100 * reliance.drop.low,
-      100 * reliance.drop.high, reliance.mean_delta_logit);
+      "AP 0.7 {:.1f} % with the right picture, {:.1f} % with another frame's: {} points; logits of cars move "
+      "by {:.2f}",
+      100 * reliance.ap70, 100 * reliance.ap70_swapped, signed_points(reliance.drop),
+      reliance.mean_delta_logit);
 }
 
 nlohmann::json to_json(const Reliance& reliance) {

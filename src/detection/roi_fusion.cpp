@@ -46,7 +46,7 @@ class RoiFusion : public DetectorWrapper {
     const std::vector<Detection> boxes =
         suppress(picture_->forward(view, reporting_threshold(1), false), kInPicture);
     const auto is_car = [&](const Detection& thing) { return thing.type == car_; };
-    std::vector<Detection> cars;  // that the picture alone knows
+    std::vector<Detection> cars;  // that only the picture shows
     for (Detection& thing : things) {
       const auto place = projected(thing.box, *view.calibration);
       if (!place) continue;
@@ -73,7 +73,7 @@ class RoiFusion : public DetectorWrapper {
 
   static Vec3d middle_of(const Box3& box) { return {box.bev.x, box.bev.y, box.bottom + box.height / 2}; }
 
-  /// Of the first camera's box that overlaps the place most.
+  /// Logit of the first camera's box that overlaps the place most.
   static std::optional<double> logit_at(const PictureBox& place, const std::vector<Detection>& boxes) {
     double most = kSamePlace;
     std::optional<double> logit;

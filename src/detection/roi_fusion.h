@@ -1,14 +1,14 @@
-// Region-of-interest fusion: what a detector of things says, held against a picture network's boxes.
+// Region-of-interest fusion: the things that a detector finds, cross-checked with a picture network's boxes.
 //
-// After Autoware's roi_cluster_fusion: each thing is projected into the first camera's picture, and belongs
-// to the network's box that it overlaps most, if that is enough. In logits, q the network's:
+// After Autoware's roi_cluster_fusion: each thing is projected into the first camera's picture, and matched
+// with the network's box that it overlaps most, if by enough. In logits, q the network's:
 //
 //     a Car that has one               logit + max(q, kUnseenLogit)
 //     a Car in view that has none      logit + kUnseenLogit
 //     another thing that has one       its probability times 1 − sigmoid(q); where the detector calls it no
 //                                      car at all, it is also a Car, with min(logit, q): a van, or a car
 //                                      beside a hedge
-//     what the camera does not see     stays as it is
+//     a thing out of view              stays as it is
 #pragma once
 
 #include <filesystem>
@@ -19,7 +19,7 @@
 
 namespace mirage {
 
-/// What it says of a car that a picture network does not see: that one misses an eighth.
+/// The logit of a car that a picture network does not see: the network misses an eighth.
 inline constexpr double kUnseenLogit = -2;
 
 /// The detector's word for a picture network's weights file: "onnx", "camera" (*.weights) or "torchscript".

@@ -52,7 +52,7 @@ void lose_returns(const std::vector<LidarPoint>& points, const BevBox& box, std:
 
 constexpr std::size_t kFrameMemory = std::size_t{3} << 30;  // bytes for frames kept between epochs
 
-/// Of the rig by content, as lidar_of takes it; "" where no sample needs it.
+/// Identifies the rig by content, as lidar_of takes it; "" if no sample needs it.
 std::string rig_hash(const TrainingOptions& options) {
   if (options.thin_lidar == 0 && options.ground_truth_sampling == 0) return "";
   if (!options.rig.empty()) return file_hash(rig_file(options.rig));
@@ -60,7 +60,7 @@ std::string rig_hash(const TrainingOptions& options) {
   return std::filesystem::exists(own) ? file_hash(own) : data_rig(options.data);
 }
 
-/// What must agree for a run to go on.
+/// The settings that must agree for a run to resume.
 RunIdentity identity(const TrainingOptions& options, std::span<const std::string> frames) {
   nlohmann::json fields = fields_json(options), lacking = lacking_json<TrainingOptions>();
   fields["bfloat16"] = options.precision == kBfloat16;
@@ -69,7 +69,7 @@ RunIdentity identity(const TrainingOptions& options, std::span<const std::string
   fields["rig_hash"] = rig_hash(options);
   if (is_plugin_path(options.detector)) fields["plugin_hash"] = file_hash(options.detector);
   for (const char* key : {"frames_hash", "rig_hash", "plugin_hash"})
-    if (fields.contains(key)) lacking[key] = fields[key];  // runs of earlier programs do not say
+    if (fields.contains(key)) lacking[key] = fields[key];  // older runs lack it
   for (const auto& [key, file] : {std::pair("start", options.start), std::pair("camera", options.camera),
                                   std::pair("lidar", options.lidar)}) {
     fields[key] = file.empty() ? "" : file_hash(file);
@@ -78,7 +78,7 @@ RunIdentity identity(const TrainingOptions& options, std::span<const std::string
   return {fields, lacking};
 }
 
-/// FieldError for what a detector of ours does not have, or has nothing to act on.
+/// FieldError for options that a shipped network does not have, or that have nothing to act on.
 void check_network_options(const TrainingOptions& options) {
   struct NetworkOption {
     const char* name;
@@ -148,7 +148,7 @@ void thin_lidar(CompactFrame& frame, const LidarModel& lidar, double share, std:
     const std::vector<int> beams = beams_of(frame.points, lidar);
     for (std::size_t i = 0; i < beams.size(); ++i) kept[i] = beams[i] >= 0 && beams[i] % step == first;
   } else {
-    // What looks like a car loses as much: a gap in the sweep must not mean a car.
+    // Look-alikes lose as much: a gap in the sweep must not mean a car.
     const auto thin = [&](const ObjectBoxes& object) {
       if (random.uniform() < kObjects) lose_returns(frame.points, object.box.bev, kept, random);
     };
@@ -249,7 +249,7 @@ TrainingData::TrainingData(const std::filesystem::path& data, std::size_t limit,
                            const std::array<double, 4>& region, std::uint64_t seed, double pasted,
                            bool with_picture, double thinned, const std::string& rig)
     : data_(data),
-      ids_(first_frames(data, limit)),
+      ids_(list_frames(data, limit)),
       region_(region),
       seed_(seed),
       frames_(ids_.size()),
@@ -297,10 +297,8 @@ std::vector<PreparedSample> TrainingData::prepare(std::int64_t step, int batch) 
 TrainingResult train_detector(const TrainingOptions& options) {
   check_options(options);
   make_output_folder(options.out);
-  const std::vector<std::string> frames = first_frames(options.data, options.frames);
-  const LabelCensus census = count_labels(options.data, frames);
-  require_cars(census, "training");
-  warn_of_labels(census);
+  const std::vector<std::string> frames = list_frames(options.data, options.frames);
+  check_labels(options.data, frames, "training");
   const DetectorOptions load = starting_detector(options);
   auto detector = load_detector(load);
   TrainingData data(options.data, options.frames, detector->region(), options.seed,

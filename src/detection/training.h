@@ -16,9 +16,9 @@ namespace mirage {
 
 // Training samples with fewer returns than were recorded, so that a detector has to look at its picture too.
 
-/// In a `share` of the samples, half and half: only every 2nd, 4th or 8th beam of the unit stays, or 30 % of
-/// the cars and of what looks like one lose 70 to 100 % of the returns that are more than 0.2 m over the
-/// ground. Picture and truth stay as they are. Depends on (seed, index) and the frame alone.
+/// In a `share` of the samples, with equal probability: only every 2nd, 4th or 8th beam of the unit stays, or
+/// 30 % of the cars and look-alikes lose 70 to 100 % of their returns more than 0.2 m over the ground.
+/// Picture and truth do not change. Depends on (seed, index) and the frame alone.
 void thin_lidar(CompactFrame& frame, const LidarModel& lidar, double share, std::uint64_t seed,
                 std::uint64_t index);
 
@@ -31,18 +31,18 @@ struct PreparedSample {
   Calibration calibration;
   std::vector<std::uint8_t> vehicle_mask;
   TrainingSample truth;  ///< without its views of these
-  /// Views of what this holds; valid as long as it is.
+  /// Views of this sample's memory; valid while it lives.
   TrainingSample view() const;
 };
 
-/// Their views; valid as long as the samples are.
+/// Views of the samples; valid while these live.
 std::vector<TrainingSample> views_of(const std::vector<PreparedSample>& samples);
 
-/// As kept: the picture in 8-bit sRGB, points in view, truth by ground_truth(); no mask and no key.
+/// The frame's picture in 8-bit sRGB, points in view and truth by ground_truth(); no mask and no key.
 CompactFrame compact(const Frame& frame, const std::array<double, 4>& region);
 
 /// The frame of a data set, with its key, and its mask if training/instance_2/ID.png is there (instance k + 1
-/// is label k). InputError as read_frame's, and if those are not of the image's size.
+/// is label k). InputError as read_frame's, and if the mask is not of the image's size.
 CompactFrame read_compact(const std::filesystem::path& data, const std::string& id,
                           const std::array<double, 4>& region);
 
@@ -60,8 +60,8 @@ BevBox moved(const BevBox& box, const Eigen::Affine3d& augmented_from_recorded);
 class TrainingData {
  public:
   /// `pasted`: mean number of vehicles of other frames pasted into a sample (see GroundTruthSampler).
-  /// `thinned`: share of the samples that lose returns (thin_lidar). `rig`: which recorded the set, as
-  /// data_rig.h takes it.
+  /// `thinned`: share of the samples that lose returns (thin_lidar). `rig`: the recording rig, as in
+  /// data_rig.h.
   TrainingData(const std::filesystem::path& data, std::size_t limit, const std::array<double, 4>& region,
                std::uint64_t seed, double pasted = 0, bool with_picture = true, double thinned = 0,
                const std::string& rig = "");
@@ -69,7 +69,7 @@ class TrainingData {
   std::size_t size() const { return ids_.size(); }
   /// The frame of the `index`-th sample: every epoch is a new permutation of all frames.
   std::size_t frame_of(std::uint64_t index) const;
-  /// The samples of step `step` (batch · step …). Reads what is not in memory yet; safe on a worker thread.
+  /// The samples of step `step` (batch · step …). Reads frames not in memory yet; safe on a worker thread.
   std::vector<PreparedSample> prepare(std::int64_t step, int batch);
 
  private:
@@ -87,7 +87,7 @@ class TrainingData {
   LidarModel lidar_;
 };
 
-/// What `mirage train` is asked for.
+/// The options of `mirage train`.
 struct TrainingOptions : TrainingSchedule {
   std::filesystem::path data, validation;  ///< `validation` may be empty
   /// Weights to start from; empty: fresh ones. `fusion` may start from a `lidar` detector's.
@@ -96,23 +96,23 @@ struct TrainingOptions : TrainingSchedule {
   std::filesystem::path camera = {}, lidar = {};
   std::string detector = "fusion";
   /// The whole network learns: branches that were taken over (`camera`, `lidar`), and the trunk of a camera
-  /// network that was started from COCO's weights; boxes in the picture are a task beside.
+  /// network started from COCO's weights. Boxes in the picture are then an additional task.
   bool joint = false;
-  /// Of a camera network that was started from COCO's weights, the layers that find boxes learn, and nothing
-  /// else: for frames that do not say which pixels show vehicles. Not with `joint`.
+  /// Only the layers that find boxes learn, in a camera network started from COCO's weights: for frames
+  /// without vehicle masks. Not with `joint`.
   bool heads = false;
-  /// The result is so much of the weights that were started from, and the rest of those learned: keeps what
-  /// the start knew of other data (Wortsman et al., "Robust fine-tuning of zero-shot models", CVPR 2022).
+  /// Share of the start's weights in the result; the rest are the learned ones. It keeps the start's
+  /// knowledge of other data (Wortsman et al., "Robust fine-tuning of zero-shot models", CVPR 2022).
   double keep_start = 0;
   double ground_truth_sampling = 0;   ///< mean number of vehicles pasted into a sample (GroundTruthSampler)
   double thin_lidar = 0.5;            ///< share of the samples that lose LiDAR returns (thin_lidar)
   std::size_t validation_frames = 0;  ///< only the first N (0: all)
   std::int64_t validate_every = 0;    ///< steps between validations (0: at the end only)
   std::string precision = "float";    ///< of convolutions: float or bfloat16
-  std::string rig = {};               ///< of both sets (scene/data/data_rig.h); empty: what they say
+  std::string rig = {};               ///< of both sets (scene/data/data_rig.h); empty: the sets' own
 };
 
-/// What files decide is of the identity by their content (train_detector), not by their path.
+/// Files enter the run's identity by their content (train_detector), not by their path.
 template <class Visitor, FieldsOf<TrainingOptions> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "data",
@@ -176,7 +176,7 @@ void visit_fields(Visitor& visit, S& s) {
         s.thin_lidar);
 }
 
-/// What a training ends with, beside the weights in TrainingOptions::out.
+/// The result of a training, beside the weights in TrainingOptions::out.
 struct TrainingResult {
   std::int64_t steps = 0;
   double seconds = 0, seconds_per_step = 0;
@@ -186,13 +186,12 @@ struct TrainingResult {
   PrecisionRecall at50, at70;  ///< on `validation`
 };
 
-/// Trains from scratch or from `start`, or goes on from the newest checkpoint in `out` (which must be of the
-/// same options, frames and rig, or InputError; FieldError for options out of range, and for those that the
-/// detector does not have). What step s sees depends on (seed, s)
-/// alone: not on threads, nor on interruptions. A checkpoint is written every checkpoint.steps steps, before
-/// each validation and on Ctrl-C (then Interrupted is thrown). out/training.jsonl has a line every 50 steps
-/// {step, seconds, rate, loss, score_loss, box_loss: running means} and one for each validation {step,
-/// seconds, ap50, ap70, recall50}.
+/// Trains from scratch or from `start`, or resumes from the newest checkpoint in `out`. InputError if its
+/// options, frames or rig differ; FieldError for options out of range, or that the detector does not have.
+/// The data of step s depend on (seed, s) alone: not on threads, nor on interruptions. A checkpoint is
+/// written every checkpoint.steps steps, before each validation and on Ctrl-C (then Interrupted is thrown).
+/// out/training.jsonl has a line every 50 steps {step, seconds, rate, loss, score_loss, box_loss: running
+/// means} and one for each validation {step, seconds, ap50, ap70, recall50}.
 TrainingResult train_detector(const TrainingOptions& options);
 
 }  // namespace mirage

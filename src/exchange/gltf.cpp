@@ -24,7 +24,7 @@ namespace {
 
 using namespace gltf_limits;
 
-/// What Mirage says that the node is; empty: nothing.
+/// The node's role by Mirage's extras; empty if they name no role.
 std::string role_of(const tinygltf::Node& node) {
   const bool told =
       node.extras.IsObject() && node.extras.Has("mirage_role") && node.extras.Get("mirage_role").IsString();
@@ -156,8 +156,8 @@ class SceneReader {
                  "write an orthonormal, right-handed [R | t]");
   }
 
-  /// Of a camera's node. glTF's camera looks along −z with y up; ours along +z with y down. A node's scale
-  /// does not count.
+  /// The pose of a camera's node. glTF's camera looks along −z with y up; ours along +z with y down. A node's
+  /// scale does not count.
   static Transform pose_of(const Eigen::Affine3d& placed) {
     Eigen::Matrix3d turn = gltf_from_velo().transpose() * placed.linear();
     for (int k = 0; k < 3; ++k) turn.col(k).normalize();
@@ -167,8 +167,8 @@ class SceneReader {
     return velo_from_camera;
   }
 
-  /// Complains of a camera that was edited: its node, which editors change, stands elsewhere than extras say
-  /// or sees another angle. `first`: or one of the others, by its name. Nothing where there is no node of it.
+  /// Throws for an edited camera: its node, which editors change, has another pose or field of view than the
+  /// extras say. `first`: the first camera, else one of the others by name. Passes if it has no node.
   void check_camera(const SceneCamera& camera, const Transform& velo_from_camera, bool first) const {
     constexpr double kSamePlace = 1e-4, kSameTurn = 1e-4;  // m, each 1 + of its distance; radians
     std::optional<std::tuple<std::string, Transform, int>> found;
@@ -305,7 +305,7 @@ int add_texture(GltfBuilder& gltf, const TexelAtlas& atlas) {
   return gltf.add("textures", {{"source", image}, {"sampler", sampler}});
 }
 
-/// What read_adversary needs for a lossless way back: float64 and int32, little endian.
+/// Adds the exact mesh for read_adversary, without loss: float64 and int32, little endian.
 json add_exact(GltfBuilder& gltf, const TexturedMesh& textured) {
   const auto& [mesh, atlas] = textured;
   const auto flat = [](const std::vector<Vec3d>& vectors) {
@@ -379,7 +379,7 @@ json rotation_json(const Eigen::Matrix3d& rotation) {
   return {q.x(), q.y(), q.z(), q.w()};
 }
 
-/// The camera's node, and what extras say of it. `role`: the node's.
+/// The camera's node and its extras. `role`: the node's.
 json add_camera(GltfBuilder& gltf, const std::string& name, const Calibration& calibration,
                 const std::string& role) {
   const PinholeCamera& camera = calibration.camera;

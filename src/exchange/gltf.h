@@ -18,11 +18,11 @@ namespace mirage {
 
 /// Writes the adversary: each face tessellated into its C² congruent triangles with all UVs at one texel's
 /// centre, so that every viewer shows SoftRas's atlas exactly; and the original vertices, faces and texels
-/// (binary, float64) for a lossless way back. `about`, if there is any, stands in the asset's extras as
-/// "mirage_object": where the object comes from; its "licence", if it has one, is the asset's copyright.
+/// (binary, float64) for a lossless way back. `about`, if not empty, goes into the asset's extras as
+/// "mirage_object" and says where the object comes from. Its "licence", if any, is the asset's copyright.
 void write_adversary(const std::filesystem::path& file, const TexturedMesh& adversary,
                      const nlohmann::json& about = {});
-/// Reads what write_adversary wrote: the identical mesh and texels. A foreign .glb is read as a plain mesh
+/// Reads a file of write_adversary: the identical mesh and texels. A foreign .glb is read as a plain mesh
 /// with its base colour. InputError naming file and field (gltf_document.h says what is refused).
 TexturedMesh read_adversary(const std::filesystem::path& file);
 
@@ -61,12 +61,12 @@ RenderScene read_scene(const std::filesystem::path& file, int width = 0, int hei
 // The vehicle under the adversary and the road, for Blender and viewers: they catch its shadow and bounce
 // light.
 
-/// A square of level road around a point of it, 40 m to every side, facing up.
+/// A level square of road around `centre`, 40 m to every side, facing up.
 Mesh ground_proxy(const Vec3d& centre);
 
 /// Everything of one frame with the placed adversary. The host is the carrier's fitted shape where it has
 /// one, with the road where its wheels stand, else car_proxy of the labelled box; its paint is taken from the
-/// photograph. Without a carrier the adversary is alone. Of the frame's other cameras it has those that may
+/// photograph. Without a carrier the adversary is alone. It has those of the frame's other cameras that may
 /// see the adversary.
 ExportScene host_scene(const Frame& frame, const Placement& placement, const TexturedMesh& adversary,
                        const std::string& name);

@@ -84,8 +84,8 @@ constexpr std::size_t kMaxValues = 200000;
 /// Of a file, and of all buffers together: a photograph and thirty objects of a million faces.
 constexpr std::size_t kMaxBytesInMemory = std::size_t{1} << 28;
 
-// What glTF 2.0 demands of a document (Khronos, glTF 2.0 specification, chapter 5) as far as a
-// reader relies on it, and the limits of gltf_document.h.
+// The demands of glTF 2.0 on a document (Khronos, glTF 2.0 specification, chapter 5) as far as a reader
+// relies on them, and the limits of gltf_document.h.
 
 using nlohmann::json;
 using namespace gltf_limits;
@@ -218,7 +218,7 @@ class Checker {
     return result;
   }
 
-  /// What the file says that its reader must know (section 3.12, and 3.2 of the version).
+  /// Checks the features that the file demands of its reader (section 3.12; the version by section 3.2).
   void check_demands(const json& asset) const {
     text(asset, "minVersion", "asset");
     if (const json& least = member(asset, "minVersion"); !least.is_null() && least != "2.0")
@@ -233,8 +233,8 @@ class Checker {
          });
   }
 
-  /// What moves, multiplies or hides a mesh beyond transforms is not read: what is left would be another
-  /// shape.
+  /// Refuses features that move, multiply or hide a mesh beyond transforms: without them it would have
+  /// another shape.
   void check_shape(const json& node, const std::string& field) const {
     const json& mesh = member(node, "mesh");
     const json& extensions = member(node, "extensions");
@@ -470,13 +470,13 @@ bool looks_like_json(std::string_view head) {
 GltfDocument open_gltf(const fs::path& file) {
   const ConfinedFiles folder(file);
   GltfDocument document;
-  // By content, as whoever named the file need not have known; only what is neither is judged by its name.
+  // Judged by content, because the name may be wrong; only a file that is neither is judged by its name.
   const std::string head = read_head(folder.file(), kHeader);
   const bool binary = document.binary =
       head.starts_with("glTF") || (!looks_like_json(head) && lower_extension(file) != ".gltf");
   std::string text;
   if (binary) {
-    // Alone at first: what is wrong there is refused before the rest is in memory.
+    // The JSON alone first: an error there is found before the rest is in memory.
     const std::uintmax_t size = OpenFile(folder.file()).size();
     const std::size_t length = json_size(head, size, file.string());
     text = read_head(folder.file(), kHeader + length).substr(kHeader);

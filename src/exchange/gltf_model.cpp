@@ -45,14 +45,14 @@ std::string padded(std::string bytes, std::size_t to, char with) {
 
 using Files = std::map<std::string, std::string>;
 
-/// What tinygltf makes of a URI that open_gltf has read: percent signs decoded, and + as a blank.
+/// The URI of a file of open_gltf as tinygltf decodes it: percent sequences decoded, + as a blank.
 std::string tinygltf_name(std::string uri) {
   std::ranges::replace(uri, '+', ' ');
   return percent_decoded(uri).value();
 }
 
 /// tinygltf opens no file itself: it is given the buffers that open_gltf has read, and nothing else exists.
-/// A template: what its version lacks is only asked for where the type is not yet known.
+/// It is a template, so that a member that tinygltf's version lacks can be tested for.
 template <typename Callbacks = tinygltf::FsCallbacks>
 Callbacks only(Files& files) {
   Callbacks callbacks{};

@@ -27,12 +27,12 @@ namespace mirage {
 /// Where the texels of a mesh lie in its picture: row-major, texel t at pixel (t mod width, t / width).
 struct TextureLayout {
   int width = 1, height = 1;
-  /// The smallest near-square picture that holds so many texels.
+  /// The smallest near-square picture that holds `texels` texels.
   explicit TextureLayout(std::size_t texels);
   /// UV (origin top left, as glTF has it) of the texel's centre.
   Vec2d centre(std::size_t texel) const;
 };
-/// The texels as that picture: scene-linear, white behind the last.
+/// The texels as that picture: scene-linear, white after the last texel.
 ImageF texel_picture(const TexelAtlas& atlas);
 
 // Assembles a binary glTF 2.0 file (Khronos, glTF 2.0 specification, section 4.4: GLB).
@@ -49,7 +49,7 @@ class GltfBuilder {
   int add_view(const std::vector<T>& values, int target = 0) {
     return add_view(values.data(), values.size() * sizeof(T), target);
   }
-  /// float32 vectors of `components` values a vertex: 2, or 3 of a position, of which bounds are written.
+  /// float32 vectors of `components` values a vertex: 2, or 3 for positions, whose bounds are written too.
   int add_floats(const std::vector<float>& values, int components);
   /// The vertices of the faces' corners, as uint32.
   int add_corners(const std::vector<Face>& faces);
@@ -75,7 +75,7 @@ inline Eigen::Matrix3d gltf_from_velo() {
   return m;
 }
 
-/// The list's entry of that number; null if it has none.
+/// The list's entry `index`; null if there is none.
 template <class T>
 const T* entry(const std::vector<T>& list, int index) {
   return index >= 0 && as_size(index) < list.size() ? &list[as_size(index)] : nullptr;
@@ -87,9 +87,9 @@ class GltfModel {
   /// Opens a .glb or .gltf (open_gltf) and reads it. InputError as there.
   explicit GltfModel(std::filesystem::path file);
 
-  /// As tinygltf has it.
+  /// The document as tinygltf parsed it.
   const tinygltf::Model& model() const { return model_; }
-  /// As it was given.
+  /// The path as the caller gave it.
   const std::filesystem::path& file() const { return file_; }
   [[noreturn]] void fail(const std::string& field, const std::string& problem,
                          const std::string& fix = "export the file again") const;
@@ -97,8 +97,8 @@ class GltfModel {
   /// Bytes of a buffer view.
   std::string_view view(int index, const std::string& field) const;
 
-  /// Mirage's own mesh where the node's has one in its extras, placed as the node is. InputError if the
-  /// triangles or colours beside it, which viewers draw and editors change, are others.
+  /// Mirage's exact mesh from the extras of the node's mesh, if present, placed by the node. InputError if
+  /// the triangles or colours that viewers draw, and editors change, differ from it.
   std::optional<TexturedMesh> exact(const tinygltf::Node& node, const std::string& field,
                                     const Eigen::Affine3d& gltf_from_node) const;
   /// The triangles of a node's mesh, each face with its material's base colour, placed and added to `out`.
@@ -106,10 +106,10 @@ class GltfModel {
                    const Eigen::Affine3d& gltf_from_node, TexturedMesh& out) const;
   /// All triangles of the default scene in `velo`, one texel a face.
   TexturedMesh triangles() const;
-  /// Mirage's own mesh, the scene's first; else all triangles. InputError if other meshes stand beside it,
-  /// but in a scene that Mirage wrote.
+  /// Mirage's exact mesh, the scene's first; otherwise all triangles. InputError if the scene has other
+  /// meshes beside it, unless Mirage wrote the scene.
   TexturedMesh object() const;
-  /// One warning that names what changes the colours of foreign meshes and is not read, if there is such.
+  /// Logs one warning that names unsupported features that colour foreign meshes, if there are any.
   void warn_of_what_is_left_out() const;
   /// InputError if a vertex from `first` on lies further than gltf_limits::kMaxCoordinate.
   void check_reach(const Mesh& mesh, std::size_t first, const std::string& field) const;
@@ -146,7 +146,7 @@ class GltfModel {
     return entry(model_.scenes, std::max(0, model_.defaultScene));
   }
   static Eigen::Affine3d transform(const tinygltf::Node& node);
-  /// Each node has one parent and the tree's depth is bounded: open_gltf has looked.
+  /// Each node has one parent and the tree's depth is bounded: open_gltf has checked both.
   template <class Enter>
   void walk(int index, const Eigen::Affine3d& parent, const Enter& enter) const {
     throw_if_interrupted("nothing was written");

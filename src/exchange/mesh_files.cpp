@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <map>
 #include <set>
@@ -26,15 +25,6 @@ namespace mirage {
 namespace {
 
 constexpr const char* kBlank = " \t\r";
-
-template <class T>
-std::optional<T> number(std::string_view word) {
-  if (word.starts_with('+')) word.remove_prefix(1);
-  T value{};
-  const auto [stop, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-  if (error != std::errc() || stop != word.data() + word.size()) return std::nullopt;
-  return value;
-}
 
 class ObjReader {
  public:
@@ -61,8 +51,7 @@ class ObjReader {
   [[noreturn]] void fail(const std::string& problem) const {
     into_.fail(fmt::format("line {}", number_), problem);
   }
-  /// The next line into text_, cut at kMaxLineBytes, with those that a backslash at its end makes parts of
-  /// it.
+  /// Reads the next line into text_, cut at kMaxLineBytes. A backslash at its end continues it.
   void read_line() {
     text_.clear();
     const auto add = [&](char c) {
@@ -84,13 +73,14 @@ class ObjReader {
   void read_vertex(std::span<const std::string_view> words) {
     Vec3d place;
     for (std::size_t k = 0; k < 3; ++k) {
-      const auto value = k < words.size() ? number<double>(words[k]) : std::nullopt;
+      const auto value = k < words.size() ? try_parse_number<double>(words[k], true) : std::nullopt;
       if (!value || !std::isfinite(*value)) fail("is a vertex without three finite numbers");
       place[static_cast<Eigen::Index>(k)] = *value;
     }
     into_.add_vertex(place);
-    // Behind the place a weight w, or red.
-    if (words.size() > 5 && number<double>(words[4]) && number<double>(words[5]))
+    // The fourth number is a weight w or red.
+    if (words.size() > 5 && try_parse_number<double>(words[4], true) &&
+        try_parse_number<double>(words[5], true))
       into_.leave_out("vertex colours");
   }
   void read_face(std::span<const std::string_view> words) {
@@ -99,7 +89,7 @@ class ObjReader {
     into_.check_corners(static_cast<double>(words.size()));
     face_.clear();
     for (const std::string_view word : words) {
-      const auto named = number<int>(word.substr(0, word.find('/')));
+      const auto named = try_parse_number<int>(word.substr(0, word.find('/')), true);
       if (!named || *named == 0) fail("is a face with a corner that is not a vertex's number");
       const double before = static_cast<double>(into_.vertex_count());
       face_.push_back(into_.corner(*named > 0 ? *named - 1.0 : *named + before));
@@ -111,14 +101,14 @@ class ObjReader {
   Polygons& into_;
   std::string text_;
   std::vector<int> face_;
-  std::size_t line_ = 1, number_ = 1;  // that is read next; that text_ begins with
+  std::size_t line_ = 1, number_ = 1;  // of the line to read next; of text_'s first line
 };
 
 namespace fs = std::filesystem;
 
 enum class MeshFormat { gltf, ply, obj };
 
-/// Whether a text of which this is the beginning has a row of an OBJ. It has no magic bytes.
+/// Whether this beginning of a text has a row of an OBJ. It has no magic bytes.
 bool looks_like_obj(std::string_view head) {
   if (head.find('\0') != std::string_view::npos) return false;
   for (const std::string_view line : split(head, "\n"))
@@ -129,7 +119,7 @@ bool looks_like_obj(std::string_view head) {
 }
 
 MeshFormat format_of(const fs::path& file) {
-  constexpr std::size_t kHead = 1 << 16;  // longer than what comments precede the first row
+  constexpr std::size_t kHead = 1 << 16;  // longer than the comments before the first row
   const std::string head = read_head(ConfinedFiles(file).file(), kHead);
   if (head.starts_with("glTF") || looks_like_json(head)) return MeshFormat::gltf;
   if (head.starts_with("ply")) return MeshFormat::ply;
@@ -157,7 +147,7 @@ Eigen::Matrix3d vehicle_from_file(const MeshAxes& axes) {
   return m;
 }
 
-/// What an OBJ or PLY holds, in its own axes.
+/// The polygons of an OBJ or PLY, in its own axes.
 Polygons polygons_of(const fs::path& file, MeshFormat format) {
   return read_polygons(ConfinedFiles(file).file(), file.string(),
                        format == MeshFormat::ply ? read_ply : read_obj);

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -244,11 +243,9 @@ class Cursor {
     for (; !from_.at_end() && !blank(from_.current()) && from_.current() != '\n' && size < word.size();
          next())
       word[size++] = from_.current();
-    double value = 0;
-    const auto [stop, error] = std::from_chars(word.data(), word.data() + size, value);
-    if (error != std::errc() || stop != word.data() + size || size == word.size())
-      fail(line(), "holds a word that is not a number");
-    return value;
+    const auto value = try_parse_number<double>({word.data(), size});
+    if (!value || size == word.size()) fail(line(), "holds a word that is not a number");
+    return *value;
   }
   double binary_number(const Scalar& type) {
     std::array<char, sizeof(double)> raw;
@@ -271,14 +268,11 @@ class Cursor {
 /// Puts a line of the header into `elements`.
 void take(const std::vector<std::string_view>& words, std::vector<Element>& elements, const Cursor& cursor) {
   if (words.front() == "element") {
-    std::uint64_t count = 0;
-    const char* end = words.size() == 3 ? words[2].data() + words[2].size() : nullptr;
-    const auto read = end ? std::from_chars(words[2].data(), end, count) : std::from_chars_result{};
-    if (!end || read.ec != std::errc() || read.ptr != end)
-      cursor.fail("header", "has an element line that is not \"element NAME COUNT\"");
+    const auto count = words.size() == 3 ? try_parse_number<std::uint64_t>(words[2]) : std::nullopt;
+    if (!count) cursor.fail("header", "has an element line that is not \"element NAME COUNT\"");
     if (elements.size() == kMaxElements)
       cursor.fail("header", fmt::format("has more than {} elements", kMaxElements));
-    elements.push_back({words[1], count, {}});
+    elements.push_back({words[1], *count, {}});
   } else if (words.front() == "property") {
     const bool list = words.size() == 5 && words[1] == "list";
     const Scalar* type = words.size() >= 3 ? scalar_named(words[words.size() - 2]) : nullptr;

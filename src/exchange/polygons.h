@@ -1,4 +1,4 @@
-// What files of other programs hold before it is a triangle mesh.
+// Polygons of other programs' files, before they become a triangle mesh.
 #pragma once
 
 #include <cstddef>
@@ -21,31 +21,31 @@ inline constexpr unsigned kMaxFaceCorners = 1000;
 inline constexpr std::size_t kMaxMesh = std::size_t{1} << 26;
 
 /// Vertices and polygons of a file, in its own axes. Corners of all faces lie in one list: a list for each
-/// would take seven times the file. What a reader adds is checked then.
+/// face would take seven times the file. Each addition is checked at once.
 class Polygons {
  public:
-  /// `where`: the file, for errors. Not `collected`: only checked and counted, in no memory.
+  /// `where`: the file, for errors. `collected` false: polygons are only checked and counted, not stored.
   explicit Polygons(std::string where, bool collected = true)
       : where_(std::move(where)), collected_(collected) {}
-  /// Room for what `counted` has counted.
+  /// Reserves room for the counts of `counted`.
   void reserve(const Polygons& counted);
 
-  /// InputError unless it lies within gltf_limits::kMaxCoordinate.
+  /// Adds a vertex. InputError unless it lies within gltf_limits::kMaxCoordinate.
   void add_vertex(const Vec3d& place);
-  /// A corner of the next face. InputError unless it is the number that a vertex may have.
+  /// A corner of the next face. InputError unless `number` is a possible vertex number.
   int corner(double number) const;
   /// InputError unless the next face has 1 to kMaxFaceCorners corners.
   void check_corners(double count) const;
-  /// The vertices may follow. InputError as check_corners and corner, and where cutting the polygons into
-  /// triangles would take too long.
+  /// Adds a face; its vertices may come later. InputError as check_corners and corner, and if cutting the
+  /// polygons into triangles would take too long.
   void add_face(std::span<const int> corners);
-  /// Notes what the file holds and a mesh does not, by its name: colours, materials.
+  /// Notes by name a feature of the file that the mesh leaves out: colours, materials.
   void leave_out(std::string what) { left_out_.insert(std::move(what)); }
-  /// What leave_out() was told, each once.
+  /// The names that leave_out() got, each once.
   const std::set<std::string>& left_out() const { return left_out_; }
-  /// After the last one. InputError for a corner without a vertex.
+  /// Call it after the last face. InputError for a corner without a vertex.
   void finish() const;
-  /// InputError with this file.
+  /// Throws an InputError that names this file.
   [[noreturn]] void fail(const std::string& field, const std::string& problem,
                          const std::string& fix = "export the mesh again") const;
 
@@ -53,7 +53,7 @@ class Polygons {
   std::size_t vertex_count() const { return vertex_count_; }
   /// Faces so far, kept or not.
   std::size_t face_count() const { return face_count_; }
-  /// The vertices in the file's axes and units; none where they are not kept.
+  /// The vertices in the file's axes and units; empty if not collected.
   const std::vector<Vec3d>& vertices() const { return vertices_; }
   /// The vertices of a face, by number.
   std::span<const int> face(std::size_t f) const {
@@ -73,9 +73,9 @@ class Polygons {
   std::set<std::string> left_out_;
 };
 
-/// What `read` adds, twice: first only to be checked, so that a file that is wrong at its end takes no
-/// memory. InputError as `read`, Polygons, and FileCharacters with kMaxMesh; `where` is the file as it
-/// was given.
+/// Runs `read` twice and returns what the second run adds. The first run only checks, so that a file with an
+/// error at its end takes no memory. InputError as `read`, Polygons, and FileCharacters with kMaxMesh;
+/// `where` is the path as the user gave it.
 Polygons read_polygons(const std::filesystem::path& file, const std::string& where,
                        const std::function<void(FileCharacters&, Polygons&)>& read);
 
@@ -83,17 +83,17 @@ Polygons read_polygons(const std::filesystem::path& file, const std::string& whe
 /// Interrupted after Ctrl-C.
 Mesh triangulated(const Polygons& polygons);
 
-/// The mesh with its vertices at one place made one, and without faces that have no three of them or vertices
-/// that no face has.
+/// The mesh with coincident vertices merged, without faces of fewer than three different vertices, and
+/// without unused vertices.
 Mesh welded(const Mesh& mesh);
 
 // PLY files (Turk, "The PLY Polygon File Format", 1994): text and binary of both byte orders, any scalar
-// types. By our own reader, because assimp's (5.2) ends the program, reads past the file's end or takes
-// memory by what a damaged one claims.
+// types. We have our own reader, because assimp's (5.2) ends the program, reads past the file's end, or
+// allocates the size that a damaged file claims.
 
 /// The elements "vertex" (properties x, y, z) and "face" (list vertex_indices or vertex_index); others are
-/// read over. InputError naming the field for a header that is none or claims more than the file holds, and a
-/// body that ends too early; else as Polygons. For read_polygons.
+/// skipped. InputError naming the field for an invalid header, one that claims more than the file holds, and
+/// a body that ends too early; otherwise as Polygons. For read_polygons.
 void read_ply(FileCharacters& from, Polygons& into);
 
 }  // namespace mirage

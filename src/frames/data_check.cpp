@@ -18,35 +18,35 @@ namespace mirage {
 namespace {
 
 constexpr double kEnoughOnRays = 0.95;
-/// Of a frame: fewer say nothing of the unit (16 beams give 6 000 in 80 degrees).
+/// Returns a frame: fewer tell nothing about the unit (16 beams give 6 000 in 80 degrees).
 constexpr std::size_t kMinReturns = 2000;
 constexpr double kOddReflectances = 0.001;
 constexpr double kBeamsWithout = 0.25;  // share of those that should have returns
 constexpr std::size_t kMinCars = 5;
 constexpr double kCarsWithReturns = 0.5;
 
-/// Where a sweep surely reaches a car that is not behind something.
+/// Whether a sweep must have returns on this label: an unhidden car in range.
 bool should_hold_returns(const Label& label) {
   constexpr double kMaxDistance = 50;  // m
   return label.type == "Car" && has_box(label) && label.occluded <= 1 && label.truncated < 0.5 &&
          horizontal_distance(label.box.bev) < kMaxDistance;
 }
 
-/// Whether level ground surely gives a beam returns: it is met within 30 m, and not below the car.
+/// Whether a beam must have returns from level ground: it meets it within 30 m, and not below the car.
 bool meets_ground(const LidarModel& lidar, const LidarBeam& beam) {
   constexpr double kMinDistance = 3, kMaxDistance = 30;  // m
   const double slope = -std::tan(beam.elevation), drop = lidar.height + beam.height;
   return slope * kMinDistance < drop && slope * kMaxDistance > drop;
 }
 
-/// `returns`: of each beam, so far.
+/// `returns`: count for each beam, so far.
 void add_frame(const DataSet& set, const std::string& id, const LidarModel& lidar, DataStatistics& statistics,
                std::vector<std::size_t>& returns) {
   const Sweep sweep = set.sweep(id);
   const auto [width, height] = set.picture_size(id);
   const Annotations labelled = set.annotations(id, width, height);
   const Sweep seen = points_in_view(sweep, labelled.calibration);
-  // Of whole sweeps: at a picture's edges a firing has few returns, and is not found.
+  // Of the whole sweep: at a picture's edges a firing has too few returns to be found.
   statistics.on_rays += SweepIndex(sweep, lidar).assigned_share() * static_cast<double>(sweep.size());
   statistics.returns += sweep.size();
   for (const int beam : beams_of(sweep, lidar))
@@ -89,7 +89,7 @@ DataStatistics data_statistics(const std::filesystem::path& data, const std::str
   }
   if (statistics.returns == 0) return statistics;
   statistics.on_rays /= static_cast<double>(statistics.returns);
-  constexpr std::size_t kFew = 50;  // strays: one in so many of the fullest beam's
+  constexpr std::size_t kFew = 50;  // up to 1/kFew of the fullest beam's returns are strays
   const std::size_t most = *std::max_element(returns.begin(), returns.end());
   const auto without = [&](std::size_t b) { return kFew * returns[b] < most; };
   // Beyond the last beams with returns there may be nothing to meet.
@@ -132,7 +132,7 @@ void check_data(const std::filesystem::path& data, const std::string& rig, UnitU
     } else if (static_cast<double>(statistics.beams_without) >=
                    kBeamsWithout * static_cast<double>(statistics.beams) &&
                statistics.beams_without > 0) {
-      // Not refused: where no ground is, a whole unit has none either.
+      // Only a warning: without ground an intact unit has no such returns either.
       spdlog::warn(
           "{}: {} of the {} beams that meet level ground within 30 m have no returns, for {}: these sweeps "
           "are from another unit, or lack some beams; {}",

@@ -1,4 +1,4 @@
-// Whether a data set is what is assumed of it: said once, before a command works on it.
+// Checks that a data set agrees with its rig; warns once, before a command works on it.
 #pragma once
 
 #include <filesystem>
@@ -6,9 +6,9 @@
 
 namespace mirage {
 
-/// What a few frames of a data set say of it, evenly spread over the set.
+/// Statistics of a few frames of a data set, evenly spread over the set.
 struct DataStatistics {
-  std::size_t frames = 0;         ///< looked at: those whose sweep, calibration and labels could be read
+  std::size_t frames = 0;         ///< with readable sweep, calibration and labels
   std::size_t returns = 0;        ///< of their sweeps
   double on_rays = 0;             ///< share of them that SweepIndex::assigned_share() counts
   std::size_t beams = 0;          ///< that meet level ground within 30 m, among those with returns
@@ -19,18 +19,18 @@ struct DataStatistics {
   std::size_t cars_with_returns = 0;  ///< of those
 };
 
-/// Looks at up to `frames` frames. Frames that cannot be read are passed over: who needs them says why.
+/// Reads up to `frames` frames. Skips unreadable frames: the code that needs them reports why.
 DataStatistics data_statistics(const std::filesystem::path& data, const std::string& rig,
                                std::size_t frames = 4);
 
 /// Whether the caller casts rays of the unit (an inserted object's returns), or only reads sweeps.
 enum class UnitUse { casts_rays, reads_sweeps };
 
-/// Warns, once a process for a data set, of what contradicts the rig (data_rig.h): less than 95 % of the
+/// Warns, once per process and data set, of contradictions to the rig (data_rig.h): less than 95 % of the
 /// returns on a ray of its unit, a quarter of its beams that meet the ground without returns, reflectances
-/// outside [0, 1], labelled cars without a return. InputError in place of the first where rays are cast and
-/// the rig is only assumed (rig_is_assumed). Reads a few sweeps, and depends neither on threads nor on which
-/// frames the caller uses.
+/// outside [0, 1], labelled cars without a return. InputError instead of the first warning if rays are cast
+/// and the rig is only assumed (rig_is_assumed). Reads a few sweeps; the result depends neither on threads
+/// nor on the caller's frames.
 void check_data(const std::filesystem::path& data, const std::string& rig, UnitUse use);
 
 }  // namespace mirage

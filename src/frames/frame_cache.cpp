@@ -12,13 +12,13 @@
 namespace mirage {
 namespace {
 
-/// What is kept, as bytes: values one after another, in the machine's own byte order. What a value consists
-/// of is listed once, for both ways. Reading throws std::out_of_range where the bytes are not such values.
+/// Cached values as bytes, one after another, in native byte order. One serialize() for each type both writes
+/// and reads. Reading throws std::out_of_range if the bytes don't hold such values.
 class Archive {
  public:
-  /// Takes values in.
+  /// Writes values.
   Archive() = default;
-  /// Gives them back.
+  /// Reads values back.
   explicit Archive(std::string bytes) : bytes_(std::move(bytes)), reads_(true) {}
 
   template <class T>
@@ -34,7 +34,7 @@ class Archive {
     (*this)(byte);
     value = byte != 0;
   }
-  /// A list that is not empty has as many entries as are kept.
+  /// Reading into a list that isn't empty demands its count.
   template <class T>
   void operator()(std::vector<T>& list) {
     resize(list);
@@ -139,7 +139,7 @@ void serialize(Archive& archive, AttackedDetections& found) {
   archive(found.detections), archive(found.object);
 }
 
-/// The kept result, or else the computed one, which is then kept. `start`: what is read into.
+/// The cached result, or the computed one, which is then cached. `start`: the object to read into.
 template <class T>
 T kept(DiskCache* disk, const char* kind, const Provenance& provenance, const std::function<T()>& compute,
        T start = {}) {
@@ -160,7 +160,7 @@ T kept(DiskCache* disk, const char* kind, const Provenance& provenance, const st
   return result;
 }
 
-/// Of one frame, named by its hash.
+/// Provenance of one frame, named by its hash.
 Provenance of_frame(const std::string& frame) {
   Provenance provenance;
   provenance.input("frame", frame);
@@ -210,7 +210,7 @@ std::vector<HostView> FrameCache::views(const std::string& frame, const PlaceCho
   Provenance provenance = prepared(frame);
   provenance.set("placement", content_of(place));
   provenance.set("region", region);
-  SimulationSettings seen = simulation;  // what no silhouette depends on
+  SimulationSettings seen = simulation;  // without what no silhouette depends on
   seen.lidar_effects = {};
   seen.camera_effects = {};
   provenance.add(seen);

@@ -1,7 +1,7 @@
-// What is costly in a frame, kept on disk (base/disk_cache.h) by content: completed depth, roofs with their
-// fitted vehicles, how much of the reference adversary each host shows, and what a detector finds, as
-// recorded and with an object in it. Keys are what they are made of (base/provenance.h): a result from the
-// cache is the one that would be computed, to the bit.
+// Disk cache (base/disk_cache.h) of a frame's costly results: completed depth, roofs with their fitted
+// vehicles, the visible share of the reference adversary at each host, and a detector's answers with and
+// without an object. Keys hash everything a result depends on (base/provenance.h): a cached result is bit for
+// bit the computed one.
 #pragma once
 
 #include <cmath>
@@ -23,41 +23,41 @@ namespace mirage {
 struct HostView {
   int label = 0;
   double share = 0;      ///< below 0: −left_out()
-  bool from_box = true;  ///< Carrier's
+  bool from_box = true;  ///< Carrier::from_box
 
-  /// Why the vehicle is no host; LeftOut::no where it may be one.
+  /// Why the vehicle is not a host; LeftOut::no if it may be one.
   LeftOut left_out() const { return share < 0 ? static_cast<LeftOut>(std::lround(-share)) : LeftOut::no; }
 };
 
-/// What a detector finds in a frame with an object in it.
+/// A detector's answers to a frame with an object in it.
 struct AttackedDetections {
   std::vector<Detection> detections;
-  std::optional<PictureBox> object;  ///< its outline in the picture, where that is asked for
+  std::optional<PictureBox> object;  ///< its outline in the picture, if requested
 };
 
-/// What some work with a detector on one frame found, in an order of its own.
+/// Results of some work with a detector on one frame; the work defines their order.
 struct FrameAnswers {
   ViewAnswers found = {};
   std::vector<double> numbers = {};
 };
 
-/// The entries of one data set's frames. `frame` is DataSet::hash(). Several threads may ask.
+/// The cache entries of one data set's frames. `frame` is DataSet::hash(). Thread-safe.
 class FrameCache {
  public:
-  /// Keeps nothing.
+  /// Caches nothing.
   FrameCache();
-  /// `depth`, `rooftop`: depth_identity() and rooftop_identity() of what the store asks, with its LiDAR.
+  /// `depth`, `rooftop`: depth_identity() and rooftop_identity() of the store's back-ends; `lidar`: its unit.
   FrameCache(std::unique_ptr<DiskCache> disk, const std::string& depth, const std::string& rooftop,
              const LidarModel& lidar);
 
-  /// Whether anything is kept on disk.
+  /// Whether results are cached on disk.
   bool on() const { return disk_ && disk_->on(); }
-  /// Each gives what is kept, or else computes and keeps it.
+  /// Each function returns the cached result, or computes and caches it.
   ImageF depth(const std::string& frame, int width, int height, const std::function<ImageF()>& compute);
   /// One for each of the frame's labels, in their order.
   std::vector<Carrier> carriers(const std::string& frame, const std::vector<Label>& labels,
                                 const std::function<std::vector<Carrier>()>& compute);
-  /// How well each host of the frame is seen in `region` (m, `velo`) with the object at `place` under these
+  /// Visible share of each host of the frame in `region` (m, `velo`), for the object at `place` under these
   /// settings.
   std::vector<HostView> views(const std::string& frame, const PlaceChoice& place,
                               const std::array<double, 4>& region, const SimulationSettings& simulation,
@@ -66,14 +66,14 @@ class FrameCache {
   std::vector<Detection> detections(const std::string& frame, const std::string& detector,
                                     double score_threshold,
                                     const std::function<std::vector<Detection>()>& compute);
-  /// Of work on one frame that `provenance` tells whole; `kind`: the work's name.
+  /// Results of work on one frame; `provenance` holds all that they depend on. `kind`: the work's name.
   FrameAnswers answers(const char* kind, const Provenance& provenance,
                        const std::function<FrameAnswers()>& compute);
-  /// Of an insertion that `provenance` tells whole: prepared(), the object, how it is drawn, and the
+  /// Answers to an insertion; `provenance` holds all that they depend on: prepared(), object, drawing and
   /// detector.
   AttackedDetections attacked(const Provenance& provenance,
                               const std::function<AttackedDetections()>& compute);
-  /// What a prepared frame is made of: the frame, its depth and its roofs.
+  /// Provenance of a prepared frame: the frame, its depth and its roofs.
   Provenance prepared(const std::string& frame) const;
 
  private:
@@ -82,12 +82,11 @@ class FrameCache {
   std::string depth_, rooftop_, lidar_;
 };
 
-/// InputError, naming the command, where there are several processes (base/ranks.h) and they cannot share
-/// their work through this cache: it is off, or the detector's answers may not be kept (detector_identity()
-/// is empty).
+/// InputError, naming the command, if several processes (base/ranks.h) cannot share their work through this
+/// cache: it is off, or the detector's answers must not be cached (detector_identity() is empty).
 void require_shared(const FrameCache& cache, const std::string& command, const std::string& detector);
 
-/// Hash of every number of the model that says where rays go.
+/// Hash of every number of the model that determines its rays.
 std::string lidar_identity(const LidarModel& lidar);
 /// "box", or the name and content of the shape model.
 std::string rooftop_identity(const std::string& rooftop);

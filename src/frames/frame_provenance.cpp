@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-/// A word, or of a file's path its name: the content counts beside it.
+/// A word as it is, a path's file name: the content counts separately.
 std::string place_free(const std::string& word) {
   return escape_name(fs::path(word).has_parent_path() ? fs::path(word).filename().string() : word);
 }
@@ -104,7 +104,7 @@ void add_detector(Provenance& provenance, const DetectorOptions& options) {
     }
   }
   for (const std::string& word : read_defense(options.defense).around)
-    if (ceiling_height(word) > 0)  // over the road below that unit
+    if (ceiling_height(word) > 0)  // height over the road below that unit
       provenance.input("unit_height", nlohmann::json(unit_height_of(options)).dump());
   provenance.record("detector", escape_name(options.detector));
   provenance.record("weights", weights.empty() ? "" : written_path(weights, ""));

@@ -1,4 +1,4 @@
-// What results owe to frames and to a detector, by content (base/provenance.h).
+// Provenance of results from frames and from a detector, by content (base/provenance.h).
 #pragma once
 
 #include <filesystem>
@@ -12,22 +12,22 @@
 
 namespace mirage {
 
-/// Hash of all that is read of those frames: pictures, sweeps, calibration, labels and their identities,
+/// Hash of all data read from those frames: pictures, sweeps, calibration, labels and their identities,
 /// light, and the set's rig. InputError for a missing file. Uses several threads.
 std::string frames_hash(const std::filesystem::path& data, std::span<const std::string> ids,
                         Cameras cameras = Cameras::first);
-/// What a detector's answers depend on besides the frame (add_detector). Empty for fresh weights and for a
-/// detector outside that tells no `version` (Capabilities): what those say is not to be kept.
+/// Hash of all that a detector's answers depend on besides the frame (add_detector). Empty for fresh weights
+/// and for an external detector without a `version` (Capabilities): their answers must not be cached.
 std::string detector_identity(const DetectorOptions& options, const std::string& version = "");
 
-/// Those frames as the input "data".
+/// Adds those frames as the input "data".
 void add_data(Provenance& provenance, const std::filesystem::path& data, std::span<const std::string> ids,
               Cameras cameras = Cameras::first);
-/// The frames of that source, its settings, what completes their depth and finds their roofs.
+/// Adds the source's frames and settings, its depth completion and its roof finder.
 void add_frames(Provenance& provenance, const FrameSource& source, std::span<const std::string> ids);
-/// The frames of these hosts.
+/// Adds the frames of these hosts.
 void add_frames(Provenance& provenance, const FrameSource& source, std::span<const HostId> hosts);
-/// The detector's options, plugin and weights, and those of its auxiliary detectors. Errors as
+/// Adds the options, plugin and weights of the detector and of its auxiliary detectors. Errors as
 /// weights_file's.
 void add_detector(Provenance& provenance, const DetectorOptions& options);
 

@@ -41,12 +41,12 @@ std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vecto
 
 namespace {
 
-/// What a frame takes in memory at most, nearly: the index keeps some 48 bytes a return and a cell a ray.
+/// Upper estimate of a frame's memory: the index keeps some 48 bytes a return and a cell a ray.
 std::size_t bytes_of(const PreparedFrame& prepared, const std::vector<Carrier>& carriers) {
   std::size_t bytes = sizeof(float) * (prepared.frame.image.data.size() + prepared.depth.data.size()) +
                       (sizeof(LidarPoint) + 48) * prepared.frame.sweep.size() +
                       sizeof(int) * prepared.lidar.beams.size() * as_size(prepared.index.firing_count());
-  for (const SideCamera& camera : prepared.frame.others)  // picture and depth, once they are asked for
+  for (const SideCamera& camera : prepared.frame.others)  // picture and depth, once requested
     bytes += 4 * sizeof(float) * as_size(camera.calibration.camera.width) *
              as_size(camera.calibration.camera.height);
   for (const Measurement& measured : prepared.frame.measurements)
@@ -69,7 +69,7 @@ std::string FrameContents::of(const std::string& id) const {
   if (const auto light = set->lighting(id)) hash = content_hash(hash + to_json(*light).dump());
   if (!sensors_.empty()) {
     hash += sensors_;
-    for (const Label& label : set->read(id).labels)  // what these hear of a label depends on other frames'
+    for (const Label& label : set->read(id).labels)  // labels that plugins read depend on other frames
       for (const double v : label.velocity.value_or(Vec3d::Zero())) hash += fmt::format(" {:.9g}", v);
     hash = content_hash(hash);
   }
@@ -163,7 +163,7 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::in_memory(const std::string
     recent_.splice(recent_.begin(), recent_, *slot.place);
     return recent_.front().second;
   }
-  auto entry = slot.entry.lock();  // somebody still uses it
+  auto entry = slot.entry.lock();  // still in use
   if (entry) hold(id, slot, entry);
   return entry;
 }
@@ -253,7 +253,7 @@ void FrameStore::read_ahead(const std::stop_token& stop) {
     try {
       entry = at(id);
     } catch (const std::exception&) {
-      // get() meets the same and reports it.
+      // get() meets the same error and reports it.
     }
     lock.lock();
     if (entry) ahead_.push_back(std::move(entry));

@@ -1,4 +1,4 @@
-// Which vehicle carries the adversary.
+// The identity of the vehicle that carries the adversary.
 #pragma once
 
 #include <compare>
@@ -18,15 +18,14 @@ struct HostId {
   auto operator<=>(const HostId&) const = default;
 };
 
-/// "000008_0": frame and label, for messages, results and names of files: the frame as escape_name writes it.
+/// "000008_0": frame (as escape_name writes it) and label, for messages, results and file names.
 std::string host_name(const HostId& id);
-/// The frames that they stand in, each once, sorted.
+/// The hosts' frames, each once, sorted.
 std::vector<std::string> host_frames(std::span<const HostId> hosts);
-/// The host's label. InputError if the frame has none of that number, or it is no vehicle with a box in
-/// space.
+/// The host's label. InputError if the frame has no such label, or if it is not a vehicle with a 3-D box.
 const Label& label_of(const Frame& frame, const HostId& id);
-/// The frame's label of that number, which shall carry an object. InputError, for `option`, where it is no
-/// vehicle with a box in space: it says what it is, and which labels are vehicles.
+/// The frame's label of that number, which is to carry an object. InputError for `option` if it is not a
+/// vehicle with a 3-D box; it names the label's class and the labels that are vehicles.
 const Label& vehicle_of(const Frame& frame, int label, const std::string& option);
 
 }  // namespace mirage

@@ -61,7 +61,7 @@ void refuse_left_out(const PlaceChoice& place, const SkippedHosts& count) {
 
 SkippedHosts leave_out(FrameStore& store, std::vector<HostId>& hosts) {
   SkippedHosts count;
-  if (!store.place().of_file()) return count;  // only a file's placement leaves any out
+  if (!store.place().of_file()) return count;  // only a placement from a file leaves hosts out
   std::erase_if(hosts, [&](const HostId& id) {
     const LeftOut why = store.placement(id).left_out;
     count.add(why);
@@ -106,7 +106,7 @@ std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::strin
   });
   for (const SkippedHosts& of : missed)
     if (left_out) left_out->no_room += of.no_room, left_out->no_neighbour += of.no_neighbour;
-  for (const std::exception_ptr& problem : problems)  // the first frame's, whichever came first
+  for (const std::exception_ptr& problem : problems)  // the first frame's, whichever occurred first
     if (problem) std::rethrow_exception(problem);
   std::vector<Host> hosts;
   for (const auto& of_frame : by_frame) hosts.insert(hosts.end(), of_frame.begin(), of_frame.end());

@@ -15,16 +15,16 @@
 
 namespace mirage {
 
-/// A vehicle, and how its roof was found.
+/// A vehicle and how its roof was found.
 struct Host {
   HostId id;
-  bool from_box = true;  ///< Carrier's
+  bool from_box = true;  ///< Carrier::from_box
 };
 
-/// Their vehicles, in the same order.
+/// The hosts' ids, in the same order.
 std::vector<HostId> host_ids(std::span<const Host> hosts);
 
-/// Vehicles that are no hosts because of the placement (LeftOut).
+/// Counts of the vehicles that the placement leaves out (LeftOut).
 struct SkippedHosts {
   int no_room = 0, no_neighbour = 0;
   /// Counts a vehicle; LeftOut::no counts nothing.
@@ -32,14 +32,14 @@ struct SkippedHosts {
 };
 /// {"no_room": N, "no_neighbour": N}
 nlohmann::json to_json(const SkippedHosts& count);
-/// Warns of them, if there are any.
+/// Warns of vehicles left out, if any.
 void warn_of_left_out(const PlaceChoice& place, const SkippedHosts& count);
-/// Where no host is left: FieldError if any was left out.
+/// For a run without hosts: FieldError if the placement left any out.
 void refuse_left_out(const PlaceChoice& place, const SkippedHosts& count);
 
-/// Vehicles of the frame that can be hosts: of the classes that are sought (a Car by default), box centre
-/// inside the detector's region, and at least `min_view` of the reference adversary in view after occlusion.
-/// `left_out`, if given, counts those of them that the placement leaves out, in view or not.
+/// Vehicles of the frame that can be hosts: of a class sought (Car by default), box centre inside the
+/// detector's region, and at least `min_view` of the reference adversary in view after occlusion. `left_out`,
+/// unless null, counts the vehicles that the placement leaves out, in view or not.
 std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const std::array<double, 4>& region,
                              const SimulationSettings& simulation, double min_view = 0.7,
                              SkippedHosts* left_out = nullptr);
@@ -49,15 +49,15 @@ std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::strin
                                  const std::array<double, 4>& region, const SimulationSettings& simulation,
                                  double min_view, bool quiet = true, SkippedHosts* left_out = nullptr);
 
-/// Takes out the hosts that the store's placement leaves out, and counts them.
+/// Removes the hosts that the store's placement leaves out, and counts them.
 SkippedHosts leave_out(FrameStore& store, std::vector<HostId>& hosts);
-/// InputError that names the host if it is left out.
+/// InputError, naming the host, if the placement leaves it out.
 void require_hosted(const PlaceChoice& place, const Placement& placement, const HostId& host);
 
-/// The vehicle's identity in its data set; −1 where that has none.
+/// The vehicle's track id in its data set; −1 if the set has none.
 int track_of(const FrameSource& source, const HostId& host);
 
-/// On what the hosts of a run stand.
+/// How the roofs of a run's hosts were found.
 struct RoofCount {
   int fitted = 0, from_box = 0;
   /// Counts one roof.

@@ -82,7 +82,7 @@ void add_person(Actor& actor, double h, double lean, double hip, RandomStream& r
 
 constexpr double kHem = 0.42;  // of the height: from here down to the ground a cover hangs straight
 
-/// What the camera sees instead of a surface; the LiDAR goes on meeting what was there.
+/// A cover that the camera sees instead of a surface; the LiDAR still meets the surface below.
 Material veiled(const Material& below, Material cover) {
   cover.veiled = true;
   cover.gloss = below.gloss, cover.transparency = below.transparency, cover.lidar = below.lidar;

@@ -15,7 +15,7 @@ struct Paint {
   double share;
 };
 
-// What is parked in a central European street: mostly silver, grey, black and white, some blue, red, green.
+// Paints of parked cars in central Europe: mostly silver, grey, black and white, some blue, red, green.
 const std::array<Paint, 14> kPaints = {{
     {{0.42f, 0.43f, 0.44f}, 0.42f, 0.16},     // silver
     {{0.28f, 0.29f, 0.30f}, 0.36f, 0.08},     // light grey
@@ -62,7 +62,7 @@ void add_axle(Actor& car, const Hull& hull, double x, double radius, bool alloy)
       const double yo = side * (y + 0.002);
       add_quad(arch, {x, yo, radius}, {x + r * std::cos(a), yo, radius + r * std::sin(a)},
                {x + r * std::cos(b), yo, radius + r * std::sin(b)}, {x, yo, radius});
-      arch.faces.pop_back();  // of the two triangles the one without area
+      arch.faces.pop_back();  // drops the one of the two triangles that has no area
     }
     car.add(arch, kArch);
     Mesh tyre;
@@ -260,7 +260,7 @@ void add_seats(Actor& car, const BodyShape& s) {
   car.add(seats, plain(Vec3f::Constant(0.03f), 0.15f));
 }
 
-// What people carry on the roofs of their cars.
+// Loads that people carry on the roofs of their cars.
 
 /// The roof that a load lies on, in the car's frame (m).
 struct Roof {
@@ -290,7 +290,7 @@ void add_taxi_sign(Actor& car, const Roof& roof, RandomStream& random) {
   car.add(std::move(letters), grey(random, 0.01, 0.05));
 }
 
-/// Two bars across on feet; what is carried lies on them at the returned height.
+/// Two bars across on feet; the load lies on them at the returned height.
 double add_bars(Actor& car, const Roof& roof, RandomStream& random) {
   const Mesh body = car.surfaces.front().mesh;
   Mesh bars;

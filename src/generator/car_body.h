@@ -35,7 +35,7 @@ struct Hull {
   Mesh all;                 ///< the same faces in one closed mesh
 };
 
-/// The closed hull of such a body (m).
+/// The closed hull of a body (m).
 Hull loft(const BodyShape& shape);
 
 /// Height of the highest vertex within 6 cm along and 14 cm across of a place; 0 without one.
@@ -49,7 +49,7 @@ Mesh patch(const Mesh& hull, int axis, int side, const Vec2d& low, const Vec2d& 
 
 // Puts a car together: the lofted body with wheels, lamps, plates, glass, seats and mirrors.
 
-/// What a body is given beyond its shape.
+/// The parts of a car beyond the shape of its body.
 struct CarTrim {
   bool rails = false, bright_rails = false;  ///< on the roof
   bool bed = false;                          ///< a pick-up's, behind the rear window

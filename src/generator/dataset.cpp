@@ -44,7 +44,7 @@ std::string track_of(const std::string& id) {
   return "track_2/" + id + ".txt";  // of frames with identities only
 }
 
-/// Of frames with several cameras only: what training/cameras has of the frame.
+/// The frame's files in training/cameras; only frames with several cameras have them.
 std::vector<std::string> camera_files(const fs::path& data, const std::string& id) {
   const fs::path training = data / "training";
   const std::string about = "cameras/" + id + ".json";
@@ -56,7 +56,7 @@ std::vector<std::string> camera_files(const fs::path& data, const std::string& i
   return files;
 }
 
-/// An empty object where there is none, or none that can be used.
+/// The record, or an empty object if it is missing or unusable.
 nlohmann::json read_record(const fs::path& data, const std::string& id) {
   const fs::path file = record_file(data, id);
   if (!fs::is_regular_file(file)) return nlohmann::json::object();
@@ -76,7 +76,7 @@ std::string hash_of(const fs::path& file) {
 
 constexpr const char* kDrives = "drives_of_s";  // a field of sets that are drives
 
-/// What a frame adds to its sequence's files, kept until all frames are there.
+/// A frame's rows in its sequence's files, kept until all frames are there.
 struct FrameRows {
   std::string labels, motion;
   int cars = 0, others = 0;
@@ -101,7 +101,7 @@ struct DriveFiles {
   fs::path of_sequence(const char* kind) const { return training / kind / (sequence + ".txt"); }
 };
 
-/// The rows of a frame whose files are as they were written; none otherwise.
+/// The rows of a frame whose files are unchanged; empty otherwise.
 std::optional<FrameRows> kept_rows(const DriveFiles& files, const std::string& frame) {
   try {
     if (!fs::exists(files.record(frame))) return std::nullopt;
@@ -172,7 +172,7 @@ FrameRows write_drive_frame(const DriveFiles& files, const std::string& name, in
   write_srgb(files.picture(name), frame.image);
   write_sweep(files.sweep(name), frame.sweep);
   write_json(files.lighting(name), to_json(frame.lighting));
-  // Last, so that what it speaks of is there.
+  // Last, so that the files that it describes exist.
   write_json(files.record(name), {{"picture", file_hash(files.picture(name), kMaxFileBytes)},
                                   {"sweep", file_hash(files.sweep(name), kMaxFileBytes)},
                                   {"lighting", file_hash(files.lighting(name), kMaxFileBytes)},
@@ -183,7 +183,7 @@ FrameRows write_drive_frame(const DriveFiles& files, const std::string& name, in
   return rows;
 }
 
-/// A rig's file without what recorded sweeps alone have.
+/// A rig's file without entries that only recorded sweeps have.
 nlohmann::json drawing_rig(nlohmann::json rig) {
   if (rig.contains("lidar") && rig["lidar"].is_object()) rig["lidar"].erase("recorded_effects");
   return rig;

@@ -1,7 +1,6 @@
 #include "generator/fit.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -41,13 +40,6 @@ std::optional<StreetSource> source_of(const std::filesystem::path& data) {
     throw InputError(file.string(), "look", "is not text", "make the data set again with: mirage generate");
   return StreetSource{about.at("seed").get<std::uint64_t>(), parse_look(look, file.string(), "look"),
                       std::filesystem::is_directory(data / "training" / "cameras") ? kBehind : 0};
-}
-
-std::optional<std::uint64_t> index_of(const std::string& frame) {
-  std::uint64_t index = 0;
-  const char *first = frame.data(), *last = first + frame.size();
-  const auto [end, problem] = std::from_chars(first, last, index);
-  return problem == std::errc() && end == last ? std::optional(index) : std::nullopt;
 }
 
 const TrueVehicle* find_vehicle(const std::vector<TrueVehicle>& vehicles, const std::string& type,
@@ -93,7 +85,7 @@ FitError measure(const ShapeFit& fit, const Transform& by_box, const generator::
   const Vec3d heading = truth_from_velo.linear() * fit.velo_from_vehicle.linear().col(0);
   error.yaw = std::atan2(heading.y(), heading.x());
   error.to_truth = mean_distance(fitted, MeshDistance(true_mesh), [](const Vec3d&) { return true; });
-  // The outer surface: what a ray along some axis can leave from. Seats can't be left.
+  // The outer surface: points that a ray along some axis can leave. Rays cannot leave from seats.
   const RayCaster caster({&true_mesh, 1});
   const auto outer = [&](const Vec3d& p) {
     for (const Vec3d& d : {Vec3d(1, 0, 0), Vec3d(-1, 0, 0), Vec3d(0, 1, 0), Vec3d(0, -1, 0), Vec3d(0, 0, 1)})
@@ -131,7 +123,7 @@ Vec3d read_list(const JsonFields& json, const char* key) {
 
 using Vehicles = std::vector<const FittedVehicle*>;
 
-/// Of what `value` says of each.
+/// The spread of value(vehicle) over the vehicles.
 FitSpread spread(const Vehicles& vehicles, const std::function<double(const FittedVehicle&)>& value) {
   std::vector<double> values;
   for (const FittedVehicle* v : vehicles) values.push_back(value(*v));
@@ -154,7 +146,7 @@ FitSummary::Errors errors(const Vehicles& vehicles_with_truth) {
   return errors;
 }
 
-/// Over the vehicles that `in` accepts.
+/// The summary of the vehicles that `in` accepts.
 FitSummary summary(const std::vector<FittedVehicle>& vehicles,
                    const std::function<bool(const FittedVehicle&)>& in) {
   FitSummary summary;

@@ -1,4 +1,4 @@
-// The true shapes of a generated frame's vehicles: what a fit to the frame's sweep should find.
+// The true shapes of a generated frame's vehicles, which a fit to the frame's sweep should find.
 #pragma once
 
 #include <array>
@@ -20,10 +20,10 @@ namespace mirage::generator {
 
 /// A generated vehicle as it is, with nothing hidden.
 struct TrueVehicle : Placed {
-  Mesh mesh;  ///< `velo`; every surface of it, seats and lamps included, but for what is on its roof
+  Mesh mesh;  ///< in `velo`; every surface, seats and lamps included, without the load on its roof
 };
 
-/// What a data set's streets come from.
+/// The source of a data set's streets.
 struct StreetSource {
   std::uint64_t seed = 0;
   Look look = Look::european;
@@ -33,14 +33,11 @@ struct StreetSource {
 /// over the ground, as in make_street.
 std::vector<TrueVehicle> true_vehicles(const StreetSource& source, std::uint64_t index, double height);
 
-/// A data set's source, if this generator's version made it (dataset.json), so that true_vehicles gives what
-/// was rendered; nothing for recorded sets and for those of other versions. InputError for a broken
-/// dataset.json.
+/// A data set's source, if this generator's version made it (dataset.json), so that true_vehicles gives the
+/// rendered vehicles; empty for recorded sets and for other versions. InputError for a broken dataset.json.
 std::optional<StreetSource> source_of(const std::filesystem::path& data);
-/// The index of a frame that the generator named; none for another name, which somebody gave it since.
-std::optional<std::uint64_t> index_of(const std::string& frame);
 
-/// The one of `vehicles` that a label of the data set means: same type, centre nearest and within 0.1 m.
+/// The vehicle of a data set's label: same type, centre nearest and within 0.1 m; null without one.
 const TrueVehicle* find_vehicle(const std::vector<TrueVehicle>& vehicles, const std::string& type,
                                 const Box3& box);
 
@@ -50,7 +47,8 @@ namespace mirage {
 
 // Fits every vehicle of a frame and, where the truth is known, measures the fit against it.
 
-/// Against the true mesh of a generated vehicle. Its roof point is roof_point() of the true mesh.
+/// The error of a fit against the true mesh of a generated vehicle. The true roof point is roof_point() of
+/// the true mesh.
 struct FitError {
   Vec3d roof = Vec3d::Zero();  ///< fitted minus true roof point, along the true vehicle's axes (m)
   Vec3d box = Vec3d::Zero();   ///< the same for BoxRoofFinder's point
@@ -74,7 +72,7 @@ struct FittedVehicle {
   std::optional<FitError> error;
 };
 
-/// What to fit, and how to disturb the labels first: generated boxes are exact, drawn ones aren't.
+/// Which labels to fit, and how to disturb them first: generated boxes are exact, annotated ones are not.
 struct FitFrameSettings {
   std::vector<std::string> types = {"Car"};
   /// Times normal errors of 7 cm along x and y, 5 cm in z, 0.02 rad and 3 % of each size, cut at 2.5 σ.
@@ -89,20 +87,20 @@ std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame&
 
 /// One vehicle: pose, size, roof, code, residual, errors.
 nlohmann::json to_json(const FittedVehicle& vehicle);
-/// What to_json wrote, as far as summarise_fits and to_json ask: without meshes and returns, the roof
-/// upright. InputError naming file and field.
+/// Reads a vehicle of to_json as far as summarise_fits and to_json need it: without meshes and returns, with
+/// an upright roof. InputError naming file and field.
 FittedVehicle read_fitted_vehicle(const JsonFields& json);
 
 // How well the vehicles of a data set were fitted.
 
-/// Of some numbers, by lower_quantile.
+/// Quantiles of some numbers, by lower_quantile.
 struct FitSpread {
   double p05 = 0, median = 0, p95 = 0;
 };
 
-/// Over some vehicles. Lengths in m, as FittedVehicle has them; those of errors without their signs.
+/// A summary over vehicles. Lengths in m, as in FittedVehicle; errors as absolute values.
 struct FitSummary {
-  /// Over those whose truth is known.
+  /// Over the vehicles whose truth is known.
   struct Errors {
     std::size_t vehicles = 0;
     std::array<FitSpread, 3> roof, box;  ///< of FitError, along x, y, z

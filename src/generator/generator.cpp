@@ -55,7 +55,7 @@ void look_around(const Rig& rig, const generator::Street& street, const RayScene
         render(scene, side.calibration.camera, side.calibration.camera_from_velo, light, settings);
     generator::StreetLabels seen =
         generator::label_street(street, side.calibration, picture.object, returned);
-    // Noise of its own: of a frame that no set of one camera has.
+    // Its own noise: that of a frame index that no set of one camera has.
     generator::expose(picture.color, seed, index, index + ((frame.others.size() + 1) << 40));
     frame.others.push_back(
         {side.name, side.calibration, Lazy<ImageF>([image = std::move(picture.color)] { return image; })});
@@ -269,7 +269,7 @@ SceneLight make_light(std::uint64_t seed, std::uint64_t index) {
   light.sky.variant = random.next_u32();
   light.sky.seen = f(1.0, 1.9);
   const Vec3f to_sun = l.to_sun_velo.cast<float>(), sky = light.sky.irradiance(to_sun);
-  // What bounces from ground and walls: a mean albedo of 0.12, a share of them in the sun.
+  // Light that bounces from ground and walls: a mean albedo of 0.12, a share of them in the sun.
   const Vec3f bounce =
       0.16f * (0.45f * std::max(0.f, to_sun.z()) * sun + 0.6f * sky).cwiseProduct(Vec3f(1.05f, 1, 0.9f));
   l.ambient = bounce.cast<double>();

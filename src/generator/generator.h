@@ -38,29 +38,29 @@ Rig with_lidar(Rig rig, const std::string& unit);
 /// The same rig with another look, in its text too.
 Rig with_look(Rig rig, Look look);
 
-/// What a generated frame knows beyond its labels. Pixels: of the ray nearest to the pixel's centre.
+/// The truth of a generated frame beyond its labels. Pixels: by the ray nearest to the pixel's centre.
 struct FrameTruth {
   ImageF depth;                        ///< H×W, planar depth (m); 0 where the ray meets nothing (sky)
   Image<std::uint16_t> instance;       ///< H×W: k + 1 where the pixel shows the thing of label k, else 0
   std::vector<std::uint32_t> returns;  ///< one a point of the sweep: (k + 1) << 16 | class, as below
 };
 /// Class of a label's type in SemanticKITTI's numbers (Behley et al., ICCV 2019): 10 car (vans with one body
-/// are cars there), 18 truck, 20 other vehicle, 30 person, 31 bicyclist, 0 for anything else. A return's
-/// class tells what it is from even where k + 1 is 0: things that the image doesn't show have no label.
+/// are cars there), 18 truck, 20 other vehicle, 30 person, 31 bicyclist, 0 for anything else. A return has a
+/// class even if k + 1 is 0: things that the image does not show have no label.
 std::uint16_t semantic_class(const std::string& type);
 
 /// One frame; depends only on (rig, seed, index), and not on whether `truth` is asked for. Labels follow
-/// KITTI (2-D box, truncation, occlusion from what the camera sees of each vehicle). Labelled is what a
-/// return came from or what shows 25 pixels of height, within the picture's frame. Things that look like cars
-/// to a LiDAR alone are labelled "Misc", and so is a school bus. Of a rig with several cameras the street
-/// goes on behind the car, and what the first camera does not see is labelled in the one that cuts off least.
+/// KITTI (2-D box, truncation, occlusion from what the camera sees of each vehicle). A thing is labelled if a
+/// return came from it or if it shows 25 pixels of height, within the picture's frame. Things that only a
+/// LiDAR takes for cars are "Misc", and so is a school bus. For a rig with several cameras the street goes on
+/// behind the car, and things that the first camera misses are labelled in the one that cuts off least.
 Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, FrameTruth* truth = nullptr);
 
 inline constexpr double kDriveStep = 0.1;  ///< s from a drive's frame to the next
 
 /// A frame of a drive at a time (s), as generate_frame makes one; `index` is the drive's. `standing`: a scene
-/// of street.standing. The sweep is taken while all moves, and written as seen from the car's place at that
-/// time; labels have their place in MovingStreet::at as identity. Id: "DRIVE_FRAME", counted by kDriveStep.
+/// of street.standing. The sweep is taken in motion, and written as seen from the car's place at that time; a
+/// label's identity is its thing's index in MovingStreet::at. Id: "DRIVE_FRAME", counted by kDriveStep.
 Frame generate_drive_frame(const Rig& rig, const generator::MovingStreet& street, const RayScene& standing,
                            std::uint64_t seed, std::uint64_t index, double time);
 
@@ -76,12 +76,12 @@ namespace mirage::generator {
 /// pictures.
 SceneLight make_light(std::uint64_t seed, std::uint64_t index);
 
-/// What lens and sensor do to the rendered picture: a blur of 0.5 to 0.85 pixels (sigma), then shot noise of
-/// 2e-5 to 1.2e-4 of the signal (variance) and read noise of 0.5e-3 to 2e-3 (sigma), scene-linear.
-/// Lens and sensor are those of `index`, the noise is drawn by `moment`.
+/// Applies lens and sensor to the rendered picture: a blur of 0.5 to 0.85 pixels (sigma), then shot noise of
+/// 2e-5 to 1.2e-4 of the signal (variance) and read noise of 0.5e-3 to 2e-3 (sigma), scene-linear. Lens and
+/// sensor are those of `index`, the noise is drawn by `moment`.
 void expose(ImageF& image, std::uint64_t seed, std::uint64_t index, std::uint64_t moment);
 
-// KITTI labels of what stands in a generated street.
+// KITTI labels of the things in a generated street.
 
 /// Labels of the placed things that a return came from or that show 25 rows of pixels in `object` (ids at
 /// pixel centres), if any part of them is within the picture's frame. 2-D box: the projected surfaces,

@@ -1,4 +1,4 @@
-// Meshes and materials that generated scenes are put together from.
+// Meshes and materials of which generated scenes are built.
 #pragma once
 
 #include <numbers>
@@ -58,7 +58,7 @@ Mesh moved(Mesh mesh, const Transform& pose);
 Surface surface(Mesh mesh, Material material, bool smooth = false);
 /// One colour (linear albedo), `lidar` its reflectance at normal incidence.
 Material plain(const Vec3f& albedo, float lidar, float gloss = 0);
-/// Of a list with shares, the entry that `pick` (from 0 to their sum) falls on.
+/// The entry of a list with shares on which `pick` (from 0 to their sum) falls.
 template <class List>
 const auto& by_share(const List& list, double pick) {
   for (const auto& entry : list)
@@ -77,7 +77,7 @@ Actor make_car(RandomStream& random);
 /// bin, a shed or a boat of its size instead. Type "Misc", kind "look-alike": detection takes it for
 /// background.
 Actor make_look_alike(Actor car, RandomStream& random);
-/// How many of what stands where cars park, and of what stands on the lanes, are look-alikes.
+/// Shares of look-alikes among the things where cars park, and among those on the lanes.
 inline constexpr double kParkedDecoyShare = 0.5, kLaneDecoyShare = 0.2;
 /// A delivery van.
 Actor make_van(RandomStream& random);

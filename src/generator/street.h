@@ -13,7 +13,7 @@
 
 namespace mirage {
 
-// What kind of place the generated streets show.
+// The kind of place that generated streets show.
 
 /// Which country's streets are generated.
 enum class Look {
@@ -50,7 +50,7 @@ struct Street {
   std::vector<Placed> placed;
 };
 
-/// Where something upright is at a moment, and how it moves.
+/// Pose and motion of an upright thing at one moment.
 struct Waypoint {
   Vec3d position = Vec3d::Zero();  ///< m, in the world: on the ground under the box's centre; ours: `velo`
   double yaw = 0;                  ///< rad
@@ -79,7 +79,7 @@ struct MovingStreet {
 
   /// The step of the ways at a time (s), from 0 to their end.
   std::size_t step(double time) const;
-  /// All of it at a time, in the world; what drives is placed after what stands, in the order of `movers`.
+  /// The whole street at a time, in the world; `movers`, in order, are placed after the standing things.
   Street at(double time) const;
   /// A mover's surfaces at a time, in the world, with its place among the placed as object.
   std::vector<Surface> surfaces_of(std::size_t mover, double time) const;
@@ -96,9 +96,9 @@ Street make_street(std::uint64_t seed, std::uint64_t index, double height, Look 
 /// m of street behind a car that looks back: whose rig has other cameras than the first.
 inline constexpr double kBehind = 60;
 
-// A street that lasts some seconds: what stands in it, the car's own way along it, and what drives. Ours is
-// the right one of two lanes. A car ahead brakes (and so do we, a second later), one overtakes us, one or
-// more come towards us, one crosses, and others keep their lanes. Nothing meets anything.
+// A street that lasts some seconds: its standing things, the car's own way along it, and its movers. Our lane
+// is the right one of two. A car ahead brakes (and so do we, a second later), one overtakes us, one or more
+// come towards us, one crosses, and others keep their lanes. Nothing collides.
 //
 // The world is the car's `velo` at time 0, upright.
 

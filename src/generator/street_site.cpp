@@ -19,7 +19,7 @@ bool on_roof(const Surface& surface, const Placed& placed) {
 }
 
 Street StreetSite::build(double behind) {
-  choose();
+  choose_layout();
   behind_ = ahead_ = behind;
   far_ = kFar + behind;
   if (behind > 0 && cross_s_ < kFar && chance(0.5)) cross_s_ += behind;  // before us, or behind
@@ -30,7 +30,7 @@ Street StreetSite::build(double behind) {
 }
 
 MovingStreet StreetSite::build_moving(double seconds) {
-  choose();
+  choose_layout();
   widen(seconds);
   lay_ground();
   drive(seconds);
@@ -192,8 +192,8 @@ std::unique_ptr<StreetSite> site_of(std::uint64_t seed, std::uint64_t index, dou
   return look == Look::american ? american_street(seed, index, height) : european_street(seed, index, height);
 }
 
-constexpr double kApart = 0.35;  // m that two that drive keep between their boxes, to each side
-constexpr int kTries = 60;       // courses drawn for one that drives before it is left out
+constexpr double kApart = 0.35;  // m between the boxes of two movers, to each side
+constexpr int kTries = 60;       // courses drawn for a mover before it is left out
 
 }  // namespace
 

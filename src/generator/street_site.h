@@ -21,24 +21,24 @@ inline constexpr double kKerb = 0.11;  // m
 class StreetSite {
  public:
   virtual ~StreetSite() = default;
-  /// One moment of it; `behind`: how much lies behind the ego vehicle (m).
+  /// Builds one moment of it; `behind`: length of street behind the ego vehicle (m).
   Street build(double behind);
-  /// Some seconds of it.
+  /// Builds some seconds of it.
   MovingStreet build_moving(double seconds);
 
  protected:
-  /// Streams "PURPOSE" (the layout) and "PURPOSE actors" (what things look like) of (seed, index). `height`:
-  /// of the `velo` origin over the road.
+  /// Streams "PURPOSE" (the layout) and "PURPOSE actors" (the look of things) of (seed, index). `height`: of
+  /// the `velo` origin over the road.
   StreetSite(std::uint64_t seed, const std::string& purpose, std::uint64_t index, double height)
       : random_(seed, purpose, index), actors_(seed, purpose + " actors", index), height_(height) {}
 
-  /// Which street it is: its course, its lanes and what lies beside them.
-  virtual void choose() = 0;
-  /// The ground, what is painted on it, and the junction.
+  /// Chooses the street: its course, its lanes and what lies beside them.
+  virtual void choose_layout() = 0;
+  /// Lays the ground, its markings, and the junction.
   virtual void lay_ground() = 0;
-  /// What stands on the lanes.
+  /// Places things on the lanes.
   virtual void place_traffic() = 0;
-  /// What stands everywhere else.
+  /// Places things everywhere else.
   virtual void furnish() = 0;
   /// A vehicle, or with probability `alike` something that looks like a car to a LiDAR.
   virtual Actor vehicle(double alike) = 0;
@@ -89,7 +89,7 @@ class StreetSite {
     return {p.x(), p.y(), ground_z(s, d) + lift};
   }
 
-  /// Of something of that size about (s, d); `heading`: from `velo`'s x.
+  /// The outline of a thing of that size at (s, d); `heading`: from `velo`'s x.
   BevBox outline(double s, double d, double length, double width, double heading = 0) const {
     const Vec2d p = xy(s, d);
     return {p.x(), p.y(), length, width, heading};
@@ -145,7 +145,7 @@ class StreetSite {
     double turn, d, s;
   };
 
-  /// False where it would overlap another.
+  /// Places the actor; false if it would overlap another.
   bool put(Actor actor, const Stand& stand, double margin = 0.25) {
     const auto [turn, d, s] = stand;
     const Vec2d p = xy(s, d);
@@ -176,7 +176,7 @@ class StreetSite {
     }
   }
 
-  /// Nothing that was put stands in the way of the box.
+  /// Whether no placed thing overlaps the box.
   bool free(const BevBox& box) const {
     return std::none_of(taken_.begin(), taken_.end(),
                         [&](const BevBox& b) { return intersection_area(b, box) > 0; });
@@ -191,11 +191,11 @@ class StreetSite {
   // Plants and fences (street_site.cpp).
   void add_fence(double s0, double s1, double d);
   void add_woods(int side, double from);
-  /// What the earth under kerbs and side roads looks like, so that no sky shows between them.
+  /// Adds earth under kerbs and side roads, so that no sky shows between them.
   void add_ground();
   void add_manhole_covers(int count);
 
-  // What drives (street_site.cpp).
+  // Movers (street_site.cpp).
   /// Along the street: s over time, and the lane; along the crossing one if it `crosses` (s and d swapped).
   struct Course {
     double s = 0, speed = 0;                          ///< at 0; speed below 0: towards us
@@ -205,10 +205,10 @@ class StreetSite {
     bool crosses = false;
   };
   Way way_of(const Course& course, double seconds, double lift) const;
-  /// Before the ground is laid: two lanes for us at least, ours the second from the middle, and street
-  /// enough.
+  /// Call it before the ground is laid: gives our side at least two lanes, ours the second from the middle,
+  /// and makes the street long enough.
   void widen(double seconds);
-  /// After it: the traffic.
+  /// Call it after the ground is laid: adds the traffic.
   void drive(double seconds);
 
   RandomStream random_, actors_;

@@ -6,7 +6,7 @@
 namespace mirage {
 namespace {
 
-/// Two negative sides make no area, though their product is positive.
+/// Two negative sides have a positive product but no area.
 bool has_area(const BevBox& box) {
   return box.length > 0 && box.width > 0;
 }
@@ -31,7 +31,7 @@ std::array<Vec3d, 8> corners(const Box3& box) {
 
 double intersection_area(const BevBox& a, const BevBox& b) {
   if (!has_area(a) || !has_area(b)) return 0;
-  // In a's place: the corners of far boxes would have lost their digits.
+  // Relative to a's centre: the corners of distant boxes would lose digits.
   const auto subject = corners(BevBox{0, 0, a.length, a.width, a.yaw}),
              clip = corners(BevBox{b.x - a.x, b.y - a.y, b.length, b.width, b.yaw});
   std::vector<Vec2d> polygon(subject.begin(), subject.end());
@@ -110,7 +110,7 @@ std::vector<Vec2d> convex_hull(std::vector<Vec2d> places) {
         hull.pop_back();
       hull.push_back(p);
     }
-    hull.pop_back();  // the other pass begins with it
+    hull.pop_back();  // the next pass starts with it
     std::reverse(places.begin(), places.end());
   }
   return hull;

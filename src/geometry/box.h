@@ -22,18 +22,18 @@ struct Box3 {
   double bottom = 0, height = 0;
 };
 
-/// Whether both have one centre and one heading, to the last bit. No two boxes of a frame's labels do.
+/// Whether both boxes have the same centre and heading, bit for bit. No two labels of a frame do.
 inline bool in_one_place(const BevBox& a, const BevBox& b) {
   return a.x == b.x && a.y == b.y && a.yaw == b.yaw;
 }
 
 /// Corners counter-clockwise, first = front left.
 std::array<Vec2d, 4> corners(const BevBox& box);
-/// From the origin to the box's centre, m.
+/// Distance from the origin to the box's centre, m.
 inline double horizontal_distance(const BevBox& box) {
   return std::hypot(box.x, box.y);
 }
-/// Between the centres, m.
+/// Distance between the two centres, m.
 inline double horizontal_distance(const BevBox& a, const BevBox& b) {
   return std::hypot(a.x - b.x, a.y - b.y);
 }
@@ -44,19 +44,19 @@ std::array<Vec3d, 8> corners(const Box3& box);
 double intersection_area(const BevBox& a, const BevBox& b);
 /// Intersection over union in [0, 1]; 0 if a side of either box is not positive.
 double iou(const BevBox& a, const BevBox& b);
-/// The same of volumes; 0 if a side or the height of either box is not positive.
+/// Volume IoU in [0, 1]; 0 if a side or the height of either box is not positive.
 double iou(const Box3& a, const Box3& b);
 /// Whether the point lies inside the box grown by `margin` on every side.
 bool contains(const Box3& box, const Vec3d& p_velo, double margin = 0);
-/// The part of the ray origin + t · direction, t ≥ 0, within the box from `low` to `high`, as the t of its
-/// ends; empty where first > second. Kay and Kajiya's slabs (1986).
+/// The interval of t ≥ 0 in which the ray origin + t · direction is in the box from `low` to `high`; empty if
+/// first > second. Kay and Kajiya's slabs (1986).
 std::pair<double, double> ray_within(const Vec3d& origin, const Vec3d& direction, const Vec3d& low,
                                      const Vec3d& high);
 /// velo_from_box: origin at the centre of the bottom face, x along the heading, z up.
 Transform velo_from_box(const Box3& box);
 
-/// The corners of the convex hull of places in a plane, counter-clockwise, the leftmost first (Andrew,
-/// Information Processing Letters 9, 1979). Places on a side are no corners.
+/// Corners of the convex hull of points in a plane, counter-clockwise from the leftmost (Andrew, Information
+/// Processing Letters 9, 1979). A point on a side is not a corner.
 std::vector<Vec2d> convex_hull(std::vector<Vec2d> places);
 
 // Boxes in a picture: upright rectangles with IoU.
@@ -72,26 +72,26 @@ double area(const PictureBox& box);
 double intersection_area(const PictureBox& a, const PictureBox& b);
 /// Intersection over union in [0, 1]; 0 if either box has no area.
 double iou(const PictureBox& a, const PictureBox& b);
-/// The box for code that compares rectangles of any plane: x and y are its centre's column and row, length
-/// and width its extents along them (pixels), yaw is 0. iou() of two such is that of the boxes.
+/// The box for code that compares rectangles of any plane: x, y are its centre's column and row, length,
+/// width its extents along them (pixels), yaw is 0. iou() gives the same value in both forms.
 BevBox rectangle(const PictureBox& box);
-/// The box of such a rectangle.
+/// The inverse of rectangle().
 PictureBox picture_box(const BevBox& rectangle);
 /// The smallest box that holds both.
 PictureBox united(const PictureBox& a, const PictureBox& b);
-/// What of the box lies within a picture of width × height pixels; a box beyond it becomes one of no area.
+/// The box clipped to a picture of width × height pixels; a box outside it gets no area.
 PictureBox within(const PictureBox& box, int width, int height);
 
-// Rectangles around what a LiDAR unit at the origin sees of a thing from above: two sides of it at most.
+// BEV rectangles around LiDAR returns: a unit at the origin sees at most two sides of an object.
 
 /// An interval along one axis of a rectangle.
 struct SeenSide {
   double low = 0, high = 0;
   /// Its length.
   double size() const { return high - low; }
-  /// Made `least` long, away from the unit, which stands at 0: what is near is what is seen.
+  /// Lengthened to at least `least`, away from the unit at 0: the near end is the one that it sees.
   SeenSide grown(double least) const { return size() >= least ? *this : sized(least); }
-  /// Made `length` long; the end that is nearer to the unit stays.
+  /// Set to `length`; the end nearer to the unit stays.
   SeenSide sized(double length) const {
     return std::abs(low) <= std::abs(high) ? SeenSide{low, low + length} : SeenSide{high - length, high};
   }
@@ -101,17 +101,17 @@ struct SeenSide {
 struct SeenRectangle {
   double yaw = 0;  ///< rad, in [0, π/2)
   SeenSide along, across;
-  /// The same with its centre; its length is along `yaw`.
+  /// The same rectangle as a BEV box; its length is along `yaw`.
   BevBox box() const;
 };
 
-/// The rectangle around places (m) to whose nearer sides they are closest, of headings 2° apart: the
-/// closeness criterion of Zhang, Xu, Dolan, Litkouhi: "Efficient L-Shape Fitting for Vehicle Detection Using
-/// Laser Scanners", IV 2017. For at least one place.
+/// The rectangle around points (m) whose sides lie closest to them, over headings 2° apart. The closeness
+/// criterion of Zhang, Xu, Dolan, Litkouhi: "Efficient L-Shape Fitting for Vehicle Detection Using Laser
+/// Scanners", IV 2017. Needs at least one point.
 SeenRectangle closest_rectangle(const std::vector<Vec2d>& places);
 
-/// The box of a car of which that rectangle is seen, made longer and wider away from the unit to KITTI's mean
-/// car where less is seen; nothing if it is no car's.
+/// The box of a car whose visible part is that rectangle: extended away from the unit to at least KITTI's
+/// mean car. Nullopt if the size is not a car's.
 std::optional<BevBox> car_seen_as(const SeenRectangle& seen);
 
 }  // namespace mirage

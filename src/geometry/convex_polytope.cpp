@@ -10,11 +10,11 @@
 namespace mirage {
 namespace {
 
-/// Distances that are rounding.
+/// Distances up to this are rounding errors.
 constexpr double kRounding = 1e-12;
-/// Of a point that was left outside.
+/// Largest distance of a point outside the hull.
 constexpr double kLeftOut = 1e-10;
-/// What is thinner has no volume.
+/// A thinner body has no volume.
 constexpr double kThinnest = 1e-6;
 
 /// The point of the triangle nearest to `p`.
@@ -33,7 +33,7 @@ Vec3d nearest_of_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const 
   return a + vb / all * ab + vc / all * ac;
 }
 
-/// The place of the greatest of f(point), and that.
+/// Index of the point with the largest measure, and that value.
 template <class Measure>
 std::pair<int, double> farthest(std::span<const Vec3d> points, const Measure& measure) {
   std::pair<int, double> best{0, -std::numeric_limits<double>::infinity()};
@@ -74,7 +74,7 @@ std::optional<ConvexPolytope> ConvexPolytope::hull(std::span<const Vec3d> points
   const auto [d, height] = farthest(points, [&](const Vec3d& p) { return std::abs(up.dot(p - start)); });
   if (!(height > kThinnest)) return std::nullopt;
   const bool above = up.dot(at(d) - start) > 0;
-  const int second = above ? c : b, third = above ? b : c;  // so that the first facet looks away from d
+  const int second = above ? c : b, third = above ? b : c;  // so that the first facet faces away from d
   std::vector<Facet> facets;
   for (const std::array<int, 3>& corners :
        {std::array<int, 3>{a, second, third}, {a, d, second}, {second, d, third}, {third, d, a}}) {
@@ -82,7 +82,7 @@ std::optional<ConvexPolytope> ConvexPolytope::hull(std::span<const Vec3d> points
     if (!made) return std::nullopt;
     facets.push_back(*made);
   }
-  // Of each point the facet that it is farthest beyond. A facet that is gone stays in its place.
+  // For each point, the facet that it is farthest beyond. A removed facet keeps its index.
   std::vector<bool> gone(facets.size(), false);
   constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
   std::vector<std::size_t> worst(points.size(), kNone);
@@ -117,7 +117,7 @@ std::optional<ConvexPolytope> ConvexPolytope::hull(std::span<const Vec3d> points
       gone.push_back(false);
     }
     for (std::size_t i = 0; i < points.size(); ++i) {
-      if (used[i] || worst[i] == kNone) continue;  // what is inside stays there
+      if (used[i] || worst[i] == kNone) continue;  // a point inside stays inside
       const bool anew = gone[worst[i]];
       if (anew) far[i] = 0, worst[i] = kNone;
       for (std::size_t f = anew ? 0 : before; f < facets.size(); ++f) assign(i, f);
@@ -160,7 +160,7 @@ std::optional<ConvexPolytope> ConvexPolytope::within(const Eigen::AlignedBox3d& 
       for (const Facet& f : rest->facets_)
         for (std::size_t k = 0; k < 3; ++k) {
           const int i = f.corners[k], j = f.corners[(k + 1) % 3];
-          if (i > j) continue;  // the neighbour has it the other way round
+          if (i > j) continue;  // the neighbour has it in reverse
           const Vec3d &p = corners[as_size(i)], &q = corners[as_size(j)];
           const double from = beyond(p), to = beyond(q);
           if (from <= 0 ? !(to > 0) : !(to < 0)) continue;

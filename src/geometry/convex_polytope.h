@@ -1,5 +1,5 @@
-// Convex solids in space: the hull of points, cut by the sides of a box, and the point of it nearest to
-// another.
+// Convex solids in space: the hull of points, its intersection with a box, and its nearest point to another
+// point.
 #pragma once
 
 #include <array>
@@ -14,18 +14,18 @@ namespace mirage {
 /// A convex polytope with a volume, bounded by triangles.
 class ConvexPolytope {
  public:
-  /// The convex hull, by adding the point that is farthest outside of what there is (Barber, Dobkin,
-  /// Huhdanpaa, "The Quickhull algorithm for convex hulls", ACM TOMS 1996). No point is farther outside than
-  /// 1e-10. None of points that are not finite, or that a plane holds to within 1e-6.
+  /// The convex hull; each step adds the point farthest outside the hull so far (Barber, Dobkin, Huhdanpaa,
+  /// "The Quickhull algorithm for convex hulls", ACM TOMS 1996). No point is farther outside than 1e-10.
+  /// Nullopt if a coordinate is not finite or reaches 1e6, or if a plane contains all to within 1e-6.
   static std::optional<ConvexPolytope> hull(std::span<const Vec3d> points);
-  /// The part inside the box; none if that has no volume.
+  /// The part inside the box; nullopt if it has no volume.
   std::optional<ConvexPolytope> within(const Eigen::AlignedBox3d& box) const;
 
-  /// Points of hull() that it needs, in their order.
+  /// The points of hull() that are its corners, in their order.
   const std::vector<Vec3d>& corners() const { return corners_; }
-  /// Distance to the farthest of the planes of the facets that `point` is beyond; up to 0 in the inside.
+  /// Largest signed distance of `point` to a facet's plane; at most 0 inside.
   double outside(const Vec3d& point) const;
-  /// The point itself in the inside, else the nearest of the boundary: the nearest of all triangles that it
+  /// The point itself if inside, otherwise the nearest boundary point: the nearest of all triangles that it
   /// is outside of (Ericson, "Real-Time Collision Detection", 2005, 5.1.5).
   Vec3d nearest(const Vec3d& point) const;
 

@@ -192,7 +192,7 @@ double turn(const Vec2d& a, const Vec2d& b, const Vec2d& c) {
   return cross(b - a, c - a);
 }
 
-/// A ring of corners in the plane, counter-clockwise, of which ears are taken.
+/// A ring of corners in the plane, counter-clockwise, from which ears are cut.
 class Ring {
  public:
   explicit Ring(std::vector<Vec2d> places) : places_(std::move(places)) {
@@ -215,7 +215,7 @@ class Ring {
     if (!(turn(a, b, c) > 0)) return false;
     for (int k = after(next); k != previous; k = after(k)) {
       const Vec2d& p = at(k);
-      // Those that turn left can't be the only ones within.
+      // Skips left turns: if any corner lies within, so does one that does not turn left.
       if (turn(at(before(k)), p, at(after(k))) > 0 || p == a || p == b || p == c) continue;
       if (turn(a, b, p) >= 0 && turn(b, c, p) >= 0 && turn(c, a, p) >= 0) return false;
     }
@@ -235,7 +235,7 @@ std::vector<std::array<int, 3>> triangulate_polygon(std::span<const Vec3d> corne
   const int n = static_cast<int>(corners.size());
   if (n < 3) return {};
   if (n == 3) return {{0, 1, 2}};
-  // Seen along the axis that shows most of it, from the side where it runs counter-clockwise.
+  // Projected along the axis with the largest area, from the side where it runs counter-clockwise.
   const Vec3d area = area_vector(corners);
   Eigen::Index along = 0;
   area.cwiseAbs().maxCoeff(&along);
@@ -247,7 +247,7 @@ std::vector<std::array<int, 3>> triangulate_polygon(std::span<const Vec3d> corne
   std::vector<std::array<int, 3>> triangles;
   int at = 0, passed = 0;
   for (int left = n; left > 3;) {
-    // Once all have been looked at there is none: any will do.
+    // Once every corner was tried there is no ear: cut any.
     if (passed < left && !ring.is_ear(at)) {
       at = ring.after(at);
       ++passed;
@@ -258,7 +258,7 @@ std::vector<std::array<int, 3>> triangulate_polygon(std::span<const Vec3d> corne
     ring.take(at);
     --left;
     passed = 0;
-    at = ring.after(next);  // not the next, which would make a fan of slivers
+    at = ring.after(next);  // skips one: the next would make a fan of slivers
   }
   triangles.push_back({ring.before(at), at, ring.after(at)});
   return triangles;

@@ -15,35 +15,35 @@
 
 namespace mirage {
 
-// How finely texels divide each face of a mesh. All faces of a TexelAtlas are divided alike; what is drawn of
-// them need not be (light varies within some texels: sensors/visible_light.h).
+// How finely texels divide each face of a mesh. A TexelAtlas divides all faces alike; drawing may divide some
+// more finely (light varies within some texels: sensors/visible_light.h).
 
-/// C of each face, and where its C² texels start in a list of all faces' texels, face-major; within a face in
-/// TexelAtlas's order.
+/// C of each face and the index of its first texel. The C² texels of all faces form one face-major list;
+/// within a face they have TexelAtlas's order.
 struct TexelGrid {
-  int resolution = 1;            ///< C of every face, unless there are
+  int resolution = 1;            ///< C of every face if the next is empty
   std::vector<int> resolutions;  ///< C of each face
-  std::vector<int> first;        ///< where each face's texels start, and after the last where they end
+  std::vector<int> first;        ///< index of each face's first texel; last entry: number of texels
 
-  /// Every face alike.
+  /// The same C for every face.
   TexelGrid(int all = 1) : resolution(all) {}
-  /// Each face its own.
+  /// A C for each face.
   explicit TexelGrid(std::vector<int> of_faces) : resolutions(std::move(of_faces)), first(1, 0) {
     for (const int c : resolutions) first.push_back(first.back() + c * c);
   }
 
   /// C of a face.
   int resolution_of(std::size_t face) const { return resolutions.empty() ? resolution : resolutions[face]; }
-  /// How many texels it has.
+  /// Number of texels of a face.
   std::size_t texels_of(std::size_t face) const {
     const auto c = as_size(resolution_of(face));
     return c * c;
   }
-  /// Where they start.
+  /// Index of a face's first texel.
   std::size_t first_texel(std::size_t face) const {
     return resolutions.empty() ? face * texels_of(face) : as_size(first[face]);
   }
-  /// How many faces so many texels are of.
+  /// Number of faces that have `texels` texels in all.
   std::size_t faces_with(std::size_t texels) const {
     return resolutions.empty() ? texels / texels_of(0) : resolutions.size();
   }
@@ -69,7 +69,7 @@ struct AtlasTriangle {
   std::array<Vec2d, 3> corners;
   int texel = 0;
 
-  /// Its corners on the face with these.
+  /// Its corners on a face with these vertices.
   std::array<Vec3d, 3> on(const std::array<Vec3d, 3>& face) const {
     const auto at = [&](const Vec2d& b) -> Vec3d {
       return b.x() * face[0] + b.y() * face[1] + (1 - b.x() - b.y()) * face[2];
@@ -120,8 +120,8 @@ std::vector<Vec3d> face_normals(const Mesh& mesh);
 double signed_volume(const Mesh& mesh);
 /// True if every directed edge has exactly one opposite partner.
 bool is_watertight(const Mesh& mesh);
-/// Indices of the vertices that faces use, ascending, each once. Files hold others too, and those are no part
-/// of the surface: whatever asks where a mesh lies asks these.
+/// Indices of the vertices that faces use, ascending, each once. Files may hold other vertices, which aren't
+/// part of the surface: compute a mesh's extent from these only.
 std::vector<std::size_t> used_vertices(const Mesh& mesh);
 /// Smallest and largest coordinates of the vertices that faces use. {0, 0} for a mesh without faces.
 Eigen::AlignedBox3d bounds(const Mesh& mesh);
@@ -133,10 +133,10 @@ Eigen::AlignedBox3d bounds(const Mesh& mesh);
 Mesh icosphere(int subdivisions);
 /// Half lengths (m) of the box that an object on a roof may fill (Tu et al., CoRL 2021).
 inline const Vec3d kRoofBox(0.8, 0.8, 0.5);
-/// m, the longest of an object's measures: what is smaller or larger stands on no car's roof.
+/// m; limits of an object's longest extent: nothing smaller or larger stands on a car's roof.
 inline constexpr double kMinObject = 0.01, kMaxObject = 10;
-/// icosphere(2) stretched to `share` of these half lengths (m), 5×5 mid-grey texels a face: where an attack
-/// starts, and what tells how much of an object each host would show.
+/// icosphere(2) stretched to `share` of these half lengths (m), 5×5 mid-grey texels a face. Attacks start
+/// from it, and it measures how much of an object each host would show.
 TexturedMesh grey_ellipsoid(const Vec3d& half_lengths, double share = 1);
 /// Axis-aligned box of the given full sizes, centred at the origin: 8 vertices, 12 faces.
 Mesh box_mesh(const Vec3d& size);

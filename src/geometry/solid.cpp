@@ -71,7 +71,7 @@ Triangle corners(const Mesh& mesh, int face) {
   return mesh.corners(mesh.faces[as_size(face)]);
 }
 
-/// Where the line a + t · d meets the triangle's inside (Möller and Trumbore, 1997); NaN where it does not.
+/// t where the line a + t · d meets the triangle's inside (Möller and Trumbore, 1997); NaN if it misses.
 double meets(const Triangle& triangle, const Vec3d& a, const Vec3d& d) {
   const Vec3d e1 = triangle[1] - triangle[0], e2 = triangle[2] - triangle[0], p = d.cross(e2);
   const double determinant = e1.dot(p), nothing = std::numeric_limits<double>::quiet_NaN();
@@ -97,14 +97,14 @@ std::array<int, 3> common(const Face& first, const Face& second) {
   return same;
 }
 
-/// The corner (0 to 2) of f that is not on the edge that both faces have; −1 where they have none.
+/// The corner (0 to 2) of f off the edge that it shares with k; −1 if they share no edge.
 int apex_over_neighbour(const Face& f, const Face& k) {
   const std::array<int, 3> same = common(f, k);
   if (std::ranges::count(same, -1) != 1) return -1;
   return static_cast<int>(std::ranges::find(same, -1) - same.begin());
 }
 
-/// Two faces with a common edge lie on each other when their outward sides look at each other.
+/// Whether two faces with a common edge lie flat on each other, outward sides facing.
 bool folded(const Triangle& first, const Triangle& second) {
   const Vec3d n1 = (first[1] - first[0]).cross(first[2] - first[0]),
               n2 = (second[1] - second[0]).cross(second[2] - second[0]);
@@ -168,8 +168,8 @@ std::array<int, 4> face_corners(int axis, int side) {
   return {base, base | v, base | u | v, base | u};
 }
 
-// Polygons of a case as loops of edges, and their triangles. A loop that has no triangulation free of
-// diagonals within a face gets a vertex in its middle.
+// Polygons of a case as loops of edges, and their triangles. A loop whose every triangulation has a diagonal
+// within a face gets a vertex in its middle.
 struct Case {
   std::vector<std::array<int, 3>> triangles;  // edges of the cube
   std::vector<std::vector<int>> fans;         // loops to be joined to their middle

@@ -21,17 +21,17 @@ struct GridLayout {
 
   /// Number of nodes.
   std::size_t size() const { return as_size(count[0]) * as_size(count[1]) * as_size(count[2]); }
-  /// Place of a node among the values: i runs fastest.
+  /// Index of a node among the values: i runs fastest.
   std::size_t index(int i, int j, int k) const {
     return as_size(i) + as_size(count[0]) * (as_size(j) + as_size(count[1]) * as_size(k));
   }
-  /// Where a node lies (m).
+  /// Position of a node (m).
   Vec3d node(int i, int j, int k) const { return origin + spacing.cwiseProduct(Vec3d(i, j, k)); }
 };
 
 /// The eight nodes around a point, their trilinear weights and the weights' derivatives (1/m) to the point.
-/// A point outside the grid is moved to the nearest point of it; `outside` is how far (m), and the weights
-/// don't change along the axes on which it was moved.
+/// A point outside the grid is moved to the grid's nearest point by `outside` (m). The gradients are 0 along
+/// the axes on which it was moved.
 struct GridCell {
   std::array<std::size_t, 8> nodes;
   std::array<double, 8> weights;
@@ -46,7 +46,7 @@ struct DistanceGrid {
   GridLayout layout;
   std::vector<float> values;  ///< m, negative inside; one a node
 
-  /// Trilinear value at p (m), beyond the grid plus the distance to it.
+  /// Trilinear value at p (m); outside the grid, plus the distance to it.
   double at(const Vec3d& p) const;
 };
 
@@ -56,7 +56,7 @@ struct MeshEdge {
   std::vector<int> faces;       ///< rising
 };
 
-/// By rising vertices, each once. A side of a face whose two ends are one vertex is none.
+/// Each edge once, sorted by vertices. A side whose two ends are one vertex is not an edge.
 std::vector<MeshEdge> edges_of(const Mesh& mesh);
 
 // Whether a closed mesh can be a solid: faces that cut each other, and how thick its walls are.
@@ -69,11 +69,11 @@ std::vector<std::array<int, 2>> intersecting_faces(const Mesh& mesh);
 
 /// The thinnest wall found behind a face: `thickness` (m) and the face on the other side.
 struct Wall {
-  double thickness = 0;  ///< infinity where nothing lies behind (an open mesh)
+  double thickness = 0;  ///< infinity if no face lies behind (an open mesh)
   int opposite = -1;
 };
-/// From the middle of each face and of its three thirds, straight inwards (against the outward normal) to the
-/// next face. Faces without area have no wall (infinity).
+/// Measured from the centre of each face and of its three thirds, against the outward normal, to the next
+/// face. Faces without area have no wall (infinity).
 std::vector<Wall> walls(const Mesh& mesh);
 
 // Generalised winding number of a triangle mesh: how often it wraps around a point.
@@ -85,7 +85,7 @@ std::vector<Wall> walls(const Mesh& mesh);
 /// Winding numbers of one mesh, prepared for many points.
 class WindingNumber {
  public:
-  /// Faces of no area count nothing. An empty mesh has w = 0 everywhere.
+  /// Faces without area don't count. An empty mesh has w = 0 everywhere.
   explicit WindingNumber(const Mesh& mesh);
   /// w at p; error of the dipoles below about 0.02. `exact`: every face on its own.
   double at(const Vec3d& p, bool exact = false) const;

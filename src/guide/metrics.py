@@ -1,5 +1,5 @@
-"""How large the house is: metrics.py SOURCE prints words of the pages, lines of C++, their files, weights and casts. A word has a
-letter or a digit: bars of tables are none."""
+"""The size of the project: metrics.py SOURCE prints words of the pages, lines of C++, their files, weights and casts. A word has
+a letter or a digit; table bars do not count."""
 
 import os
 import re

@@ -2,7 +2,7 @@
 
     PYTHONPATH=build/python /usr/bin/python3 src/guide/notebook.py NOTEBOOK [OUT]
 
-Kept of each cell: what it prints, the value of its last expression, and its figures as small PNGs.
+It keeps each cell's printed text, the value of its last expression, and its figures as small PNGs.
 """
 
 import ast
@@ -21,7 +21,7 @@ DOTS_PER_INCH = 60
 
 
 def value_of(source, names):
-    """Runs a cell; the value of its last expression, or None."""
+    """Runs a cell; returns the value of its last expression, or None."""
     tree, last = ast.parse(source), None
     if isinstance(tree.body[-1], ast.Expr) and not source.rstrip().endswith(";"):
         last = ast.Expression(tree.body.pop().value)
@@ -34,7 +34,7 @@ def lines(text):
 
 
 def figures():
-    """The open figures as PNGs, which are then closed."""
+    """The open figures as PNGs; closes them."""
     for number in plt.get_fignums():
         picture = io.BytesIO()
         plt.figure(number).savefig(picture, dpi=DOTS_PER_INCH, bbox_inches="tight", metadata={"Software": None})
@@ -49,7 +49,7 @@ def outputs_of(source, names, count):
     outputs = []
     if printed.getvalue():
         outputs.append({"output_type": "stream", "name": "stdout", "text": lines(printed.getvalue())})
-    shown = list(figures())  # of a cell that draws, the last expression is an axis or a legend
+    shown = list(figures())  # the last expression of a plotting cell is an axis or a legend
     if value is not None and not (shown and type(value).__module__.startswith("matplotlib")) and not isinstance(value, list):
         outputs.append({"output_type": "execute_result", "execution_count": count, "metadata": {},
                         "data": {"text/plain": lines(repr(value))}})

@@ -1,9 +1,9 @@
 """The page of all commands, from the program's own help.
 
     reference.py PROGRAM PAGE            writes the page
-    reference.py PROGRAM PAGE --check    compares it; exit code 1 where it is another one
+    reference.py PROGRAM PAGE --check    compares it; exit code 1 if it differs
 
-An option that several commands describe in the same words, but for its default, stands once, at the end.
+An option that several commands describe in the same words, apart from its default, appears once, at the end.
 """
 
 import collections
@@ -11,7 +11,7 @@ import re
 import subprocess
 import sys
 
-# A description's end: the default, or that it is required.
+# The end of a description: the default, or "required".
 STANDARD = re.compile(r"(?: \((?:[^()]*; )?(default [^();]*|required)\)| \(default: ([^()]*)\))$")
 
 HEAD = """# Commands
@@ -42,7 +42,7 @@ def parsed(text):
             groups[-1][1].append([name, said.strip()])
         elif groups and groups[-1][1] and line.startswith("   "):
             before = groups[-1][1][-1][1]
-            within_list = re.search(r"\S,\S+,$", before)  # help parts a list without spaces at its commas
+            within_list = re.search(r"\S,\S+,$", before)  # help breaks a list without spaces at its commas
             groups[-1][1][-1][1] = (before + ("" if within_list else " ") + line.strip()).strip()
     example = re.sub(r"^Examples?:\s*", "", "\n".join(example)).strip()
     return " ".join(description.split()), example, [(h, [tuple(o) for o in options]) for h, options in groups if options]
@@ -55,7 +55,7 @@ def without_default(said):
 
 
 def entry(name, said):
-    # A mark of the page's own within a text would be read as one.
+    # Markdown's characters in the text are escaped.
     return f"- `{name}` {re.sub(r'([*_<])', lambda m: chr(92) + m[1], said)}".rstrip()
 
 
@@ -71,11 +71,11 @@ def page(program):
     usual = {}
     for key in shared:
         (default, count), = collections.Counter(without_default(said)[1] for said in users[key]).most_common(1)
-        usual[key] = default if 2 * count >= len(users[key]) else ""  # each command its own, as of --out
+        usual[key] = default if 2 * count >= len(users[key]) else ""  # no shared default, as for --out
     lines = [HEAD]
     for name, (description, example, groups) in helps.items():
         lines += [f"## {name}", "", description[:1].upper() + description[1:] + ".", "", f"    {example}", ""]
-        also = collections.defaultdict(list)  # by what this command's default is, where that is not the usual one
+        also = collections.defaultdict(list)  # by the command's default, if it differs from the usual one
         for heading, options in groups:
             own = []
             for option, said in options:
@@ -96,7 +96,7 @@ def page(program):
 
 
 def limits(words, by, default):
-    """With the range and the default that most commands have."""
+    """Adds the range and the default that most commands have."""
     match = re.search(r" \(((?:[^()]*; )?)(?:default [^();]*|required)\)$", by[0])
     if default and not re.match("default |required", default):
         default = "default: " + default

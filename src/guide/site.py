@@ -3,8 +3,8 @@
     site.py SOURCE OUT
 
 Copies the pages of NAVIGATION and what they link to into OUT/pages, in the repository's order of folders so that their links hold,
-and builds OUT/html from there. A link that leads nowhere ends it with exit code 1. No page asks for anything from the network, but
-the search needs a server: python3 -m http.server --directory OUT/html.
+and builds OUT/html from there. A broken link ends it with exit code 1. Pages load nothing from the network, but the
+search needs a server: python3 -m http.server --directory OUT/html.
 """
 
 import os
@@ -52,7 +52,7 @@ nav:
 """
 
 
-# Words without a blank, an option's list of defaults say, break where a phone's column ends.
+# Words without spaces, such as an option's list of defaults, break at the end of a phone's column.
 STYLE = ".md-typeset { overflow-wrap: anywhere; }\n"
 
 
@@ -71,7 +71,7 @@ def nav(entries, indent="  "):
 
 
 def targets(text):
-    """What a page links to beside the network and itself; code has no links."""
+    """The links of a page, except into the network and to itself; code has no links."""
     text = re.sub(r"^(?: {4}).*$", "", re.sub(r"`[^`\n]*`", "", text), flags=re.M)
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
         if "://" not in target and not target.startswith(("#", "mailto:")):
@@ -84,7 +84,7 @@ def as_mkdocs_reads(text):
 
 
 def stage(source, out):
-    """Copies the pages and the files that they show; those that no page is are copied as they lie."""
+    """Copies the pages and the files that they show; files that are not pages are copied unchanged."""
     to = os.path.join(out, "pages")
     shutil.rmtree(to, ignore_errors=True)
     names = list(pages())

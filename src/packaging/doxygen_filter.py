@@ -15,14 +15,14 @@ import re
 import sys
 
 TRAILING = re.compile(r"^(?P<code>\s*\S.*?[;,{}])\s+(?://(?!/)|///<|/\*(?=.*\*/))\s?(?P<text>.*?)(?:\s*\*/)?$")
-# A field or a constant, no function: words and template arguments, then names with or without an initial value.
+# A field or a constant: words and template arguments, then names with or without an initial value.
 DECLARATION = re.compile(r"^(?P<indent>\s*)(?P<type>(?:static |constexpr |inline |mutable |const )*[\w:]+(?:<.*?>)?(?: const)?[*&]?) "
                          r"(?P<names>[*&]?[\w\[\]]+\s*(?:=.*|\{.*\}|\(.*\))?,.*);$")
 
 SILENT = "&nbsp;"
 MEMBER = re.compile(r"^\s+(?!using |return |friend |typedef |static )(?:const |mutable )?[\w:]+(?:<.*>)?(?: const)?[*&]* [\w\[\], ]+\s*(?:=.*|\{.*\})?;$")
 
-# By base/fields.h: fields of structs, words of enums, and what a visitor does with fields.
+# Names of base/fields.h: fields of structs, words of enums, and functions that a visitor calls with fields.
 COMMON = [(re.compile(r"^\s*" + declaration), text) for declaration, text in (
     (r"constexpr auto words_of\([\w:]+\)", "The words of options and files, in the enumerators' order (base/fields.h)."),
     (r"void visit_fields\(Visitor& visit, S& s\)", "Visits the fields of S, by which files, options and checks know them (base/fields.h)."),
@@ -35,7 +35,7 @@ SCOPE = re.compile(r"^\s*(?:template\s*<.*>\s*)?(?:typedef\s+)?(?:class|struct|e
 
 
 def parts(names):
-    """The pieces between the commas outside of brackets and braces."""
+    """Splits at the commas outside of brackets and braces."""
     depth, piece, found = 0, "", []
     for letter, bracket in zip(names, names.replace(" << ", "    ")):
         depth += (bracket in "<([{") - (bracket in ">)]}")
@@ -48,7 +48,7 @@ def parts(names):
 
 
 def apart(code, text):
-    """`int a = 0, b = 0;` as two declarations with the same comment, on one line; None if it is none."""
+    """`int a = 0, b = 0;` as two declarations with the same comment, on one line; None for other code."""
     match = DECLARATION.match(code)
     if not match or match["type"] in ("return", "using", "template", "throw") or code.count("(") != code.count(")"):
         return None
@@ -62,7 +62,7 @@ def apart(code, text):
 
 
 def whole(lines, number):
-    """The declaration of several names that begins on this line, and how many lines it takes."""
+    """The declaration of several names that begins on this line, and its number of lines."""
     code, count = lines[number], 1
     while code.endswith(",") and number + count < len(lines):
         code, count = code + " " + lines[number + count].strip(), count + 1
@@ -81,9 +81,9 @@ def enters(line, scopes):
 
 def filtered(lines):
     heading = bool(lines) and lines[0].startswith("// ")
-    before = []  # the comment that stands before this line
+    before = []  # the comment before this line
     scopes = []  # open braces
-    told = 0  # lines that were told with one before them
+    told = 0  # number of lines already merged into an earlier one
     for number, line in enumerate(lines):
         if heading and line.startswith("//"):
             yield ("/// @file\n/// " if number == 0 else "/// ") + line[2:].lstrip("/").strip()

@@ -6,7 +6,7 @@
 namespace mirage {
 namespace {
 
-/// How far behind the box's centre a car's cabin is centred, as a share of its length: bonnets are longer
+/// Distance of a car's cabin centre behind the box's centre, as a share of its length: bonnets are longer
 /// than boots (typical hatchbacks and saloons: 4–8 %).
 constexpr double kCabinShift = 0.06;
 

@@ -1,4 +1,4 @@
-// A vehicle that carries an object: its label, its roof's pose, and its shape where one was fitted.
+// A vehicle that carries an object: its label, its roof's pose, and its fitted shape if any.
 #pragma once
 
 #include <memory>
@@ -10,18 +10,18 @@
 
 namespace mirage {
 
-/// One vehicle, and how its roof was found.
+/// One vehicle and how its roof was found.
 struct Carrier {
   Label label;
   /// velo_from_roof with its origin on the roof point, x along the heading, z up.
   Transform velo_from_roof = Transform::Identity();
-  bool from_box = true;     ///< true where no shape was fitted and the labelled box was used
-  std::string reason = {};  ///< why a finder of shapes fell back to the box
-  /// The fitted vehicle (`velo`, watertight, wound outward); null where from_box.
+  bool from_box = true;     ///< no shape was fitted; the roof is the labelled box's
+  std::string reason = {};  ///< why a shape finder fell back to the box
+  /// The fitted vehicle (`velo`, watertight, wound outward); null if from_box.
   std::shared_ptr<const Mesh> shape = {};
 };
 
-/// An ordinary saloon as shares of the labelled box: the car that stands where no vehicle was fitted.
+/// An ordinary saloon in shares of the labelled box: the stand-in for a vehicle without a fitted shape.
 namespace saloon {
 inline constexpr double kRoofRear = -0.32, kRoofFront = 0.08, kRoofWidth = 0.76;  // of length, length, width
 inline constexpr double kWaist = 0.58;                                            // of the height
@@ -30,15 +30,14 @@ inline constexpr double kWaist = 0.58;                                          
 /// A closed car-shaped mesh in `velo` that fills the labelled box: body, cabin with its roof plane at the
 /// box's top, four wheels. The cabin's centre lies where BoxRoofFinder puts it.
 Mesh car_proxy(const Box3& box);
-/// The fitted vehicle where there is one, else car_proxy of the labelled box.
+/// The fitted vehicle if there is one, otherwise car_proxy of the labelled box.
 std::shared_ptr<const Mesh> shape_of(const Carrier& carrier);
 
-/// Finds roofs: BoxRoofFinder here, ShapeRoofFinder in scene/shape/shape_fit.h. Several threads may ask at
-/// once.
+/// Finds roofs: BoxRoofFinder here, ShapeRoofFinder in scene/shape/shape_fit.h. Thread-safe.
 class RoofFinder {
  public:
   virtual ~RoofFinder() = default;
-  /// `label` is one of frame.labels and a vehicle.
+  /// `label`: one of frame.labels, a vehicle.
   virtual Carrier find(const Frame& frame, const Label& label) const = 0;
 };
 

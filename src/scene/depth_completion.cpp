@@ -11,7 +11,7 @@ namespace mirage {
 namespace {
 
 // IP-Basic's constants (Ku et al., CRV 2018, section III, and the authors' code for the multi-scale variant).
-constexpr float kMaxDepth = 100;  // depths are inverted about it, so that dilation prefers near surfaces
+constexpr float kMaxDepth = 100;  // depths are inverted about it: dilation prefers near surfaces
 constexpr float kEmpty = 0.1f;    // inverted values below this are holes
 constexpr float kNearLimit = 15, kMiddleLimit = 30;  // m
 
@@ -24,7 +24,7 @@ cv::Mat diamond5() {
           1, 0, 0);
 }
 
-/// First filled row of each column; the number of rows where there is none.
+/// First filled row of each column; the number of rows for an empty column.
 std::vector<int> top_rows(const cv::Mat& depth) {
   std::vector<int> tops(as_size(depth.cols), depth.rows);
   for (int v = depth.rows; v-- > 0;)
@@ -33,7 +33,7 @@ std::vector<int> top_rows(const cv::Mat& depth) {
   return tops;
 }
 
-/// Holes on or below `tops` take the values of a dilation with a square of `size`.
+/// Fills holes on or below `tops` by a dilation with a square of `size`.
 void fill_holes(cv::Mat& depth, const std::vector<int>& tops, int size) {
   cv::Mat dilated;
   cv::dilate(depth, dilated, square(size));
@@ -115,7 +115,7 @@ cv::Mat multi_scale(const ImageF& sparse, const IpBasicOptions& options) {
   return depth;
 }
 
-/// Fills gaps of one line of `count` values, `step` apart. Inner gaps only where `inner`.
+/// Fills the gaps of a line of `count` values, `step` apart; with `inner`, only gaps between two values.
 void fill_line(float* line, int count, int step, bool inner) {
   const auto at = [&](int i) -> float& { return line[static_cast<std::ptrdiff_t>(i) * step]; };
   int last = -1;  // the last value seen

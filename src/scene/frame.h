@@ -26,7 +26,7 @@ struct Calibration {
   Transform camera_from_rect = Transform::Identity();  ///< a translation: K⁻¹ times P2's fourth column
   Eigen::Matrix3d rect_from_cam0 = Eigen::Matrix3d::Identity();  ///< R0_rect, to write the file again
 
-  /// Where labels are kept in KITTI's files.
+  /// The transform to the frame of labels in KITTI's files.
   Transform rect_from_velo() const { return camera_from_rect.inverse() * camera_from_velo; }
 };
 
@@ -37,72 +37,72 @@ struct Label {
   int occluded = 0;                                 ///< 0 fully visible … 3 unknown
   double left = 0, top = 0, right = 0, bottom = 0;  ///< 2-D box, pixels
   Box3 box;                                         ///< in `velo`; meaningless unless has_box()
-  int track = -1;                                   ///< the vehicle's identity in the data set; -1: unknown
-  bool in_space = true;                             ///< false: labelled in the picture alone
+  int track = -1;                                   ///< the vehicle's track id in the data set; -1: unknown
+  bool in_space = true;                             ///< false: the label has a 2-D box only
   std::string category = {};                        ///< the class as labelled: "Tram", "vehicle.bus.rigid"
-  std::optional<Vec3d> velocity = {};  ///< m/s over ground along the axes of `velo`; none: not known
-  int camera = 0;                      ///< that its 2-D box is in: 0 the first, k the frame's others[k − 1]
-  std::optional<bool> sought = {};     ///< whether its class is asked for (FrameSource::classes)
+  std::optional<Vec3d> velocity = {};  ///< m/s over ground along the axes of `velo`; nullopt: unknown
+  int camera = 0;                      ///< of its 2-D box: 0 the first, k the frame's others[k − 1]
+  std::optional<bool> sought = {};     ///< whether its class is sought (FrameSource::classes)
 };
 
-/// Whether it is of a class that carries the object and has to be found: as it is marked, else a car.
+/// Whether the label's class carries the object and has to be detected: as marked, otherwise a car.
 inline bool is_sought(const Label& label) {
   return label.sought.value_or(label.type == "Car");
 }
 
-/// Whether it is known where the object stands: not of DontCare regions, nor of labels of the picture alone.
+/// Whether the label has a 3-D box: not DontCare regions, nor labels with a 2-D box only.
 inline bool has_box(const Label& label) {
   return label.in_space && label.type != "DontCare";
 }
 
-/// When a frame was taken and where the car stood. The ego frame is `velo`.
+/// Time of a frame and pose of the car. The ego frame is `velo`.
 struct Moment {
   std::string sequence;  ///< the drive, scene or sequence, by its name in the data set
-  int index = 0;         ///< the frame's number there, as the data set counts
+  int index = 0;         ///< the frame's number in it, as the data set counts
   double time = 0;       ///< s, of the sweep; all frames of a sequence count from one start
   Transform world_from_ego = Transform::Identity();  ///< world: of the sequence, z up (m)
 };
 
-/// Which cameras of a set with several are looked at.
+/// The cameras used of a set with several.
 enum class Cameras {
-  first,  ///< that which the layout names (data/data_set.h), and what it sees of the labels
+  first,  ///< the one that the layout names (data/data_set.h), and the labels in its view
   all,    ///< every camera, and the labels that any of them sees
 };
 constexpr auto words_of(Cameras) {
   return std::to_array<const char*>({"first", "all"});
 }
 
-/// A camera beside the frame's first.
+/// A camera after the frame's first.
 struct SideCamera {
   std::string name;         ///< "CAM_BACK"
   Calibration calibration;  ///< its pose at its own picture's time
-  Lazy<ImageF> image;       ///< scene-linear RGB; read when it is asked for
+  Lazy<ImageF> image;       ///< scene-linear RGB; read on first use
 };
 
-/// What a sensor measured that is neither camera nor LiDAR: an array whose meaning its pass defines
+/// Data of a sensor that is neither camera nor LiDAR: an array whose meaning its pass defines
 /// (simulation/sensor_abi.h).
 struct Measurement {
   std::string name;  ///< "radar"
   Transform sensor_from_ego = Transform::Identity();
-  std::array<std::int64_t, 3> shape = {};  ///< `data` has as many values as these multiply to, row-major
+  std::array<std::int64_t, 3> shape = {};  ///< of `data`, row-major
   std::vector<float> data = {};
 };
 
-/// One moment: what the sensors saw, where they stood, and what is known of the scene.
+/// One moment: the sensors' data, their poses, and the scene's labels and light.
 struct Frame {
   std::string id;  ///< "000008"
   ImageF image;    ///< scene-linear RGB
   Sweep sweep;     ///< `velo`
   Calibration calibration;
   std::vector<Label> labels;
-  bool labelled = true;  ///< false: nobody has labelled the frame, which is other than that it shows nothing
+  bool labelled = true;  ///< false: not labelled, as opposed to labelled and empty
   Lighting lighting;     ///< known for generated frames (lighting/ID.json), a default for recorded ones
-  std::optional<Moment> moment = {};           ///< none: the data set does not say
+  std::optional<Moment> moment = {};           ///< nullopt: not in the data set
   std::string camera = "camera";               ///< the first camera's name: that of `image` and `calibration`
-  std::vector<SideCamera> others = {};         ///< cameras beside it
+  std::vector<SideCamera> others = {};         ///< cameras after it
   std::vector<Measurement> measurements = {};  ///< of sensors that are neither camera nor LiDAR
 
-  // By a camera's number (Label::camera).
+  // By a camera's index (Label::camera).
   std::size_t cameras() const { return 1 + others.size(); }
   /// The camera's name; 0: the first camera's.
   const std::string& name_of(std::size_t of) const { return of == 0 ? camera : others.at(of - 1).name; }
@@ -110,8 +110,8 @@ struct Frame {
   const Calibration& calibration_of(std::size_t of) const {
     return of == 0 ? calibration : others.at(of - 1).calibration;
   }
-  /// The camera's picture, scene-linear RGB; that of `others` is read when it is first asked for, with
-  /// InputError.
+  /// The camera's picture, scene-linear RGB; pictures of `others` are read on first use. InputError if that
+  /// fails.
   const ImageF& image_of(std::size_t of) const { return of == 0 ? image : others.at(of - 1).image.get(); }
 };
 

@@ -1,4 +1,4 @@
-// Which frames, and what is found in them before anything is inserted.
+// The source of frames and the preparation of their scenes before anything is inserted.
 #pragma once
 
 #include <filesystem>
@@ -18,13 +18,13 @@ namespace mirage {
 struct FrameSource {
   std::filesystem::path data = {};     ///< a layout of scene/data/data_set.h
   std::string depth = kDefaultDepth;   ///< depth completion of the photographs (learned_depth.h)
-  std::string rooftop = kDefaultRoof;  ///< what finds the roofs (shape/shape_fit.h)
-  std::string sun = kDefaultSun;       ///< where the sun stands (recorded_light.h)
-  std::string rig = {};              ///< which recorded it, as data_rig.h takes it; empty: what the set says
-  PlaceChoice placement = {};        ///< where the object is put (place_choice.h)
-  Cameras cameras = Cameras::first;  ///< which of them are looked at
-  std::string sensors = {};          ///< beside them: plugins of simulation/sensor_plugin.h, by commas
-  std::string classes = kCars;       ///< of labels that carry the object and have to be found (classes_of)
+  std::string rooftop = kDefaultRoof;  ///< the roof finder (shape/shape_fit.h)
+  std::string sun = kDefaultSun;       ///< the sun's direction (recorded_light.h)
+  std::string rig = {};                ///< as data_rig.h takes it; empty: the set's own
+  PlaceChoice placement = {};          ///< of the object (place_choice.h)
+  Cameras cameras = Cameras::first;    ///< the cameras used
+  std::string sensors = {};            ///< more sensors: plugins of simulation/sensor_plugin.h, by commas
+  std::string classes = kCars;         ///< of labels that carry the object and must be found (classes_of)
 };
 
 template <class Visitor, FieldsOf<FrameSource> S>
@@ -42,9 +42,9 @@ void visit_fields(Visitor& visit, S& s) {
                  "labelled box) or a shape model to fit (*.shape)"},
         s.rooftop);
   visit({.name = "placement",
-         .help = "where the object is put: a shipped placement, FILE.toml, X,Y,Z,YAW (m forward, left and up "
-                 "from the ground under the host, degrees from its heading) or world:X,Y,Z,YAW (the same in "
-                 "the LiDAR's frame)",
+         .help = "where the object is put: a shipped placement, FILE.toml, X,Y,Z,YAW or world:X,Y,Z,YAW. "
+                 "X, Y, Z: m forward, left and up from the ground under the host; YAW: degrees from its "
+                 "heading; world: in the LiDAR's frame",
          .option = "place",
          .lacking = "roof"},
         s.placement);

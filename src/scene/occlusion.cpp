@@ -15,7 +15,7 @@ namespace {
 constexpr double kPi = std::numbers::pi;
 constexpr double kNearAngle = 0.1 * kPi / 180;
 
-/// Of a point from the unit's axis (m), never 0.
+/// Distance of a point from the unit's axis (m), never 0.
 double horizontal_distance(const Vec3d& p) {
   return std::max(p.head<2>().norm(), 1e-6);
 }
@@ -38,7 +38,7 @@ double angle_to(const LidarRay& ray, const Vec3d& p) {
   return std::atan2(ray.direction.cross(offset).norm(), ray.direction.dot(offset));
 }
 
-/// Place of the firing nearest to `azimuth`, −1 if it is further than `reach`.
+/// Index of the firing nearest to `azimuth`; −1 if it is further than `reach`.
 int nearest_firing(const std::vector<double>& firings, double azimuth, double reach) {
   if (firings.empty()) return -1;
   const auto next = std::lower_bound(firings.begin(), firings.end(), azimuth) - firings.begin();
@@ -57,8 +57,8 @@ double angle_off_beam(const std::vector<BeamLine>& lines, const Vec3d& p, std::s
          std::max(p.norm(), 1e-3);
 }
 
-/// The motion that puts most of the points on beams: from steady drives at several speeds, the best is
-/// refined by Gauss-Newton, far points first.
+/// The motion that puts most of the points on beams: the best of steady drives at several speeds, refined by
+/// Gauss-Newton, far points first.
 SweepMotion motion_of(const std::vector<Vec3d>& points, std::vector<double>& phases, const LidarModel& lidar,
                       const SweepMotion& still) {
   constexpr double kFastest = 3, kBetween = 0.25;  // m a turn
@@ -112,7 +112,7 @@ SweepMotion motion_of(const std::vector<Vec3d>& points, std::vector<double>& pha
     best.start += step.head<3>();
     best.turn += step.tail<3>();
   }
-  // The cut, as the moving unit saw it: in the middle between the first and the last.
+  // The cut as the moving unit saw it: midway between the first and the last return.
   double first = 1, last = 0;
   for (const std::size_t i : looked) {
     double phase = phases[i];
@@ -172,8 +172,8 @@ Vec3d SweepMotion::seen(const Vec3d& p, double& phase_) const {
 
 SweepMotion no_motion(std::span<const Vec3d> points, std::vector<double>& phases) {
   constexpr std::size_t kSectors = 36;
-  constexpr double kNothing = 0.1;   // m: what came back empty
-  constexpr double kOneTurn = 0.05;  // what a sweep may turn more or less
+  constexpr double kNothing = 0.1;   // m: a nearer point is an empty firing
+  constexpr double kOneTurn = 0.05;  // tolerance of a sweep's turn
   std::array<bool, kSectors> looked{};
   bool any = false;
   double first = 0, last = 0, turned = 0;
@@ -201,7 +201,7 @@ SweepMotion no_motion(std::span<const Vec3d> points, std::vector<double>& phases
 SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lidar) {
   const bool free = lidar.encoder_step == 0;
   const double explained = free ? 0.99 : 0.95;
-  constexpr std::size_t kMinCount = 500;  // returns that tell of a motion
+  constexpr std::size_t kMinCount = 500;  // returns needed to find a motion
   build(sweep, {}, {}, false);
   if (assigned_share_ >= explained || returns_.size() - as_size(skipped_) < kMinCount ||
       lidar.beams.size() < 2)
@@ -237,7 +237,7 @@ void SweepIndex::build(const Sweep& sweep, std::span<const double> phases, const
   motion_ = motion;
   lines_ = lines_of(lidar_);
   returns_.reserve(sweep.size());
-  std::size_t seen = 0;  // of `phases`, which returns that are skipped do not have
+  std::size_t seen = 0;  // index into `phases`, which has no entry for skipped returns
   for (const LidarPoint& point : sweep) {
     const Vec3d p_velo = point.position().cast<double>();
     Vec3d p = lidar_.velo_from_lidar.inverse() * p_velo;
@@ -279,16 +279,16 @@ void SweepIndex::find_firings() {
     std::vector<int> seen(steps, 0);
     for (const Return& r : returns_)
       if (r.beam >= 0) ++seen[as_size(std::lround((r.firing + kPi) / lidar_.encoder_step)) % steps];
-    // Returns that noise carried over to the next step are few at any one step.
+    // Few returns that noise moves to the next step fall on the same step.
     const int enough = std::max(2, static_cast<int>(lidar_.beams.size()) / 8);
     for (std::size_t step = 0; step < steps; ++step)
       if (seen[step] >= enough) firings_.push_back(-kPi + static_cast<double>(step) * lidar_.encoder_step);
-    if (!firings_.empty()) return;  // an empty sweep: as the model fires
+    if (!firings_.empty()) return;  // an empty sweep: the model's firings
   }
   const int columns = lidar_.azimuth_count();
   for (int column = 0; column < columns; ++column) {
     const double azimuth = wrap_angle(lidar_.firing_azimuth(column));
-    // A field of a whole turn ends where it began.
+    // A field of view of a whole turn ends where it began.
     if (column == 0 || std::abs(wrap_angle(azimuth - firings_.front())) > lidar_.azimuth_step / 2)
       firings_.push_back(azimuth);
   }
@@ -300,7 +300,7 @@ void SweepIndex::find_own_firings() {
   const auto bins = static_cast<std::ptrdiff_t>(std::lround(kBins * 2 * kPi / lidar_.azimuth_step));
   const double width = 2 * kPi / static_cast<double>(bins);
   std::vector<int> counts(as_size(bins));
-  std::vector<double> sums(counts.size());  // of the returns' places within their bin
+  std::vector<double> sums(counts.size());  // of the returns' positions within their bin
   const auto wrapped = [&](std::ptrdiff_t bin) { return as_size((bin % bins + bins) % bins); };
   for (const Return& r : returns_) {
     if (r.beam < 0) continue;
@@ -419,7 +419,7 @@ std::optional<RasterCell> SweepIndex::cell_at(const Vec3d& p_velo) const {
   const int firing = nearest_firing(firings_, azimuth, lidar_.azimuth_step);
   if (firing < 0) return std::nullopt;
   const auto f = as_size(firing), count = firings_.size();
-  // A gap in the firings is none of the cell's.
+  // A gap in the firings does not belong to the cell.
   const auto to = [&](std::size_t other) {
     return std::min(std::abs(wrap_angle(firings_[other] - firings_[f])), 2 * lidar_.azimuth_step);
   };

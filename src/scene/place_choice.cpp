@@ -19,7 +19,7 @@ using In = PlaceChoice::In;
 constexpr const char *kField = "placement", *kRoof = "roof", *kWorld = "world:", *kFile = ".toml";
 constexpr const char* kUse = "use X,Y,Z,YAW or world:X,Y,Z,YAW (m, degrees), a shipped placement or a file";
 
-/// To billionths, so that an angle has one number, with or without a turn more; 0 has no sign.
+/// Rounds to 1e-9, so that an angle has one value, with or without a full turn; 0 has no sign.
 double rounded(double value) {
   return std::round(value * 1e9) / 1e9 + 0.0;
 }
@@ -46,7 +46,7 @@ PlaceChoice read_numbers(const std::string& text) {
   return place;
 }
 
-/// How far (m) the volume reaches into the host through the side that it stands at; up to 0: not at all.
+/// Depth (m) to which the volume reaches into the host through the side at which it stands; ≤ 0: none.
 double reach_into_host(const PlaceChoice& place) {
   const double c = std::abs(std::cos(place.yaw * kDegree)), s = std::abs(std::sin(place.yaw * kDegree));
   const double along = (c * place.volume.x() + s * place.volume.y()) / 2;

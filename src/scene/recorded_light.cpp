@@ -25,6 +25,7 @@
 #include "base/image.h"
 #include "base/intervals.h"
 #include "base/logging.h"
+#include "base/names.h"
 #include "base/sizes.h"
 #include "base/types.h"
 #include "sensors/lighting.h"
@@ -43,7 +44,7 @@ constexpr int kAzimuths = 36;
 constexpr double kElevations[] = {15, 20, 26, 33, 41, 50, 60};  // degrees; shadows' lengths 3.7 … 0.6 heights
 constexpr double kMaxGroundDistance = 35;  // m to a vehicle: further ones have too few ground returns
 constexpr double kAround = 3.5;            // m from a vehicle's outline
-constexpr double kContact = 0.25;          // m: darker in any light, and labels are no more exact
+constexpr double kContact = 0.25;          // m: darker in any light, and within the labels' error
 constexpr double kCaster = 15;             // m from a sample to the middle of what can shade it
 constexpr double kCell = 0.15;             // m: returns of a cell count as one
 constexpr double kGround = 0.2;            // m between a ground return and the vehicle's bottom
@@ -53,7 +54,7 @@ constexpr double kContrasts[] = {0.3, 0.5, 0.8, 1.2, 1.7};  // log luminance out
 constexpr double kMinConfidence = 5;                        // log likelihood over that of every rival
 constexpr double kBody = 0.8;  // of the box's height: a car is narrower than its box at the top
 
-/// A box as shadows need it.
+/// A box that casts a shadow.
 struct Caster {
   Box3 box;
   double cosine, sine;
@@ -62,7 +63,7 @@ struct Caster {
     return {cosine * v.x() + sine * v.y(), cosine * v.y() - sine * v.x(), v.z()};
   }
   Vec3d local(const Vec3d& p) const { return turned(p - Vec3d(box.bev.x, box.bev.y, box.bottom)); }
-  /// m from the outline, seen from above; 0 inside.
+  /// Distance (m) from the outline, seen from above; 0 inside.
   double distance(const Vec3d& p) const {
     const Vec3d at = local(p);
     return std::hypot(std::max(0.0, std::abs(at.x()) - box.bev.length / 2),
@@ -91,7 +92,7 @@ bool in_convex(const std::vector<Vec2d>& hull, const Vec2d& p) {
   return hull.size() >= 3;
 }
 
-/// Convex hull of a box in the photograph; empty where it reaches behind the camera.
+/// Convex hull of a box in the photograph; empty if it reaches behind the camera.
 std::vector<Vec2d> outline(const Frame& frame, const Box3& box) {
   std::vector<Vec2d> points;
   for (const Vec3d& corner : corners(box)) {
@@ -106,7 +107,7 @@ bool is_vehicle(const Label& label) {
   return has_box(label) && (label.type == "Car" || label.type == "Van" || label.type == "Truck");
 }
 
-/// The ground in view around one vehicle, a sample a cell.
+/// The visible ground around one vehicle, one sample a cell.
 std::vector<GroundSample> ground_around(const Frame& frame, const Caster& vehicle,
                                         const std::vector<Caster>& casters,
                                         const std::vector<std::vector<Vec2d>>& outlines) {
@@ -139,9 +140,9 @@ std::vector<GroundSample> ground_around(const Frame& frame, const Caster& vehicl
   return samples;
 }
 
-/// Least squares of log luminance on the shade and on what is no shadow (the return's reflectance, which no
-/// sun changes, and a gradient over the ground): by the Frisch–Waugh theorem, luminance and shade are first
-/// freed of the latter.
+/// Least squares of log luminance on the shade and on covariates (the return's reflectance, which does not
+/// depend on the sun, and a gradient over the ground). By the Frisch–Waugh theorem, the covariates are first
+/// projected out of luminance and shade.
 class Ground {
  public:
   explicit Ground(std::vector<GroundSample> samples) : samples_(std::move(samples)) {
@@ -160,8 +161,8 @@ class Ground {
     squares_ = std::max(1e-4 * static_cast<double>(n), luminance_.squaredNorm());
   }
   const std::vector<GroundSample>& samples() const { return samples_; }
-  /// Log likelihood of the shade darkening by `contrast`, over that of no shadow, for each contrast; n
-  /// samples count as √n, being neighbours.
+  /// Log likelihood ratio of a shade that darkens by each of kContrasts to no shadow; n samples count as √n,
+  /// because neighbours correlate.
   std::array<double, std::size(kContrasts)> log_likelihood_ratios(const Eigen::VectorXd& shaded) const {
     const Eigen::VectorXd shade = project_out(shaded);
     const double across = shade.dot(luminance_), own = shade.squaredNorm();
@@ -186,7 +187,7 @@ class Ground {
 };
 
 constexpr double kRoofDrop = 0.15;  // m; vertices of a fitted vehicle no further below its roof belong to it
-constexpr int kPaintSamples = 32;   // pixels along each side of the window that the median is taken over
+constexpr int kPaintSamples = 32;   // pixels along each side of the median's window
 
 constexpr const char* kForms = "AZIMUTH,ELEVATION or LAT,LON,YYYY-MM-DDTHH:MM:SSZ,HEADING (degrees)";
 
@@ -203,16 +204,14 @@ std::vector<std::string> split(const std::string& word) {
 
 /// `text` as a finite number within [low, high]. `what` names it in the error.
 double number(const std::string& word, const std::string& text, const char* what, double low, double high) {
-  double value = 0;
-  const char *begin = text.data() + (text.starts_with('+') ? 1 : 0), *end = text.data() + text.size();
-  const auto [stop, error] = std::from_chars(begin, end, value);
-  if (error != std::errc() || stop != end || begin == end)
+  const auto value = try_parse_number<double>(text, true);
+  if (!value)
     throw FieldError("sun", word, fmt::format("the {} \"{}\" is not a number", what, text),
                      std::string("use ") + kForms);
-  if (!(value >= low && value <= high))
+  if (!(*value >= low && *value <= high))
     throw FieldError("sun", word, fmt::format("the {} {} is out of range", what, text),
                      fmt::format("use {} degrees", Range{low, high}.words()));
-  return value;
+  return *value;
 }
 
 UtcTime parse_time(const std::string& word, const std::string& text) {
@@ -341,7 +340,7 @@ std::optional<Vec3d> sun_from_shadows(const Frame& frame) {
   std::vector<double> highest;
   for (const auto& s : score) highest.push_back(*std::max_element(s.begin(), s.end()));
   const auto k = as_size(std::max_element(highest.begin(), highest.end()) - highest.begin());
-  // The lowest contrast is no shadow's.
+  // The lowest contrast is not a shadow.
   if (!(highest[k] > 0) || highest[k] == score[k].front()) return std::nullopt;
   const int azimuth = static_cast<int>(k / kHeights);
   double other = 0;
@@ -408,8 +407,8 @@ LightSurroundings light_surroundings(const Frame& frame, const Carrier& carrier)
 SunPosition sun_position(double latitude, double longitude, const UtcTime& time) {
   ln_date date{time.year, time.month, time.day, time.hour, time.minute, time.second};
   const double day = ln_get_julian_day(&date);
-  // libnova's longitude of the sun (VSOP87) is of the equinox of 2000 and without aberration, which its
-  // ln_get_solar_equ_coords leaves so: 0.16° in 2011. Here both are put in.
+  // libnova's longitude of the sun (VSOP87) refers to the equinox of 2000 without aberration, and
+  // ln_get_solar_equ_coords corrects neither: 0.16° in 2011. Both corrections follow.
   const double dynamical = ln_get_jde(day), centuries = (dynamical - JD2000) / 36525;
   ln_helio_posn sun{};
   ln_get_solar_geom_coords(dynamical, &sun);
@@ -424,9 +423,9 @@ SunPosition sun_position(double latitude, double longitude, const UtcTime& time)
   ln_lnlat_posn observer{longitude / kDegree, latitude / kDegree};
   ln_hrz_posn seen{};
   ln_get_hrz_from_equ_sidereal_time(&equatorial, &observer, ln_get_apparent_sidereal_time(day), &seen);
-  // Refraction is of the seen air: not below the horizon, where the formula has no meaning.
+  // Refraction applies above the horizon only: below it the formula has no meaning.
   const double lifted = seen.alt > -1 ? ln_get_refraction_adj(seen.alt, 1010, 10) : 0;
-  return {std::fmod(seen.az + 180, 360.0) * kDegree, (seen.alt + lifted) * kDegree};  // libnova's 0 is south
+  return {std::fmod(seen.az + 180, 360.0) * kDegree, (seen.alt + lifted) * kDegree};  // from south
 }
 
 SunChoice parse_sun(const std::string& word) {

@@ -23,7 +23,7 @@ namespace {
 
 constexpr double kTurn = 2 * std::numbers::pi;
 constexpr std::size_t kMinHits = 2000;       // of all sweeps
-constexpr std::size_t kMinBeamReturns = 30;  // hits that show a beam
+constexpr std::size_t kMinBeamReturns = 30;  // hits that prove a beam
 constexpr std::size_t kMinBeams = 4, kMaxBeams = 256;
 constexpr double kEnoughOnRays = 0.95;
 constexpr double kOwnCar = 1;  // m: nearer returns are the recording car's own
@@ -36,15 +36,15 @@ double median_of(std::vector<double> values) {
   return lower_quantile(std::move(values), 0.5);
 }
 
-/// A return, in `velo` and as the unit sees it.
+/// A return, in `velo` and in the unit's frame.
 struct UnitHit {
   Vec3d p_velo, p = Vec3d::Zero();
   int sweep = 0, beam = -1;
-  double phase = 0;  ///< of the turn, when it was seen
+  double phase = 0;  ///< of the turn, at the return
   double rho = 0;
 };
 
-/// Where the unit stood: the same in all sweeps, and how it moved within each.
+/// The unit's mount, the same in all sweeps, and its motion within each.
 struct UnitPose {
   Transform velo_from_lidar = Transform::Identity();
   std::vector<SweepMotion> motions;
@@ -64,8 +64,8 @@ double elevation_of(const UnitHit& hit) {
 
 // ---------------------------------------------------------------------------------------------- which beam
 
-/// The azimuths at which sweeps may begin: where neighbours in the file are most often of other beams, and in
-/// the middle of a wide gap. `seen`: the angle outside the gap.
+/// Candidates for the azimuth at which sweeps begin: where neighbours in the file most often belong to
+/// different beams and, if there is a wide gap, its middle. `seen`: the angle outside the widest gap.
 std::vector<double> cuts_of(const std::vector<double>& azimuths, const std::vector<double>& elevations,
                             double& seen) {
   constexpr int kBins = 720;
@@ -91,8 +91,8 @@ std::vector<double> cuts_of(const std::vector<double>& azimuths, const std::vect
   return cuts;
 }
 
-/// Numbers runs of one beam in a sweep that is written beam by beam: a new one where the azimuth falls back,
-/// or leaps (the next beam's returns may begin far behind the last of this). Empty: it is not.
+/// Numbers the runs of one beam in a sweep written beam by beam. A new run starts where the azimuth falls
+/// back or jumps (the next beam may begin far after this one's end). Empty for another order.
 std::vector<int> runs_in_order(const std::vector<double>& azimuths, const std::vector<double>& elevations,
                                double cut) {
   constexpr double kSame = 0.06 * kDegree, kBack = 5 * kDegree, kLeap = 4 * kDegree;
@@ -114,8 +114,8 @@ std::vector<int> runs_in_order(const std::vector<double>& azimuths, const std::v
   return runs;
 }
 
-/// Elevations (rad) at which hits from `nearest` (m) on pile up, from the top down; at the finest resolution
-/// that still leaves little between them.
+/// Elevations (rad) at which hits beyond `nearest` (m) pile up, from the top down, at the resolution that
+/// best separates them.
 std::vector<double> piles(const std::vector<UnitHit>& hits, double nearest) {
   constexpr double kFine = 0.005 * kDegree, kSpan = 90 * kDegree;
   const auto bins = static_cast<std::size_t>(kSpan / kFine);
@@ -162,7 +162,7 @@ std::vector<double> piles(const std::vector<UnitHit>& hits, double nearest) {
             to >= 0 && to < static_cast<std::ptrdiff_t>(bins))
           inside += fine[as_size(to)];
     const double spread = 2 * width * kDegree * static_cast<double>(peaks.size());
-    // What lies in the peaks above what would if hits were spread evenly.
+    // Share of the hits in the peaks, less the share expected of an even spread.
     const double score = all > 0 ? inside / all - spread / (40 * kDegree) : 0;
     if (peaks.size() < kMaxBeams && score > most) {
       most = score;
@@ -179,8 +179,8 @@ double angle_off(const BeamLine& line, const UnitHit& hit) {
   return (hit.p.z() - line.at(hit.rho)) / std::hypot(1.0, line.slope) / hit.p.norm();
 }
 
-/// The line of hits of one beam: that of all heights near `usual` (m) which most lie on. Hits that are all
-/// equally far do not show the height; it is the usual one then.
+/// The line of one beam's hits: over heights near `usual` (m), the line with the most hits on it. Hits at
+/// equal distances don't show the height; it is then `usual`.
 BeamLine line_of(const std::vector<const UnitHit*>& hits, double usual) {
   constexpr double kOn = 0.03 * kDegree, kReach = 0.3, kStep = 0.015, kUnusual = 0.2;
   constexpr std::size_t kEnough = 400;
@@ -197,7 +197,7 @@ BeamLine line_of(const std::vector<const UnitHit*>& hits, double usual) {
     on = on / static_cast<double>(slopes.size()) - kUnusual * std::abs(height - usual);
     if (on > most) most = on, best = line;
   }
-  for (int round = 0; round < 8; ++round) {  // to the bottom of it
+  for (int round = 0; round < 8; ++round) {  // to convergence
     Eigen::Matrix2d normal = Eigen::Vector2d(std::pow(kOn / kReach, 2), 0).asDiagonal();
     Eigen::Vector2d right = normal * Eigen::Vector2d(best.height, 0);
     const double cosine = 1 / std::hypot(1.0, best.slope);
@@ -214,7 +214,7 @@ BeamLine line_of(const std::vector<const UnitHit*>& hits, double usual) {
   return best;
 }
 
-/// From the top down.
+/// Sorts lines from the top down.
 void sort_lines(std::vector<BeamLine>& lines) {
   std::sort(lines.begin(), lines.end(), [](const auto& a, const auto& b) { return a.slope > b.slope; });
 }
@@ -232,14 +232,14 @@ double on_beams(const std::vector<UnitHit>& hits, const std::vector<BeamLine>& l
   return static_cast<double>(on) / static_cast<double>(hits.size());
 }
 
-/// Gauss–Newton on all lines and the pose at once, robustly: hits from `nearest` (m) on are drawn to the beam
-/// they are next to. `moves`: each sweep's own drift too.
+/// Robust Gauss–Newton on all lines and the pose jointly: hits beyond `nearest` (m) are drawn to their
+/// nearest beam. `tilts`: also the tilt; `moves`: also each sweep's own drift.
 void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& pose, bool tilts, bool moves,
             double nearest, double first_scale) {
   constexpr double kScale = 0.02 * kDegree;
   constexpr int kRounds = 20;
   constexpr std::size_t kEnough = 60000;
-  const std::size_t every = (hits.size() / kEnough) | 1;  // odd: files go through the beams by even numbers
+  const std::size_t every = (hits.size() / kEnough) | 1;  // odd: files cycle through an even number of beams
   std::vector<UnitHit> some;
   for (std::size_t at = 0; at < hits.size(); at += every) some.push_back(hits[at]);
   const int sweeps = static_cast<int>(pose.motions.size()), shared = tilts ? 4 : 0,
@@ -266,8 +266,8 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
       own_right[b] += weight * off * beam_row;
       if (count == 0) continue;
       const Vec3d outward(hit.p.x() / hit.rho, hit.p.y() / hit.rho, 0);
-      const Vec3d up = per_metre * (Vec3d::UnitZ() - lines[b].slope * outward);  // off changes by, a metre
-      std::array<std::pair<int, double>, 10> row;  // what of the globals the hit depends on
+      const Vec3d up = per_metre * (Vec3d::UnitZ() - lines[b].slope * outward);  // change of `off` per metre
+      std::array<std::pair<int, double>, 10> row;  // the globals on which the hit depends
       std::size_t entries = 0;
       if (tilts) {  // the point turns by −w × p and shifts by −o
         row[entries++] = {0, -up.dot(Vec3d::UnitX().cross(hit.p))};
@@ -288,7 +288,7 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
           normal(column, row[k].first) += weight * value * row[k].second;
       }
     }
-    // Weak priors hold what hits do not show.
+    // Weak priors hold parameters that hits do not determine.
     for (int i = 0; i < count; ++i) normal(i, i) += std::pow(scale / (i < shared && i < 2 ? 0.1 : 0.5), 2);
     std::vector<Eigen::Matrix2d> inverse(beams);
     for (std::size_t b = 0; b < beams; ++b) {
@@ -326,8 +326,8 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
   assign_beams(hits, lines);
 }
 
-/// The lines of runs in the files' order, those with the most hits first: a run is of a line that is there
-/// already, or shows a new one. `on`: hits of runs that one line explains.
+/// The lines of runs in file order, those with the most hits first: a run lies on a line found before, or
+/// yields a new one. `on`: hits of runs that one line explains.
 std::vector<BeamLine> lines_in_order(const std::vector<UnitHit>& hits, const std::vector<int>& runs,
                                      std::size_t& on) {
   constexpr double kOneBeam = 0.05 * kDegree, kAnother = 0.07 * kDegree;
@@ -354,7 +354,7 @@ std::vector<BeamLine> lines_in_order(const std::vector<UnitHit>& hits, const std
     std::vector<double> heights;
     for (const BeamLine& other : lines) heights.push_back(other.height);
     const BeamLine line = line_of(*run, median_of(heights));
-    if (off_median(*run, [&](const UnitHit&) { return line; }) > kOneBeam) continue;  // two beams, or none
+    if (off_median(*run, [&](const UnitHit&) { return line; }) > kOneBeam) continue;  // two beams, or no beam
     on += run->size();
     lines.push_back(line);
     sort_lines(lines);
@@ -362,7 +362,7 @@ std::vector<BeamLine> lines_in_order(const std::vector<UnitHit>& hits, const std
   return lines;
 }
 
-/// Drops lines that few hits lie on, and joins those that are one.
+/// Drops lines with few hits, and merges duplicates.
 void clean_lines(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines) {
   if (lines.empty()) return;
   assign_beams(hits, lines);
@@ -384,7 +384,7 @@ void clean_lines(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines) {
     kept.push_back(lines[b]);
     of_kept.push_back(counts[b]);
   }
-  // What a crowd of stray hits drew between two beams, or beside one.
+  // Drops lines that stray hits drew between two beams, or beside one.
   const auto apart = [&](std::size_t i, std::size_t k) {
     return std::atan(kept[i].slope) - std::atan(kept[k].slope);
   };
@@ -409,7 +409,7 @@ void clean_lines(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines) {
 
 // ------------------------------------------------------------------------------------------ when it fires
 
-/// Azimuths (rad) of far hits of a beam, by sweep.
+/// Azimuths (rad) of far hits, by beam and sweep.
 using BeamAzimuths = std::vector<std::vector<std::vector<double>>>;
 
 BeamAzimuths azimuths_of(const std::vector<UnitHit>& hits, const std::vector<double>& laterals,
@@ -426,7 +426,7 @@ BeamAzimuths azimuths_of(const std::vector<UnitHit>& hits, const std::vector<dou
   return all;
 }
 
-/// Mean of what lies between firings that follow each other (rad); 0: none is seen.
+/// Mean step between consecutive firings (rad); 0: not visible.
 double mean_step(const BeamAzimuths& all) {
   std::vector<double> steps;
   for (const auto& beam : all)
@@ -448,15 +448,15 @@ std::complex<double> resultant(const std::vector<double>& azimuths, double step)
   return sum;
 }
 
-/// A hit, as its beam's firings are found from it.
+/// A far hit, for finding its beam's firings.
 struct FarHit {
   double azimuth = 0, rho = 0;
   int sweep = 0;
-  /// The firing's azimuth, of a ray that leaves so far (m) beside the axis.
+  /// The firing's azimuth, for a ray that starts `lateral` (m) beside the axis.
   double firing(double lateral) const { return azimuth - std::asin(std::clamp(lateral / rho, -1.0, 1.0)); }
 };
 
-/// Of each beam, those further than `nearest` (m) from the axis.
+/// For each beam, the hits further than `nearest` (m) from the axis.
 std::vector<std::vector<FarHit>> hits_beyond(const std::vector<UnitHit>& hits, std::size_t beams,
                                              double nearest) {
   std::vector<std::vector<FarHit>> all(beams);
@@ -466,8 +466,8 @@ std::vector<std::vector<FarHit>> hits_beyond(const std::vector<UnitHit>& hits, s
   return all;
 }
 
-/// How well the beam's firings agree on `per_turn` steps a turn, all sweeps on one grid or each on its own: 1
-/// is exactly, 0 not at all.
+/// Agreement of the beam's firings with `per_turn` steps a turn, all sweeps on one grid (`together`) or each
+/// on its own: 1 exact, 0 none.
 double coherence(const std::vector<FarHit>& hits, double lateral, double per_turn, bool together) {
   std::map<int, std::complex<double>> sums;
   for (const FarHit& hit : hits)
@@ -492,8 +492,8 @@ std::vector<double> coherences(const std::vector<FarHit>& hits, double lateral) 
   return values;
 }
 
-/// The grid of azimuths (rad) that all sweeps' firings of a beam lie on: `step` itself, nearly, where firings
-/// follow each other evenly; else an encoder's, finer one. 0: there is none.
+/// Pitch (rad) of the azimuth grid on which all sweeps' firings of a beam lie: about `step` if firings are
+/// evenly spaced, otherwise an encoder's finer pitch. 0: no grid.
 double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step) {
   constexpr double kEven = 0.65, kCoherent = 0.5, kClearly = 0.1, kFar = 8, kFinest = 0.02 * kDegree;
   constexpr double kMaxLateral = 0.06, kLateralStep = 0.004;
@@ -537,14 +537,14 @@ double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step)
   }
   auto most =
       as_size(std::max_element(sums.begin() + static_cast<std::ptrdiff_t>(first), sums.end()) - sums.begin());
-  for (const std::size_t part : {3u, 2u})  // of a fine grid every multiple is one
+  for (const std::size_t part : {3u, 2u})  // multiples of a fine grid's steps a turn look like grids, too
     if (most / part > first && sums[most / part] > 0.8 * sums[most]) {
       most /= part;
       break;
     }
   const auto [value, per_turn] =
       best_near(static_cast<double>(most) - 1, static_cast<double>(most) + 1, 0.02, true);
-  // Firings on every second or third place of a fine grid, by turns, look even to a half.
+  // Firings that alternate between two and three places of a fine grid look half even.
   if (value > std::max(kCoherent, even + kClearly)) return grid(per_turn);
   if (even < kEven) return 0;
   std::fill(laterals.begin(), laterals.end(), 0.0);
@@ -552,7 +552,7 @@ double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step)
   return together > kEven ? grid(steps) : 0;
 }
 
-/// Where the beams' rays leave beside the axis (m): what puts their azimuths on the grid best, near and far.
+/// Lateral offsets (m) of the beams' rays: those that best put near and far azimuths on the grid.
 std::vector<double> laterals_of(const std::vector<UnitHit>& hits, std::size_t beams, double grid) {
   constexpr double kMax = 0.06, kStep = 0.002, kNear = 2, kGain = 0.02;
   const std::vector<std::vector<FarHit>> seen = hits_beyond(hits, beams, kNear);
@@ -570,7 +570,7 @@ std::vector<double> laterals_of(const std::vector<UnitHit>& hits, std::size_t be
   return laterals;
 }
 
-/// Phase of each beam's azimuths on a grid that is the same in all sweeps (rad, within half a step).
+/// Phase (rad, within half a step) of each beam's azimuths on a grid common to all sweeps.
 std::vector<double> phases_on_grid(const BeamAzimuths& all, double grid) {
   std::vector<double> phases;
   for (const auto& beam : all) {
@@ -581,7 +581,7 @@ std::vector<double> phases_on_grid(const BeamAzimuths& all, double grid) {
   return phases;
 }
 
-/// Whole steps of the grid that bring the beams' firing patterns onto each other, added to the phases.
+/// Adds to the phases the whole grid steps that align the beams' firing patterns.
 void align_patterns(const BeamAzimuths& all, double grid, std::vector<double>& phases) {
   constexpr double kWidestTurn = 12 * kDegree;
   const auto steps = as_size(std::lround(kTurn / grid));
@@ -598,7 +598,7 @@ void align_patterns(const BeamAzimuths& all, double grid, std::vector<double>& p
                            [](std::size_t sum, const auto& sweep) { return sum + sweep.size(); });
   };
   std::stable_sort(order.begin(), order.end(), [&](auto a, auto b) { return size_of(a) > size_of(b); });
-  // The first are brought onto few others: all are looked at again, each against all others.
+  // The first beams are aligned with few others: later rounds align each with all others.
   constexpr int kRounds = 3;
   const auto count = [&](std::size_t b, double by) {
     for (std::size_t s = 0; s < sweeps; ++s)
@@ -623,8 +623,8 @@ void align_patterns(const BeamAzimuths& all, double grid, std::vector<double>& p
     }
 }
 
-/// Phases of the beams against each other where every sweep begins at another azimuth: what is common to
-/// windows of 10°.
+/// Relative phases of the beams when every sweep begins at another azimuth: the phases common to windows of
+/// 10°.
 std::vector<double> phases_between(const BeamAzimuths& all, double step) {
   constexpr int kWindows = 36;
   const std::size_t sweeps = all.front().size();
@@ -659,7 +659,7 @@ std::vector<double> phases_between(const BeamAzimuths& all, double step) {
   return phases;
 }
 
-/// Height of the velo origin over the ground: the fullest layer of low returns near by.
+/// Height (m) of the velo origin over the ground: from the fullest layer of low returns nearby.
 double height_over_ground(const std::vector<UnitHit>& hits) {
   constexpr double kMinDistance = 4, kMaxReturnDistance = 20, kLayer = 0.05;
   std::map<long, std::size_t> layers;
@@ -673,7 +673,7 @@ double height_over_ground(const std::vector<UnitHit>& hits) {
   return -static_cast<double>(fullest->first) * kLayer;
 }
 
-/// Sweeps without what is too near to be of the world.
+/// The sweep without returns on the recording car.
 Sweep without_own_car(const Sweep& sweep) {
   Sweep kept;
   for (const LidarPoint& point : sweep)
@@ -689,7 +689,7 @@ LidarFit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, c
                       "give sweeps as the unit recorded them: one turn each, in its own axes, all returns");
   };
   std::vector<UnitHit> hits;
-  std::vector<std::vector<int>> runs(2);  // by the cut
+  std::vector<std::vector<int>> runs(2);  // by candidate cut
   UnitPose still{start, {}};
   double seen = 0;
   for (std::size_t s = 0; s < sweeps.size(); ++s) {
@@ -732,7 +732,7 @@ LidarFit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, c
     double on = 0;
   };
   Fit best{{}, still, 0};
-  // Keeps what explains clearly more than what was tried before.
+  // Keeps a refinement that explains clearly more than the best so far.
   const auto settle = [&](bool tilts, bool moves, double nearest, double scale) {
     constexpr double kClearly = 0.002;
     clean_lines(hits, lines);
@@ -800,7 +800,7 @@ LidarFit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, c
   const double raster = grid > 0 ? lidar.azimuth_step : 1 * kDegree;
   lidar.azimuth_min = std::max(-std::numbers::pi, std::floor(low / raster) * raster);
   lidar.azimuth_max = std::min(std::numbers::pi, std::ceil(high / raster) * raster);
-  if (grid > 0 && lidar.azimuth_min < low)  // on the grid, whatever half a turn is of it
+  if (grid > 0 && lidar.azimuth_min < low)  // keeps to the grid, which half a turn need not fit
     lidar.azimuth_min = std::ceil(lidar.azimuth_min / raster - 1e-9) * raster;
   else if (grid > 0)
     lidar.azimuth_min = std::ceil(-std::numbers::pi / raster) * raster;

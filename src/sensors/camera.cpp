@@ -7,7 +7,7 @@
 namespace mirage {
 namespace {
 
-/// Weights of the pixel itself, of its neighbours and of theirs.
+/// Weights of the pixel, of its neighbours and of their neighbours.
 template <class T>
 std::array<T, kBlurReach + 1> taps_of(double sigma) {
   double taps[kBlurReach + 1], total = 0;
@@ -18,7 +18,7 @@ std::array<T, kBlurReach + 1> taps_of(double sigma) {
   return {static_cast<T>(taps[0] / total), static_cast<T>(taps[1] / total), static_cast<T>(taps[2] / total)};
 }
 
-/// Adds to each pixel's neighbours along one axis what it took from them.
+/// The transpose along one axis: adds each pixel, weighted, to its neighbours.
 void spread(const Image<double>& from, const std::array<double, kBlurReach + 1>& taps, bool across,
             Image<double>& to) {
   for (int v = 0; v < from.height; ++v)

@@ -1,5 +1,5 @@
 // Pinhole camera. Frame `camera`: x right, y down, z forward. Pixel (u, v): the centre of the top-left pixel
-// is (0, 0), as KITTI's P2 has it (Hartley & Zisserman, Multiple View Geometry, section 6.1).
+// is (0, 0), as for KITTI's P2 (Hartley & Zisserman, Multiple View Geometry, section 6.1).
 #pragma once
 
 #include <algorithm>
@@ -13,8 +13,8 @@
 
 namespace mirage {
 
-/// A camera without distortion: u = fx x / z + cx, v = fy y / z + cy, in `camera`; pixel centres are whole
-/// numbers.
+/// A camera without distortion: u = fx x / z + cx, v = fy y / z + cy, in `camera`; pixel centres are
+/// integers.
 struct PinholeCamera {
   double fx = 0, fy = 0, cx = 0, cy = 0;  ///< pixels
   int width = 0, height = 0;              ///< pixels
@@ -28,19 +28,19 @@ struct PinholeCamera {
   Vec3d unproject(double u, double v, double z) const { return {(u - cx) / fx * z, (v - cy) / fy * z, z}; }
 };
 
-// What lens and sensor add to an ideal picture, scene-linear: a Gaussian blur and the sensor's noise. Every
-// effect is off at its default; generated pictures (generator/generator.h), objects put into recorded ones
-// (simulation/camera_pass.h) and the ladder of light take them from here.
+// Effects of lens and sensor on an ideal, scene-linear picture: a Gaussian blur and the sensor's noise. Every
+// effect is off by default. Generated pictures (generator/generator.h), objects inserted into recorded ones
+// (simulation/camera_pass.h) and the ladder of light use them.
 
 struct CameraEffects {
   /// σ of the point spread function (px): lens, the colour filter's interpolation and rectification together.
   double blur_sigma = 0;
-  /// Variance of the noise per unit of signal: photons are counted.
+  /// Variance of the noise per unit of signal (photon noise).
   double shot = 0;
-  /// σ of the noise in the dark.
+  /// σ of the noise without light.
   double read_sigma = 0;
 
-  /// Of the noise, beside the frame, the camera and the pixel. Not a setting.
+  /// Seed of the noise, besides the frame, the camera and the pixel. Not a setting.
   std::uint64_t seed = 0;
 
   /// Whether pixels get any noise.
@@ -59,29 +59,29 @@ void visit_fields(Visitor& visit, S& s) {
 /// σ (px) of a car's camera; generated pictures have 0.5 to 0.85.
 inline constexpr double kLensBlur = 0.7;
 
-/// "ideal": none; "unit": both, as every camera has them; or some of blur (kLensBlur) and noise (shot 7e-5,
-/// read 1.25e-3: the middle of what generated pictures have). FieldError naming camera_effects otherwise.
+/// "ideal": no effect; "unit": both, as in every camera; or some of blur (kLensBlur) and noise (shot 7e-5,
+/// read 1.25e-3: the middle of the range of generated pictures). FieldError naming camera_effects otherwise.
 CameraEffects parse_camera_effects(const std::string& words);
 /// parse_camera_effects, with its errors.
 inline void set_from_text(const std::string& text, CameraEffects& effects) {
   effects = parse_camera_effects(text);
 }
-/// "ideal", or "some".
+/// "ideal" or "some".
 std::string text_of(const CameraEffects& effects);
 
-/// σ of the noise of a signal; a negative one has the dark's.
+/// σ of the noise of a signal; a negative signal counts as 0.
 inline double noise_sigma(double signal, double shot, double read_sigma) {
   return std::sqrt(read_sigma * read_sigma + shot * std::max(0.0, signal));
 }
 
-/// How far soften() spreads a pixel, px.
+/// Reach of soften() around a pixel, px.
 inline constexpr int kBlurReach = 2;
 
-/// A Gaussian of that σ (px, (0, 1]), separable, five taps, every channel; beyond the edges the picture goes
-/// on as it ends. T is float or double.
+/// Blurs every channel by a Gaussian of that σ (px, (0, 1]), separable, five taps; edge pixels repeat beyond
+/// the edges. T is float or double.
 template <class T>
 void soften(Image<T>& image, double sigma);
-/// The transpose: d loss / d image before, of d loss / d image after.
+/// The transpose: turns d loss / d image after soften() into that before it.
 void soften_vjp(Image<double>& d_image, double sigma);
 
 }  // namespace mirage

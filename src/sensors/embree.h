@@ -1,6 +1,5 @@
-// Embree 3 and 4 by one name: what the two say differently about a query, and nothing else.
-// src/packages.cmake finds either, 4 first. Source: https://github.com/RenderKit/embree, "Upgrading from
-// Embree 3 to Embree 4".
+// One interface to the queries of Embree 3 and 4, which differ in nothing else used here. src/packages.cmake
+// finds either, 4 first. Source: https://github.com/RenderKit/embree, "Upgrading from Embree 3 to Embree 4".
 #pragma once
 
 #if __has_include(<embree4/rtcore.h>)
@@ -11,12 +10,11 @@
 
 namespace mirage {
 
-/// How a scene is asked for what rays meet. One a thread, for as many queries as it likes; throws nothing.
-/// Rays are in the scene's own frame and units; a hit shortens `tfar`, an occluded ray has it at −∞.
+/// Ray queries of a scene. One per thread, reusable; throws nothing. Rays are in the scene's frame and units;
+/// a hit shortens `tfar`, an occluded ray has `tfar` = −∞.
 class EmbreeQuery {
  public:
-  /// `coherent`: the rays of a packet run close to each other, so that they are taken through the tree
-  /// together.
+  /// `coherent`: the rays of a packet are close to each other, so that they traverse the tree together.
   explicit EmbreeQuery(bool coherent = false) {
 #if RTC_VERSION_MAJOR == 3
     rtcInitIntersectContext(&settings_);
@@ -31,15 +29,15 @@ class EmbreeQuery {
   void intersect(RTCScene scene, RTCRayHit& ray) {
     ask(rtcIntersect1, ray, scene);
   }
-  /// `valid`: as many numbers as the packet has rays, −1 for a ray that is traced and 0 for one that is not.
+  /// Nearest hits of four rays. `valid`: one number for each ray of the packet, −1: traced, 0: skipped.
   void intersect(const int* valid, RTCScene scene, RTCRayHit4& packet) {
     ask(rtcIntersect4, packet, valid, scene);
   }
-  /// The same of eight rays.
+  /// The same for eight rays.
   void intersect(const int* valid, RTCScene scene, RTCRayHit8& packet) {
     ask(rtcIntersect8, packet, valid, scene);
   }
-  /// The same of sixteen rays.
+  /// The same for sixteen rays.
   void intersect(const int* valid, RTCScene scene, RTCRayHit16& packet) {
     ask(rtcIntersect16, packet, valid, scene);
   }

@@ -14,8 +14,9 @@ struct ExactTape::State {
   coverage::Visible visible;
   coverage::Outline outline;
   std::vector<coverage::Canvas> canvases;
-  std::vector<coverage::Limit> limits;  ///< of the window's pixels; empty: none within the object's reach
-  std::vector<coverage::Four> areas;    ///< scratch
+  std::vector<coverage::DepthLimit>
+      limits;                         ///< of the window's pixels; empty: none within the object's reach
+  std::vector<coverage::Four> areas;  ///< scratch
 };
 
 ExactTape::ExactTape() : state(std::make_unique<State>()) {}
@@ -25,9 +26,9 @@ namespace {
 
 using coverage::Areas;
 using coverage::Canvas;
+using coverage::DepthLimit;
 using coverage::Edge;
 using coverage::Four;
-using coverage::Limit;
 using coverage::Outline;
 using coverage::Piece;
 using coverage::Visible;
@@ -48,8 +49,8 @@ void check_drawable(const ScreenMesh<double>& mesh) {
 }
 
 template <class S>
-std::vector<Limit> find_limits(const Visible& visible, const RasterTarget<S>& target) {
-  std::vector<coverage::Limit> limits;
+std::vector<DepthLimit> find_limits(const Visible& visible, const RasterTarget<S>& target) {
+  std::vector<coverage::DepthLimit> limits;
   if (target.depth_limit.empty() || visible.faces.empty()) return limits;
   double nearest = 0, farthest = std::numeric_limits<double>::infinity();  // 1/z
   for (const auto& face : visible.faces) {
@@ -59,14 +60,16 @@ std::vector<Limit> find_limits(const Visible& visible, const RasterTarget<S>& ta
   bool any = false;
   for (const S limit : target.depth_limit.data) {
     const double z = static_cast<double>(limit);
-    limits.push_back(z * nearest <= 1 ? Limit::before : z * farthest < 1 ? Limit::within : Limit::beyond);
-    any |= limits.back() != Limit::beyond;
+    limits.push_back(z * nearest <= 1   ? DepthLimit::before_object
+                     : z * farthest < 1 ? DepthLimit::inside_object
+                                        : DepthLimit::behind_object);
+    any |= limits.back() != DepthLimit::behind_object;
   }
   if (!any) limits.clear();
   return limits;
 }
 
-/// Whether a piece can show in a canvas, or to its right, where sums along rows begin.
+/// Whether a piece can be in a canvas, or to its right, where the row sums begin.
 bool meets(const Visible& visible, const Piece& piece, const PixelRect& rect) {
   const auto& face = visible.faces[as_size(piece.face)];
   return face.low.x() < rect.u1 && face.high.x() > rect.u0 && face.low.y() < rect.v1 &&
@@ -93,7 +96,7 @@ void draw_canvas(const ScreenMesh<double>& mesh, const RasterTarget<S>& target, 
     const Four step = colour_of(mesh, edge.inside) - colour_of(mesh, edge.outside);
     areas.add(points[as_size(edge.from)].p - origin, points[as_size(edge.to)].p - origin, step);
   }
-  // Sums that are 0 or 1 but for rounding: a colour beyond the range would count as saturated.
+  // Snaps sums that are 0 or 1 up to rounding: a colour out of range would count as saturated.
   constexpr double kRounding = 1e-12;
   for (int j = 0; j < canvas.rect.height(); ++j) {
     const Four* sums = areas.finish(j);
@@ -130,9 +133,9 @@ void draw_exact(const ScreenMesh<double>& mesh, const RasterTarget<S>& target, E
   outline_all(mesh, {0, 0, width, height}, std::numeric_limits<double>::infinity(), state);
   draw_canvas(mesh, target, state.canvases.back(), state, tape.rgba);
   for (std::size_t k = 0; k < state.limits.size(); ++k) {
-    if (state.limits[k] == Limit::beyond) continue;
+    if (state.limits[k] == DepthLimit::behind_object) continue;
     const int u = static_cast<int>(k) % width, v = static_cast<int>(k) / width;
-    if (state.limits[k] == Limit::within) {
+    if (state.limits[k] == DepthLimit::inside_object) {
       outline_all(mesh, {u, v, u + 1, v + 1}, static_cast<double>(target.depth_limit.data[k]), state);
       draw_canvas(mesh, target, state.canvases.back(), state, tape.rgba);
       continue;
@@ -154,13 +157,13 @@ ScreenGradient<double> draw_exact_vjp(const ScreenMesh<double>& mesh, const Rast
   gradient.texels.assign(mesh.texels.size(), Vec3d::Zero());
   gradient.corner_barycentrics.assign(mesh.corner_barycentrics.size(), none);
 
-  std::vector<Vec2d> force(points.size(), Vec2d::Zero());
+  std::vector<Vec2d> edge_gradients(points.size(), Vec2d::Zero());
   coverage::UpstreamSums upstream;
   for (std::size_t which = 0; which < state.canvases.size(); ++which) {
     const Canvas& canvas = state.canvases[which];
     upstream.fill(canvas.rect, [&](int u, int v) -> Four {
       if (which == 0 && !state.limits.empty() &&
-          state.limits[as_size(v) * as_size(width) + as_size(u)] != Limit::beyond)
+          state.limits[as_size(v) * as_size(width) + as_size(u)] != DepthLimit::behind_object)
         return Four::Zero();
       const double* d = d_rgba.pixel(u, v);
       const S* photograph = target.background.pixel(u, v);
@@ -192,24 +195,24 @@ ScreenGradient<double> draw_exact_vjp(const ScreenMesh<double>& mesh, const Rast
       if (edge.inside >= 0) gradient.texels[as_size(edge.inside)] += area.head<3>().matrix();
       if (edge.outside >= 0) gradient.texels[as_size(edge.outside)] -= area.head<3>().matrix();
       const Vec2d along = points[to].p - points[from].p, outward(along.y(), -along.x());
-      force[from] += at_from * outward;
-      force[to] += at_to * outward;
+      edge_gradients[from] += at_from * outward;
+      edge_gradients[to] += at_to * outward;
     }
   }
 
   const double longer = std::max(target.width, target.height);
-  std::vector<coverage::FaceForce> forces(state.visible.faces.size());
-  coverage::add_forces(mesh, state.visible, state.outline, force, longer, forces);
+  std::vector<coverage::FaceGradient> face_gradients(state.visible.faces.size());
+  coverage::add_edge_gradients(mesh, state.visible, state.outline, edge_gradients, longer, face_gradients);
   const double pixels = longer / 2;  // an NDC
-  for (std::size_t i = 0; i < forces.size(); ++i) {
+  for (std::size_t i = 0; i < face_gradients.size(); ++i) {
     const auto& face = state.visible.faces[i];
     const auto f = as_size(face.face);
     for (int k = 0; k < 3; ++k) {
       const auto corner = as_size(face.corner[k]);
-      const Vec2d& d = forces[i].s[k];
-      gradient.faces[f][corner] += Vec3d(pixels * d.x(), -pixels * d.y(), forces[i].z[k]);
+      const Vec2d& d = face_gradients[i].s[k];
+      gradient.faces[f][corner] += Vec3d(pixels * d.x(), -pixels * d.y(), face_gradients[i].z[k]);
       if (!gradient.corner_barycentrics.empty())
-        gradient.corner_barycentrics[f][corner] += forces[i].barycentrics[k];
+        gradient.corner_barycentrics[f][corner] += face_gradients[i].barycentrics[k];
     }
   }
   return gradient;

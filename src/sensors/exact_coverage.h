@@ -1,21 +1,21 @@
-// The picture that an area-sampling camera takes of a mesh, and its derivative, both exact.
+// The picture of a mesh by an area-sampling camera, and its derivative, both exact.
 //
-// A pixel's colour is the mean over its square of what is seen there: with V_t ⊂ R² the part of the picture
+// A pixel's colour is the mean of the visible colour over its square: with V_t ⊂ R² the part of the picture
 // in which texel t of a face is the nearest surface (coverage/visible.h), c_t its colour and B the
 // photograph's pixel,
 //     A_i = Σ_t |V_t ∩ pixel i|,    I_i = Σ_t |V_t ∩ pixel i| c_t + (1 − A_i) B_i               (areas in
 //     px²)
-// Every V_t is a polygon: faces, what hides them, lines where faces cross and borders of texels
-// (perspective-correct barycentrics, TexelAtlas) are straight on screen. So there is nothing to sample, no σ
-// and no γ. By Green's theorem an area is a sum over the polygon's edges, each of which meets few pixels.
+// Every V_t is a polygon: faces, their occluders, crossings of faces and borders of texels
+// (perspective-correct barycentrics, TexelAtlas) are straight on screen. So there are no samples, no σ and no
+// γ. By Green's theorem an area is a sum over the polygon's edges, each of which meets few pixels.
 //
 // The VJP is the derivative of these areas (Reynolds' transport theorem): over every visible edge e, with
 // outward normal n and v the speed at which the edge moves,
 //     d loss = Σ_i g_i · Σ_e ∫_{e ∩ pixel i} (c_inside − c_outside) (v · n) ds,        g = d loss / d (I, A)
 // v is linear along an edge: silhouettes and mesh edges move with their two vertices, borders of texels with
-// the points of the face that they are painted on, a line where faces F and G cross with both
-// (v · n = −∂(1/z_G − 1/z_F) / |∇(1/z_G − 1/z_F)|). What is hidden has no influence and gets no gradient.
-// Edges that lie exactly on each other (kinks of the loss) take one side's. Ideas: Li, Aittala, Durand and
+// their points of the face, a crossing of faces F and G with both
+// (v · n = −∂(1/z_G − 1/z_F) / |∇(1/z_G − 1/z_F)|). A hidden part has no influence and no gradient. Edges
+// that coincide exactly (kinks of the loss) take one side's derivative. Ideas: Li, Aittala, Durand and
 // Lehtinen (SIGGRAPH Asia 2018), Laine et al. (nvdiffrast, 2020), Pidhorskyi et al. (EdgeGrad, ECCV 2024).
 #pragma once
 
@@ -35,9 +35,9 @@ namespace mirage::coverage {
 // The pixels that a straight edge crosses.
 
 /// Follows the edge p → q through a grid of width × height unit pixels. Calls visit(i, j, dy, x, t, dt) for
-/// each pixel (column i, row j) that it crosses: dy the height of the part inside, signed, x the middle of
-/// that part in [0, 1] from the pixel's left, t the middle as a share of the edge, dt the part's share; and
-/// left(j, dy) for what lies left of the grid in row j. What lies right of it, above or below is passed over.
+/// each pixel (column i, row j) that it crosses: dy is the signed height of the part inside, x the middle of
+/// that part in [0, 1] from the pixel's left, t the middle as a share of the edge, dt the part's share. Calls
+/// left(j, dy) for the part left of the grid in row j. Ignores parts right of, above or below the grid.
 template <class Visit, class Left>
 void walk(const Vec2d& p, const Vec2d& q, int width, int height, const Visit& visit, const Left& left) {
   const double dx = q.x() - p.x(), dy = q.y() - p.y();
@@ -61,7 +61,7 @@ void walk(const Vec2d& p, const Vec2d& q, int width, int height, const Visit& vi
     return;
   }
   if (!(begin < end)) return;
-  // Where it passes the grid's left and right sides.
+  // Its crossings of the grid's left and right sides.
   double inner_begin = begin, inner_end = end, left_begin = end, left_end = end;
   if (dx > 0) {
     const double enters = -p.x() / dx, leaves = (width - p.x()) / dx;
@@ -80,7 +80,7 @@ void walk(const Vec2d& p, const Vec2d& q, int width, int height, const Visit& vi
   const auto row_of = [&](double t) {
     return static_cast<int>(std::clamp(p.y() + dy * t, 0.0, height - 1.0));
   };
-  // A border reached at the grid's side is none: rounding may have the edge end just before it.
+  // The grid's own sides don't count: rounding may end the edge just before one.
   const auto next_row = [&](int j) {
     const int border = dy > 0 ? j + 1 : j;
     return dy == 0 || border == 0 || border == height ? kNever : (border - p.y()) / dy;
@@ -119,30 +119,30 @@ void walk(const Vec2d& p, const Vec2d& q, int width, int height, const Visit& vi
   }
 }
 
-// A grid of pixels that areas are summed up on, and its adjoint.
+// A grid of pixels on which areas are summed, and its adjoint.
 
 /// Red, green, blue and coverage.
 using Four = Eigen::Array4d;
 
-/// A part of the window that is drawn by itself: all of it but the pixels with a limit within the object, and
-/// each of these.
+/// A part of the window that is drawn separately: all pixels without a limit within the object, or one pixel
+/// with such a limit.
 struct Canvas {
   PixelRect rect;                   ///< in the window
   std::size_t first = 0, last = 0;  ///< its edges
 };
 
-/// How a pixel's depth limit lies to the object.
-enum class Limit : char { beyond, within, before };
+/// Position of a pixel's depth limit relative to the object.
+enum class DepthLimit : char { behind_object, inside_object, before_object };
 
 /// Area to the right of each edge, summed up along the rows of a canvas.
 class Areas {
  public:
-  /// `rect`: the canvas. Clears `memory`, which it fills and which outlives it.
+  /// `rect`: the canvas. Clears and fills `memory`, which must outlive it.
   Areas(std::vector<Four>& memory, const PixelRect& rect)
       : sums_(memory), width_(rect.width()), height_(rect.height()) {
     sums_.assign(as_size(width_ + 1) * as_size(height_), Four::Zero());
   }
-  /// Adds an edge (pixels of the canvas); `colour`: that on its left less that on its right.
+  /// Adds an edge (pixels of the canvas); `colour`: its left colour less its right.
   void add(const Vec2d& from, const Vec2d& to, const Four& colour) {
     // Counter-clockwise in (x, y): the left of an area goes towards smaller y.
     const auto visit = [&](int i, int j, double dy, double x, double, double) {
@@ -152,7 +152,7 @@ class Areas {
     };
     walk(from, to, width_, height_, visit, [&](int j, double dy) { row(j)[0] -= dy * colour; });
   }
-  /// After the last edge: the sums of row j; each pixel's is what lies in it.
+  /// After the last edge: the sums of row j, for each pixel the part inside it.
   const Four* finish(int j) {
     Four* at = row(j);
     for (int i = 1; i < width_; ++i) at[i] += at[i - 1];
@@ -166,7 +166,7 @@ class Areas {
   int width_, height_;
 };
 
-/// d loss / d (colour, coverage) of a canvas's pixels, and its sums over what lies right of a pixel.
+/// d loss / d (colour, coverage) of a canvas's pixels, and its sums over the pixels to the right of each.
 struct UpstreamSums {
   int width = 0;
   std::vector<Four> at, right;
@@ -194,7 +194,7 @@ struct UpstreamSums {
 
 namespace mirage {
 
-/// What a forward pass leaves for its VJP. Its memory is kept from call to call.
+/// Data of a forward pass for its VJP. Its memory is reused from call to call.
 class ExactTape {
  public:
   ExactTape();
@@ -207,16 +207,15 @@ class ExactTape {
   std::unique_ptr<State> state;
 };
 
-/// Draws both sides of all faces (Texture::atlas only), with perspective-correct texture; `supersampling` is
-/// not looked at. A surface behind the depth limit of a pixel is not there, cut along z = limit where the
-/// pixel's part of it crosses that; nothing behind it shows either. Faces without an area (kNoArea), not
-/// finite or with a depth ≤ 0 are skipped. InputError, naming it, for a colour that is not finite and for
-/// Texture::vertex.
+/// Draws both sides of all faces (Texture::atlas only), with perspective-correct texture; ignores
+/// `supersampling`. In each pixel, surfaces are cut along z = limit; the part behind the depth limit is not
+/// drawn. Skips faces without an area (kNoArea), with a coordinate that is not finite or a depth ≤ 0.
+/// InputError, naming it, for a colour that is not finite and for Texture::vertex.
 template <class S>
 void draw_exact(const ScreenMesh<double>& mesh, const RasterTarget<S>& target, ExactTape& tape);
 
 /// VJP of the last draw_exact into this tape, of the same mesh and target; d_rgba is window-sized RGBA.
-/// Fills ScreenGradient::corner_barycentrics where the mesh has parts of clipped faces.
+/// Fills ScreenGradient::corner_barycentrics if the mesh has parts of clipped faces.
 template <class S>
 ScreenGradient<double> draw_exact_vjp(const ScreenMesh<double>& mesh, const RasterTarget<S>& target,
                                       const Image<double>& d_rgba, const ExactTape& tape);

@@ -11,7 +11,7 @@ namespace mirage {
 
 namespace {
 
-// Of the cars of KITTI's tracking drives 0000 and 0003: validation/studies/real_to_sim.py --data DRIVES.
+// From the cars of KITTI's tracking drives 0000 and 0003: validation/studies/real_to_sim.py --data DRIVES.
 constexpr double kDarkFloor = 0.03, kDarkPower = 0.3;
 
 }  // namespace

@@ -14,11 +14,11 @@
 namespace mirage {
 namespace {
 
-/// Beams × firings of the densest unit that is read; a VLS-128 at its finest (0.1°) has 460 800.
+/// Limit on beams × firings of a unit; a VLS-128 at its finest (0.1°) has 460 800.
 constexpr std::int64_t kMaxRays = 1 << 23;
 
-/// The file of the unit that `file` names in its `field`: a shipped one, since a rig file comes with a data
-/// set from anybody and reaches no further; and one that does not lead to another.
+/// The file of the unit that `file` names in its `field`: only a shipped one, because rig files come with
+/// untrusted data sets; and only one that names no further unit.
 std::filesystem::path own_table_of(const std::filesystem::path& named_in, const char* field,
                                    const std::string& name) {
   if (name.empty() || name.ends_with(".toml") || name.find_first_of(std::string("/\0", 2)) != name.npos)
@@ -161,8 +161,8 @@ LidarModel read_lidar_model(const std::filesystem::path& path) {
     demand(std::abs(beam.elevation) < 89 * kDegree, "beams", "an elevation is not between -89 and 89 degrees",
            "write [elevation, height, lateral, azimuth offset]");
     if (i == 0) continue;
-    // Looked up by bisection over their heights: from the smallest range on, a lower beam never passes above
-    // a higher one.
+    // Beams are looked up by bisection over their heights: beyond the smallest range, no lower beam may pass
+    // above a higher one.
     const LidarBeam& above = model.beams[i - 1];
     const double nearest = model.range_min * std::min(std::cos(above.elevation), std::cos(beam.elevation));
     const double rise = std::tan(above.elevation) - std::tan(beam.elevation);

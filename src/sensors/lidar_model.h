@@ -18,7 +18,7 @@ namespace mirage {
 /// One return: position in `velo` (m) and reflectance in [0, 1]. Layout as in KITTI's .bin files.
 struct LidarPoint {
   float x = 0, y = 0, z = 0, reflectance = 0;
-  /// In m, `velo`.
+  /// Position in `velo` (m).
   Vec3f position() const { return {x, y, z}; }
 };
 static_assert(sizeof(LidarPoint) == 16);
@@ -26,14 +26,14 @@ static_assert(sizeof(LidarPoint) == 16);
 /// One turn of the unit.
 using Sweep = std::vector<LidarPoint>;
 
-/// A laser of the unit. Its rays start off the unit's centre: fired at azimuth a, from the point `height` up
-/// the axis and `lateral` to the left of the direction (a + azimuth_offset, elevation). Without the 0.2 m of
+/// A laser of the unit. Its rays start off the unit's centre: fired at azimuth a, a ray starts `height` up
+/// the axis and `lateral` to the left of its direction (a + azimuth_offset, elevation). Without the 0.2 m of
 /// an HDL-64E's upper lasers, elevations would be wrong by 1.2° at 10 m.
 struct LidarBeam {
   double elevation = 0;       ///< rad, positive up
   double height = 0;          ///< m
   double lateral = 0;         ///< m
-  double azimuth_offset = 0;  ///< rad; the unit's turn until `time` is in it
+  double azimuth_offset = 0;  ///< rad; includes the unit's turn until `time`
   double time = 0;            ///< s, after the first laser of its firing sequence
 };
 
@@ -42,7 +42,7 @@ struct LidarRay {
   Vec3d origin, direction;
 };
 
-/// A LiDAR unit and where it is mounted.
+/// A LiDAR unit and its mount.
 struct LidarModel {
   std::string name;
   std::vector<LidarBeam> beams;  ///< from the top beam down
@@ -57,7 +57,7 @@ struct LidarModel {
   Vec2d divergence = Vec2d::Zero();         ///< rad, horizontal and vertical, full angle; 0: unknown
   Transform velo_from_lidar = Transform::Identity();  ///< mount pose of the unit in `velo`
   double height = 0;                                  ///< m of the `velo` origin over the ground
-  /// What returns of sweeps that it recorded have, in words of parse_lidar_effects (lidar_effects.h).
+  /// Effects in the sweeps that it recorded, in words of parse_lidar_effects (lidar_effects.h).
   std::string recorded_effects = "unit";
 
   /// Firings between azimuth_min and azimuth_max.
@@ -68,20 +68,20 @@ struct LidarModel {
   LidarRay ray_at(int beam, double firing_azimuth) const;
   /// The ray of a beam in a firing (indices).
   LidarRay ray(int beam, int column) const { return ray_at(beam, firing_azimuth(column)); }
-  /// When a beam fires (s): 0 is the moment at which the unit looks along its +x, the camera's moment in
-  /// KITTI's recordings (Geiger et al., IJRR 2013), and firings behind it are up to half a turn away.
+  /// Time at which a beam fires (s). At 0 the unit looks along its +x, the camera's moment in KITTI's
+  /// recordings (Geiger et al., IJRR 2013); firings behind it are up to half a turn away.
   double firing_time(int beam, double firing_azimuth) const;
 };
 
-/// Every ray of the model, a row a beam, a column a firing, in `velo`: to be made once and traced often.
+/// Every ray of the model in `velo`, a row a beam, a column a firing: make it once, trace it often.
 RayTable ray_table(const LidarModel& lidar);
 
-/// Reads the [lidar] table of a file (scenes/rigs/kitti64.toml says what each key means). A rig may name a
-/// unit instead: lidar = "vlp16" at its head; or in its table, unit = "vlp16", beside the keys that are
-/// another way on this car. InputError naming file and key: missing, unknown, out of range, beams not from
-/// the top down.
+/// Reads the [lidar] table of a file (scenes/rigs/kitti64.toml explains the keys). A rig may name a unit
+/// instead: lidar = "vlp16" at its head; or unit = "vlp16" in its table, with the keys that differ on this
+/// car. InputError naming file and key if missing, unknown or out of range, and for beams not from the top
+/// down.
 LidarModel read_lidar_model(const std::filesystem::path& file);
-/// The [lidar] table of a file, with the unit's keys where it names one.
+/// The [lidar] table of a file, with the keys of the unit that it names, if any.
 nlohmann::json lidar_table(const std::filesystem::path& file);
 /// The file of a unit: scenes/lidars/NAME.toml, or the file itself if the name ends in .toml.
 std::filesystem::path lidar_file(const std::string& name);
@@ -92,7 +92,7 @@ std::filesystem::path lidar_file(const std::string& name);
 //     t = n·(v0 − o) / n·d,   ∂p/∂v_k = b_k · d nᵀ / (n·d)      for a fixed face.
 // Reflectance is that of a Lambert surface: r = ρ |n̂·d|.
 
-/// Smallest height of a face (m) over which its reflectance may change at the full rate.
+/// Height of a face (m) below which the gradient of its reflectance is scaled down.
 inline constexpr double kThinFace = 1e-3;
 
 /// A ray's return from one face.
@@ -104,9 +104,9 @@ struct FaceReturn {
   S reflectance = 0;
 };
 
-/// Where the ray meets the face's plane, with barycentrics (Möller & Trumbore 1997). Not valid when the ray
-/// lies in the plane or the face has no area. The caller knows (from Embree) that the face is the one that is
-/// hit.
+/// Intersection of a ray with the face's plane, with barycentrics (Möller & Trumbore 1997). Not valid if the
+/// ray is parallel to the plane or the face has no area. The caller knows (from Embree) that the ray hits
+/// this face.
 template <class S>
 FaceReturn<S> intersect_face(const Vec3<S>& origin, const Vec3<S>& direction,
                              const std::array<Vec3<S>, 3>& face, S reflectivity) {

@@ -11,17 +11,17 @@ namespace mirage {
 namespace {
 
 constexpr int kGlassLayers = 4;
-constexpr float kGlassEcho = 0.25f;  // of the light that a pane does not pass, the share that comes back
+constexpr float kGlassEcho = 0.25f;  // share returned of the light that a pane does not pass
 
-constexpr double kGlossLoss = 0.15;  // share that a clear coat or a polished surface throws elsewhere
+constexpr double kGlossLoss = 0.15;  // share that a clear coat or a polished surface reflects away
 
-/// What one firing draws, whatever it meets.
+/// Random draws of a firing, independent of its target.
 struct Draw {
   FiringChance chance;
   double reflectance = 0, pane = 0;
 };
 
-/// Reflectance as a unit reports it: weak signals fade to 0, as recorded sweeps show for dark paint at any
+/// Reflectance as a unit reports it: weak signals fade to 0, as in recorded sweeps for dark paint at any
 /// range and for the road beyond 30 m.
 float reported(float reflectivity, double signal, const LidarEffects& effects, double deviation) {
   const double fade = effects.signal_floor > 0 ? 1 - std::exp(-signal / (2 * effects.signal_floor)) : 1;
@@ -34,7 +34,7 @@ float reported(float reflectivity, double signal, const LidarEffects& effects, d
   return static_cast<float>(std::clamp(value, 0.0, 1.0));
 }
 
-/// What a ray brought back before the sensor's own noise.
+/// The return of a ray before the sensor's own noise.
 struct Return {
   float range = 0;
   float reflectivity = 0;
@@ -76,7 +76,7 @@ class SweepSimulator {
   }
 
  private:
-  /// What one ray met, and of which part.
+  /// The hit of one ray, and its part.
   struct Met {
     float t = -1;
     int mesh = -1, face = -1;
@@ -86,7 +86,7 @@ class SweepSimulator {
   double time_of(std::size_t beam, std::size_t column) const {
     return model_.firing_time(static_cast<int>(beam), model_.firing_azimuth(static_cast<int>(column)));
   }
-  /// From a moved part a ray is seen to start where it would, had the part stayed.
+  /// A ray's origin relative to a moved part, as if the part had stayed.
   Vec3f started(const SweptPart& part, const Vec3f& origin, std::size_t row, std::size_t column) const {
     if (part.velocity.isZero(0)) return origin;
     return origin - (time_of(row / pattern_.size(), column) * part.velocity).cast<float>();
@@ -150,7 +150,7 @@ class SweepSimulator {
     }
   }
 
-  /// Follows a ray through glass to what returns its light; false if nothing does.
+  /// Follows a ray through glass to the surface that returns its light; false if there is none.
   bool follow(std::size_t row, std::size_t column, double pane, Return& result) const {
     const std::size_t i = rays_.index(row, column);
     Ray ray{rays_.origin_at(i), rays_.direction_at(i), 0, static_cast<float>(model_.range_max)};
@@ -162,7 +162,7 @@ class SweepSimulator {
         returned = through == 0 || (pane - through) < (1 - through) * kGlassEcho;
         break;
       }
-      panes += through < 1;  // else it is there for the camera alone
+      panes += through < 1;  // otherwise only the camera sees it
       // The same number, stretched back to [0, 1), decides at the next pane.
       if (through > 0) pane /= through;
       ray.t_min = met.t + 1e-3f;
@@ -197,7 +197,7 @@ class SweepSimulator {
     return true;
   }
 
-  /// What the beam brings back: its one ray, or the strongest echo of its cone.
+  /// The beam's return: that of its one ray, or the strongest echo of its cone.
   bool gather(std::size_t beam, std::size_t column, double pane, Return& result) const {
     const std::size_t count = pattern_.size();
     if (count == 1) return follow(beam, column, pane, result);
@@ -246,7 +246,7 @@ class SweepSimulator {
     }
   }
 
-  std::vector<SweptPart> parts_;  ///< what stands first
+  std::vector<SweptPart> parts_;  ///< the static scene first
   const LidarModel& model_;
   std::uint64_t seed_;
   const LidarEffects& effects_;
@@ -254,7 +254,7 @@ class SweepSimulator {
   std::vector<SubRay> pattern_;
   std::size_t columns_;
   RayTable rays_;               ///< a row a ray of the cone, as traced
-  RayTable axis_;               ///< a row a beam, as the unit believes
+  RayTable axis_;               ///< a row a beam, as the unit assumes
   std::vector<HitTable> hits_;  ///< one a part
   std::vector<Draw> draws_;
   std::vector<double> bias_;

@@ -14,10 +14,10 @@
 namespace mirage {
 namespace {
 
-constexpr int kLooks = 3;       // 3² rays to a face tell which of it the camera sees
+constexpr int kLooks = 3;       // 3² rays to a face find its visible part
 constexpr int kTexelLooks = 2;  // 2² rays to a texel
 
-/// What make() makes for a key, made when it is first asked for.
+/// The value of make() for a key, made on first use.
 template <class Key, class Value, class Make>
 const Value& once(std::map<Key, Value>& made, const Key& key, const Make& make) {
   const auto [at, is_new] = made.try_emplace(key);
@@ -39,9 +39,9 @@ const std::vector<std::array<Vec2f, 3>>& texel_corners(int resolution) {
   });
 }
 
-/// Each side whole.
-std::vector<LightLeaf> whole_sides(const Mesh& mesh, const Vec3d& centre, double lift) {
-  std::vector<LightLeaf> sides(2 * mesh.faces.size());
+/// The area of each whole side.
+std::vector<LightArea> whole_sides(const Mesh& mesh, const Vec3d& centre, double lift) {
+  std::vector<LightArea> sides(2 * mesh.faces.size());
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
     const auto [a, b, c] = mesh.corners(mesh.faces[f]);
     const Vec3d normal = (b - a).cross(c - a);
@@ -59,25 +59,25 @@ class Nodes {
  public:
   Nodes(const TexturedMesh& placed, const Vec3d& centre, const VisibleLightSettings& settings)
       : mesh_(placed.mesh), resolution_(placed.atlas.resolution), settings_(settings) {
-    // Rays start this far off the face they leave, beyond what float32 can confuse.
+    // Rays start this far off the face they leave, beyond float32's rounding.
     lift_ = 1e-5 * std::max(1e-3, bounds(mesh_).diagonal().norm());
     made_.centre = centre;
-    made_.wholes = whole_sides(mesh_, centre, lift_);
+    made_.side_areas = whole_sides(mesh_, centre, lift_);
     made_.faces = mesh_.faces.size();
     made_.behind.resize(made_.faces);
-    points_.resize(made_.wholes.size());
+    points_.resize(made_.side_areas.size());
     is_whole_.assign(made_.faces, false);
     for (const std::size_t i : used_vertices(mesh_))
       vertices_.push_back((mesh_.vertices[i] - centre).cast<float>());
-    made_.angles.assign(made_.wholes.size(), 0);
+    made_.angles.assign(made_.side_areas.size(), 0);
   }
 
-  /// Which side of each face the camera looks at, how large, and where it sees it.
+  /// Sets the side of each face that faces the camera, its solid angle, and its visible points.
   void set_eye(RayPencil& pencil, const Vec3d& eye) {
     const std::vector<Vec2d>& points = texel_centroids(kLooks);
     std::vector<Vec3f> targets;
     for (std::size_t f = 0; f < mesh_.faces.size(); ++f) {
-      const LightLeaf& front = made_.wholes[f];
+      const LightArea& front = made_.side_areas[f];
       const Vec3d normal = front.edge1.cross(front.edge2).cast<double>(),
                   to_eye = eye - made_.centre - middle(front);
       made_.behind[f] = normal.dot(to_eye) < 0;
@@ -85,7 +85,7 @@ class Nodes {
       const double distance = to_eye.norm();
       if (distance > 0)
         made_.angles[side] = std::abs(normal.dot(to_eye)) / (2 * distance * distance * distance);
-      for (const Vec2d& point : points) targets.push_back(point_of(made_.wholes[side], point));
+      for (const Vec2d& point : points) targets.push_back(point_of(made_.side_areas[side], point));
     }
     const Vec3f from = (eye - made_.centre).cast<float>();
     pencil.from(from, from.isZero(0) ? Vec3f::UnitX() : Vec3f(-from));
@@ -95,38 +95,38 @@ class Nodes {
     for (std::size_t i = 0; i < hits.size(); ++i) {
       if (hits[i].face < 0) continue;
       const std::size_t face = as_size(hits[i].face), side = made_.side(face);
-      points_[side].push_back(made_.wholes[side].at(hits[i].b1, hits[i].b2));
+      points_[side].push_back(made_.side_areas[side].at(hits[i].b1, hits[i].b2));
       own[face] += i / points.size() == face;
     }
     for (std::size_t f = 0; f < own.size(); ++f) is_whole_[f] = own[f] == points.size();
   }
 
-  /// The nodes, but for the cells.
+  /// Makes the nodes except the cells.
   void make_patches() {
     for (int n = 1; n <= resolution_; ++n) {
       made_.texels_of_node.push_back(centroids_within(n, resolution_));
       made_.node_of_texel.push_back(texels_of_centroids(resolution_, n));
     }
     made_.first_of_side.push_back(0);
-    for (std::size_t side = 0; side < made_.wholes.size(); ++side) {
-      const LightLeaf& whole = made_.wholes[side];
+    for (std::size_t side = 0; side < made_.side_areas.size(); ++side) {
+      const LightArea& whole = made_.side_areas[side];
       made_.parts.push_back(parts_of(side));
       for (const auto& [p, q, r] : texel_corners(made_.parts.back()))
-        made_.leaves.push_back({whole.at(p.x(), p.y()),
-                                (q.x() - p.x()) * whole.edge1 + (q.y() - p.y()) * whole.edge2,
-                                (r.x() - p.x()) * whole.edge1 + (r.y() - p.y()) * whole.edge2, whole.normal});
-      made_.side_of.resize(made_.leaves.size(), static_cast<int>(side));
-      made_.first_of_side.push_back(static_cast<int>(made_.leaves.size()));
+        made_.node_areas.push_back(
+            {whole.at(p.x(), p.y()), (q.x() - p.x()) * whole.edge1 + (q.y() - p.y()) * whole.edge2,
+             (r.x() - p.x()) * whole.edge1 + (r.y() - p.y()) * whole.edge2, whole.normal});
+      made_.side_of.resize(made_.node_areas.size(), static_cast<int>(side));
+      made_.first_of_side.push_back(static_cast<int>(made_.node_areas.size()));
     }
     made_.seen.assign(made_.side_of.size(), false);
   }
 
-  /// Which patches the camera sees, and where.
+  /// Finds the patches that the camera sees, and their visible points.
   void look_at_patches(const RayPencil& pencil) {
     const std::vector<Vec2d>& points = texel_centroids(kTexelLooks);
     std::vector<std::pair<std::size_t, Vec3f>> seen;  // of a patch, a point
     std::vector<Vec3f> targets;
-    for (std::size_t side = 0; side < made_.wholes.size(); ++side) {
+    for (std::size_t side = 0; side < made_.side_areas.size(); ++side) {
       const std::size_t first = made_.first_node(side);
       if (made_.parts[side] == 1) {
         for (const Vec3f& point : points_[side]) seen.emplace_back(first, point);
@@ -135,7 +135,7 @@ class Nodes {
       const bool is_whole = is_whole_[made_.face_of(side)];
       for (std::size_t i = first; i < made_.first_node(side + 1); ++i)
         for (const Vec2d& point : points) {
-          const Vec3f at = point_of(made_.leaves[i], point);
+          const Vec3f at = point_of(made_.node_areas[i], point);
           if (is_whole) {
             seen.emplace_back(i, at);
           } else {
@@ -150,15 +150,15 @@ class Nodes {
       const std::size_t side = made_.side(as_size(hit.face));
       if (made_.parts[side] == 1) continue;
       const int part = texel_index<double>(std::max(0.0f, 1 - hit.b1 - hit.b2), hit.b1, made_.parts[side]);
-      seen.emplace_back(made_.first_node(side) + as_size(part), made_.wholes[side].at(hit.b1, hit.b2));
+      seen.emplace_back(made_.first_node(side) + as_size(part), made_.side_areas[side].at(hit.b1, hit.b2));
     }
     keep(std::move(seen));
   }
 
-  /// Towards the camera, of each patch.
+  /// Sets each patch's unit vector towards the camera.
   void view(const Vec3d& eye) {
-    for (const LightLeaf& leaf : made_.leaves)
-      made_.views.push_back((eye - made_.centre - middle(leaf)).normalized());
+    for (const LightArea& area : made_.node_areas)
+      made_.views.push_back((eye - made_.centre - middle(area)).normalized());
   }
 
   LightNodes finish(const LightSurroundings* around, bool has_eye) {
@@ -168,10 +168,10 @@ class Nodes {
   }
 
  private:
-  /// How far above a side's plane the object stands, as its middle sees it: sine of the highest corner's
+  /// Horizon of the object over a side's plane, seen from the side's middle: sine of the highest corner's
   /// elevation.
   double horizon(std::size_t side) const {
-    const LightLeaf& whole = made_.wholes[side];
+    const LightArea& whole = made_.side_areas[side];
     const Vec3f at = whole.at(1 / 3.0f, 1 / 3.0f);
     float highest = 0;
     for (const Vec3f& vertex : vertices_) {
@@ -191,11 +191,11 @@ class Nodes {
     const double parts = std::ceil(std::sqrt(angle / most));
     return parts < resolution_ ? static_cast<int>(parts) : resolution_;
   }
-  static Vec3d middle(const LightLeaf& leaf) { return leaf.at(1 / 3.0f, 1 / 3.0f).cast<double>(); }
-  static Vec3f point_of(const LightLeaf& leaf, const Vec2d& b12) {
-    return leaf.at(static_cast<float>(b12.x()), static_cast<float>(b12.y()));
+  static Vec3d middle(const LightArea& area) { return area.at(1 / 3.0f, 1 / 3.0f).cast<double>(); }
+  static Vec3f point_of(const LightArea& area, const Vec2d& b12) {
+    return area.at(static_cast<float>(b12.x()), static_cast<float>(b12.y()));
   }
-  /// Points that the camera sees, each of a patch.
+  /// Stores the points that the camera sees, by patch.
   void keep(std::vector<std::pair<std::size_t, Vec3f>> seen) {
     made_.first_seen_point =
         group_together(seen, made_.seen.size(), [](const auto& point) { return point.first; });
@@ -214,7 +214,7 @@ class Nodes {
     for (int row = 0; row < made_.cells.rows; ++row)
       for (int column = 0; column < made_.cells.columns; ++column) {
         const Vec2d corner = around.roof.min() + Vec2d(column * cell.x(), row * cell.y());
-        made_.leaves.push_back(
+        made_.node_areas.push_back(
             {(around.velo_from_roof * Vec3d(corner.x(), corner.y(), lift_) - made_.centre).cast<float>(),
              (axes.col(0) * cell.x()).cast<float>(), (axes.col(1) * cell.y()).cast<float>(),
              axes.col(2).cast<float>()});
@@ -225,8 +225,8 @@ class Nodes {
   int resolution_;
   const VisibleLightSettings& settings_;
   double lift_ = 0;
-  std::vector<std::vector<Vec3f>> points_;  ///< of each side: where the camera sees it
-  std::vector<bool> is_whole_;              ///< of each face: nothing was found to hide it
+  std::vector<std::vector<Vec3f>> points_;  ///< of each side: points that the camera sees
+  std::vector<bool> is_whole_;              ///< of each face: found nowhere hidden
   std::vector<Vec3f> vertices_;             ///< about the centre
   LightNodes made_;
 };
@@ -316,7 +316,7 @@ LightEnvironment::Sheen LightEnvironment::sheen(const Vec3d& normal, const Vec3d
           specular_response(normal, light_.to_sun_velo, v) * light_.sun};
 }
 
-/// Radiance of a level surface under the open sky, met along a direction that goes down.
+/// Radiance of a level surface under the open sky, seen along a downward direction.
 Vec3d LightEnvironment::level_radiance(const Vec3d& albedo, const Vec3d& direction) const {
   const Vec3d n = Vec3d::UnitZ(), &l = light_.to_sun_velo;
   const Vec3d lit = light_.ambient + light_.hemisphere +

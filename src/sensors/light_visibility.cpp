@@ -17,10 +17,10 @@
 namespace mirage {
 namespace {
 
-constexpr int kUnseenRays = 2;  // 2² rays from a side that only reflections show
+constexpr int kUnseenRays = 2;  // 2² rays from a side visible only in reflections
 constexpr int kMaxParts = 8;    // a texel is split into 8² at most
 
-/// What sees the sun.
+/// Visible shares of the sun.
 struct SunShares {
   TexelGrid parts;               ///< of each face: its texels, or parts of them
   std::vector<float> of_parts;   ///< of each part, of the side that the camera sees
@@ -28,13 +28,13 @@ struct SunShares {
   std::size_t rays = 0;          ///< traced
 };
 
-/// From several points all over each side that the camera sees, and once more from all parts of the texels of
-/// those that are lit in part, where the camera sees a side's texels under more than
-/// `settings.sun_angle`: shadows' borders run through texels.
+/// Traces rays to the sun from several points on each side that the camera sees. Partly lit sides whose
+/// texels the camera sees under more than `settings.sun_angle` get a second pass from all parts of their
+/// texels: shadows' borders run through texels.
 class SunTracer {
  public:
-  /// `pencil` holds the object alone, about nodes.centre; null for one without faces: nothing is in the way.
-  /// `beside`: what else is in the way, about the same point; null: nothing. `resolution`: the atlas's C.
+  /// `pencil`: the object only, about nodes.centre; null if it has no faces: nothing occludes. `beside`: a
+  /// further occluder, about the same point; null: none. `resolution`: the atlas's C.
   SunTracer(const LightNodes& nodes, RayPencil* pencil, RayPencil* beside, const Vec3d& to_sun,
             int resolution, const VisibleLightSettings& settings)
       : nodes_(nodes),
@@ -43,12 +43,13 @@ class SunTracer {
         to_sun_(to_sun.cast<float>()),
         resolution_(resolution),
         settings_(settings),
-        lit_(nodes.wholes.size()),
+        lit_(nodes.side_areas.size()),
         resolutions_(nodes.faces, resolution) {
     shares_.of_nodes.assign(as_size(nodes.nodes()), 0);
   }
 
-  /// `met_points`: of each node that the camera does not see, where other rays met it; empty: all over it.
+  /// `met_points`: for each node hidden from the camera, the points where other rays met it; empty: all over
+  /// it.
   SunShares run(const std::vector<std::vector<Vec3f>>& met_points) {
     if (pencil_) {
       pencil_->along(to_sun_);
@@ -62,17 +63,17 @@ class SunTracer {
   }
 
  private:
-  /// The points of one side that look at the sun: the centroids of n² parts.
+  /// Sample points of one side: the centroids of n² parts.
   struct Samples {
     int n = 0;
-    std::vector<std::uint8_t> lit;  ///< whether each sees it
+    std::vector<std::uint8_t> lit;  ///< whether each sees the sun
   };
 
-  bool is_turned_to_sun(const LightLeaf& leaf) const { return leaf.normal.dot(to_sun_) > 0; }
-  static Vec3f at(const LightLeaf& leaf, const Vec2d& b01) {
-    return leaf.at(static_cast<float>(b01.y()), static_cast<float>(1 - b01.sum()));
+  bool is_turned_to_sun(const LightArea& area) const { return area.normal.dot(to_sun_) > 0; }
+  static Vec3f at(const LightArea& area, const Vec2d& b01) {
+    return area.at(static_cast<float>(b01.y()), static_cast<float>(1 - b01.sum()));
   }
-  /// Whether each ray from there reaches the sun.
+  /// Whether a ray from each start reaches the sun.
   std::vector<std::uint8_t> visible_from(const std::vector<Vec3f>& starts) {
     std::vector<std::uint8_t> sees(starts.size(), 0);
     if (starts.empty()) return sees;
@@ -92,36 +93,35 @@ class SunTracer {
           &few = texel_centroids(kUnseenRays);
     std::vector<Vec3f> starts;
     for (std::size_t side = 0; side < lit_.size(); ++side) {
-      const LightLeaf& whole = nodes_.wholes[side];
+      const LightArea& whole = nodes_.side_areas[side];
       if (!is_turned_to_sun(whole)) continue;
       const bool seen = nodes_.is_side_seen(side);
       const std::vector<Vec3f>& met = met_points[nodes_.first_node(side)];
-      if (met.empty() && nodes_.side(nodes_.face_of(side)) != side) continue;  // nothing shows it
+      if (met.empty() && nodes_.side(nodes_.face_of(side)) != side) continue;  // not visible anywhere
       const std::vector<Vec2d>& points = seen ? many : few;
       lit_[side].n = seen ? settings_.sun_samples : kUnseenRays;
       for (std::size_t k = 0; k < points.size(); ++k)
         starts.push_back(seen || met.empty() ? at(whole, points[k]) : met[k * met.size() / points.size()]);
     }
     const auto first_cell = as_size(nodes_.patches());
-    for (std::size_t i = first_cell; i < nodes_.leaves.size(); ++i)
-      if (is_turned_to_sun(nodes_.leaves[i])) starts.push_back(nodes_.leaves[i].at(0.5f, 0.5f));
+    for (std::size_t i = first_cell; i < nodes_.node_areas.size(); ++i)
+      if (is_turned_to_sun(nodes_.node_areas[i])) starts.push_back(nodes_.node_areas[i].at(0.5f, 0.5f));
     const std::vector<std::uint8_t> sees = visible_from(starts);
     auto next = sees.begin();
     for (Samples& samples : lit_) {
       samples.lit.assign(next, next + samples.n * samples.n);
       next += samples.n * samples.n;
     }
-    for (std::size_t i = first_cell; i < nodes_.leaves.size(); ++i)
-      if (is_turned_to_sun(nodes_.leaves[i])) shares_.of_nodes[i] = *next++;
+    for (std::size_t i = first_cell; i < nodes_.node_areas.size(); ++i)
+      if (is_turned_to_sun(nodes_.node_areas[i])) shares_.of_nodes[i] = *next++;
   }
 
-  /// Looks again from the sides that a shadow's border runs through, as finely as the camera sees them, where
-  /// it may run.
+  /// Resamples sides that a shadow's border crosses, near the border, at the camera's resolution.
   void refine() {
     struct Again {
       std::size_t side;
-      std::vector<std::uint8_t> lit;    ///< of each part: as what was found before says
-      std::vector<std::size_t> places;  ///< of rays: which part
+      std::vector<std::uint8_t> lit;    ///< of each part: from the first pass
+      std::vector<std::size_t> places;  ///< part of each ray
     };
     std::vector<Again> bordered;
     std::vector<Vec3f> starts;
@@ -144,7 +144,7 @@ class SunTracer {
         again.lit[i] = lit[sample];
         if (!near[sample]) continue;
         again.places.push_back(i);
-        starts.push_back(at(nodes_.wholes[side], points[i]));
+        starts.push_back(at(nodes_.side_areas[side], points[i]));
       }
       samples.n = n;
       resolutions_[nodes_.face_of(side)] = n;
@@ -158,7 +158,7 @@ class SunTracer {
     }
   }
 
-  /// Of each sample of a side, whether one of those near it sees the sun where it does not.
+  /// For each sample of a side, whether a neighbour's visibility of the sun differs from its own.
   static std::vector<std::uint8_t> near_border(const Samples& samples) {
     const std::vector<std::vector<int>>& around = texel_neighbours(samples.n);
     std::vector<std::uint8_t> near(samples.lit.size(), 0);
@@ -202,7 +202,7 @@ class SunTracer {
   const Vec3f to_sun_;
   int resolution_;
   const VisibleLightSettings& settings_;
-  std::vector<Samples> lit_;      ///< of each side; none of one that is turned away
+  std::vector<Samples> lit_;      ///< of each side; empty if it is turned away
   std::vector<int> resolutions_;  ///< of each face: of its shown parts
   SunShares shares_;
 };
@@ -217,7 +217,7 @@ Vec3d lattice_direction(int k, int n) {
 double fraction(double x) {
   return x - std::floor(x);
 }
-/// x in [0, 2) brought to [0, 1).
+/// Wraps x from [0, 2) to [0, 1).
 float wrapped(float x) {
   return x >= 1 ? x - 1 : x;
 }
@@ -233,13 +233,13 @@ struct Link {
   float response;  ///< of the node's gloss
 };
 
-/// Sums over a node's rays. Colours have a fourth number, which is none.
+/// Sums over a node's rays. The colours' fourth number is unused.
 struct Sums {
   Eigen::Matrix<float, 4, 3> blocked = Eigen::Matrix<float, 4, 3>::Zero();  ///< Σ (L − sky) ωᵀ of what is met
   Eigen::Vector4f specular = Eigen::Vector4f::Zero();                       ///< Σ response L
   float cosine = 0, response = 0;
 
-  /// What is not the sky's, along a ray.
+  /// Adds light along a ray that does not come from the sky.
   void add(const Vec3f& light, float of_response, const LightEnvironment::Along& along) {
     const Eigen::Vector4f colour(light.x(), light.y(), light.z(), 0);
     specular += of_response * colour;
@@ -249,7 +249,7 @@ struct Sums {
 
 /// Rays along one direction.
 struct Rays {
-  std::vector<int> nodes;  ///< that send them
+  std::vector<int> nodes;  ///< their senders
   std::vector<Vec3f> starts;
   std::vector<float> cosines, to_eye, eye_cosines;  ///< n·l, n·v and l·v
   std::vector<float> responses;                     ///< of the nodes' gloss
@@ -276,7 +276,7 @@ class Tracer {
     around_.emplace(light, around, centre, nodes_.cells);
     if (around && around->beside) {
       beside_.emplace(*around->beside, centre);
-      for (const Vec3d& normal : face_normals(*around->beside))  // it is closed: met from outside
+      for (const Vec3d& normal : face_normals(*around->beside))  // it is closed: seen from outside
         beside_light_.push_back(around->paint.cwiseProduct(shade(normal, light)).cast<float>());
     }
     if (around) {
@@ -296,18 +296,18 @@ class Tracer {
 
  private:
   int nodes() const { return nodes_.nodes(); }
-  const LightLeaf& leaf(int node) const { return nodes_.leaves[as_size(node)]; }
+  const LightArea& area(int node) const { return nodes_.node_areas[as_size(node)]; }
   int side_of(int patch) const { return nodes_.side_of[as_size(patch)]; }
-  /// Where a side's nodes start.
+  /// A side's first node.
   int first(int side) const { return nodes_.first_of_side[as_size(side)]; }
   /// Whether the camera sees the node's gloss.
   bool is_glossy(int node) const {
-    return !nodes_.views.empty() && nodes_.is_seen(node) && !leaf(node).normal.isZero(0);
+    return !nodes_.views.empty() && nodes_.is_seen(node) && !area(node).normal.isZero(0);
   }
   const Vec3d& view(int patch) const { return nodes_.views[as_size(patch)]; }
 
-  /// Rays of the sides that are shown, then of what those meet, of what these meet, and so on: what nothing
-  /// shows lights nothing.
+  /// Traces rays of the visible sides, then of the nodes that they meet, and so on: other nodes light nothing
+  /// visible.
   void trace_all() {
     std::vector<int> seen, others;
     for (int i = 0; i < nodes_.patches(); ++i) {
@@ -339,10 +339,10 @@ class Tracer {
   /// A node that sends rays.
   struct Sender {
     int node;
-    std::span<const Vec3f> starts;  ///< empty: from all over it
+    std::span<const Vec3f> starts;  ///< empty: all over it
   };
 
-  /// Rays along n directions from some nodes.
+  /// Traces rays along n directions from some nodes.
   void trace(const std::vector<int>& from, int n) {
     if (from.empty()) return;
     std::vector<Sender> senders;
@@ -353,7 +353,7 @@ class Tracer {
       const auto row = static_cast<Eigen::Index>(senders.size());
       senders.push_back({node, points_of(node)});
       traced_[as_size(node)] = true;
-      normals.row(row) = leaf(node).normal;
+      normals.row(row) = area(node).normal;
       if (!is_glossy(node)) continue;
       is_any_glossy = true;
       views.row(row) = view(node).cast<float>();
@@ -387,30 +387,29 @@ class Tracer {
       add(rays, static_cast<int>(direction));
     }
   }
-  /// Where the n directions of a lattice start.
+  /// Index of the first of the n directions of a lattice.
   std::size_t lattice_offset(int n) {
     const auto [lattice, is_new] = lattices_.try_emplace(n, directions_.size());
     for (int k = 0; is_new && k < n; ++k) directions_.push_back(around_->along(lattice_direction(k, n)));
     return lattice->second;
   }
 
-  /// Where rays of a node start; empty: all over it. What runs through others is lit as where it is seen: by
-  /// the camera, or by those that it lights.
+  /// Start points of a node's rays; empty: all over it. A node that cuts through others is lit at its visible
+  /// points: those seen by the camera, or by the nodes that it lights.
   std::span<const Vec3f> points_of(int node) const {
     return nodes_.is_seen(node) ? nodes_.points_seen(node) : met_points_[as_size(node)];
   }
-  /// Of a ray along direction k. `point`: of the unit square, for that direction.
+  /// Start of a ray along direction k. `point`: that direction's point of the unit square.
   Vec3f start_of(const Sender& sender, int k, const Vec2f& point) const {
     if (!sender.starts.empty())
       return sender.starts[static_cast<unsigned>(k) % static_cast<unsigned>(sender.starts.size())];
-    const Vec2f shift =
-        lattice_point(sender.node, 0.6180339887498949, 0.4142135623730951);  // from node to node
+    const Vec2f shift = lattice_point(sender.node, 0.6180339887498949, 0.4142135623730951);  // per node
     Vec2f b(wrapped(point.x() + shift.x()), wrapped(point.y() + shift.y()));
     if (sender.node < nodes_.patches() && b.sum() > 1) b = Vec2f::Ones() - b;
-    return leaf(sender.node).at(b.x(), b.y());
+    return area(sender.node).at(b.x(), b.y());
   }
 
-  /// What rays along a direction bring.
+  /// Adds the contributions of rays along a direction.
   void add(const Rays& rays, int direction) {
     const LightEnvironment::Along& along = directions_[as_size(direction)];
     result_.rays += rays.nodes.size();
@@ -424,7 +423,7 @@ class Tracer {
         const int met = met_patch(hit, along.towards);
         links_.push_back({node, met, direction, response});
         if (!nodes_.is_seen(met) && !traced_[as_size(met)])
-          met_points_[as_size(met)].push_back(nodes_.wholes[as_size(side_of(met))].at(hit.b1, hit.b2));
+          met_points_[as_size(met)].push_back(nodes_.side_areas[as_size(side_of(met))].at(hit.b1, hit.b2));
         continue;
       }
       if (beside_ && rays.beside[ray].face >= 0) {
@@ -445,7 +444,7 @@ class Tracer {
 
   /// The node of the object that a ray met.
   int met_patch(const RayPencil::Met& hit, const Vec3f& towards) const {
-    const int front = leaf(first(hit.face)).normal.dot(towards) < 0 ? hit.face : hit.face + faces_;
+    const int front = area(first(hit.face)).normal.dot(towards) < 0 ? hit.face : hit.face + faces_;
     const int parts = nodes_.parts[as_size(front)];
     if (parts == 1) return first(front);
     const double b1 = hit.b1, b2 = hit.b2;
@@ -470,7 +469,7 @@ class Tracer {
     }
   }
 
-  /// What the gloss of each link's node sends along it of the sun, were it all lit, over the sun.
+  /// Gloss response to the sun, along each link, of the node that it met, if fully lit; relative to the sun.
   std::vector<float> glints() const {
     std::vector<float> glint(links_.size(), 0);
     if (nodes_.views.empty()) return glint;
@@ -478,15 +477,15 @@ class Tracer {
     std::vector<float> nl(links_.size()), nv(links_.size()), lv(links_.size());
     for (std::size_t i = 0; i < links_.size(); ++i) {
       const Vec3f &towards = directions_[as_size(links_[i].direction)].towards,
-                  &normal = leaf(links_[i].met).normal;
+                  &normal = area(links_[i].met).normal;
       nl[i] = normal.dot(to_sun), nv[i] = -normal.dot(towards), lv[i] = -towards.dot(to_sun);
     }
     specular_response(nl, nv, lv, glint);
     return glint;
   }
 
-  /// The links as reflections, and what the nodes that they met send whatever their albedo: the gloss of the
-  /// sun, and of a cell that of the sky.
+  /// Adds the links as reflections, and the radiance of the nodes met that does not depend on albedo: the
+  /// gloss of the sun and, for a cell, of the sky.
   void add_links() {
     result_.first = group_together(links_, sums_.size(), [](const Link& link) { return link.node; });
     const std::vector<float> glint = glints();
@@ -502,19 +501,19 @@ class Tracer {
           is_cell ? Vec3f(along.roof_sky + sunny * along.roof_sun) : Vec3f(sunny * glint[i] * sun);
       sums_[node].add(fixed, link.response, along);
       const auto albedo =
-          is_glossy ? static_cast<float>(specular_albedo(-leaf(link.met).normal.dot(along.towards))) : 0;
+          is_glossy ? static_cast<float>(specular_albedo(-area(link.met).normal.dot(along.towards))) : 0;
       result_.reflections.push_back(
           {link.met, weights_[node] * along.towards, mirrors_[node] * link.response, albedo});
     }
   }
 
-  /// The lobes of what the camera sees.
+  /// Sets the lobes of the nodes that the camera sees.
   void show() {
     LightVisibility& r = result_;
     for (int i = 0; i < nodes_.patches(); ++i) {
       if (!is_glossy(i)) continue;
       const auto node = as_size(i);
-      const Vec3d n = leaf(i).normal.cast<double>();
+      const Vec3d n = area(i).normal.cast<double>();
       const double cosine = n.dot(view(i));
       if (cosine <= 0) continue;
       r.specular_sun[node] = specular_response(n, light_.to_sun_velo, view(i));
@@ -552,12 +551,12 @@ class Tracer {
   LightNodes nodes_;
   std::optional<LightEnvironment> around_;
   std::vector<LightEnvironment::Along> directions_;
-  std::map<int, std::size_t> lattices_;         ///< by their number of directions: where theirs start
+  std::map<int, std::size_t> lattices_;         ///< by number of directions: index of the first
   std::vector<Sums> sums_;                      ///< of each node
-  std::vector<bool> traced_;                    ///< of each node: it has sent rays, or does
+  std::vector<bool> traced_;                    ///< of each node: it has sent rays or is sending them
   std::vector<float> weights_;                  ///< of each node: 4/K, scaled so that the cosines' sum is one
   std::vector<float> mirrors_;                  ///< of each node: a_i / Σ f_k
-  std::vector<std::vector<Vec3f>> met_points_;  ///< of each node that the camera does not see
+  std::vector<std::vector<Vec3f>> met_points_;  ///< of each node hidden from the camera
   std::vector<Link> links_;
   LightVisibility result_;
 };

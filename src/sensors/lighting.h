@@ -1,4 +1,4 @@
-// The light-weight light model shared by the soft rasteriser, the exporter and the matched Cycles render.
+// The simple light model of the soft rasteriser, the exporter and the matched Cycles render.
 #pragma once
 
 #include <algorithm>
@@ -9,7 +9,7 @@ namespace mirage {
 
 /// Radiance of a Lambert face with albedo ρ and unit normal n (scene-linear RGB, per channel):
 ///     ρ · (ambient + hemisphere · (1 + n·up)/2 + sun · max(0, n·l))
-/// Irradiances are divided by π already, so that a white face squarely under `sun` alone has radiance `sun`.
+/// Irradiances include the factor 1/π: a white face perpendicular to `sun` alone has radiance `sun`.
 struct Lighting {
   Vec3d to_sun_velo = Vec3d(0.4, 0.5, 0.77).normalized();  ///< unit vector towards the sun, `velo`
   Vec3d sun = Vec3d(0.55, 0.53, 0.48);
@@ -20,7 +20,7 @@ struct Lighting {
 // Per-face Lambert shading multiplied into the texels, and its VJP.
 
 /// Light factor of a face (RGB): ambient + hemisphere · (1 + n̂·up)/2 + sun · max(0, n̂·l), with n the
-/// unnormalised face normal in `velo`. A face without area gets the ambient term alone.
+/// unnormalised face normal in `velo`. A face without area gets the ambient term only.
 inline Vec3d shade(const Vec3d& normal_velo, const Lighting& light) {
   const double length = normal_velo.norm();
   Vec3d factor = light.ambient;

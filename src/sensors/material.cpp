@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kAlpha2 = kRoughness * kRoughness * kRoughness * kRoughness;
 
-/// Of numbers or Eigen's arrays of them.
+/// For numbers or Eigen arrays.
 template <class A>
 A reflectance(const A& cosine) {
   using S = typename A::Scalar;
@@ -27,7 +27,7 @@ A shadowing(const A& cosine) {
   return (1 + static_cast<S>(kAlpha2) * (1 / cosine.square() - 1)).sqrt();
 }
 
-/// π f_s max(0, n·l), wherever n·l and n·v are positive.
+/// π f_s max(0, n·l) for positive n·l and n·v.
 template <class A>
 A response(const A& nl, const A& nv, const A& lv) {
   using S = typename A::Scalar;
@@ -45,8 +45,8 @@ double schlick_weight(double cosine) {
   return m * m * m * m * m;
 }
 
-/// The mean over the half space of what `response` gives for a direction l about the normal z and a camera at
-/// that cosine, by a raster that is fine enough for lobes this wide.
+/// Mean over the half space of `response` for a direction l about the normal z and a camera at that cosine,
+/// on a raster fine enough for lobes this wide.
 template <class Response>
 double half_space_mean(double cosine, const Response& response) {
   constexpr int kRings = 48, kTurns = 96;
@@ -63,7 +63,7 @@ double half_space_mean(double cosine, const Response& response) {
   return sum / (kRings * kTurns);
 }
 
-/// A function of a cosine in [0, 1], between its values at even steps.
+/// A function of a cosine in [0, 1], interpolated between values at even steps.
 class CosineTable {
  public:
   template <class Function>
@@ -116,7 +116,7 @@ float cell(float x, float period) {
   return x - period * std::floor(x / period);
 }
 
-// Where a point of a facade lies: which window, and how far from the pane's edge.
+// Position of a point of a facade: its window, and its distance from the pane's edge.
 struct FacadePlace {
   float v;        // height over the ground (m)
   float x, z;     // from the window's middle, from its sill (m)
@@ -147,7 +147,7 @@ Vec3f facade(const Material& m, const Vec3f& p, const Vec3f& n, float footprint)
   const FacadePlace a = facade_place(m, p, n);
   Vec3f wall = m.albedo * (1 + 0.25f * wave(p, 1.5f, m.variant, footprint) +
                            0.2f * wave(p, 0.2f, m.variant + 7, footprint));
-  // Now and then a door instead of the ground floor's window.
+  // Occasionally a door instead of the ground floor's window.
   if (a.v < 2.25f && lattice(a.column, 0, 9, m.variant) > 0.82f && std::abs(a.x) < 0.55f) {
     if (std::abs(a.x) > 0.45f || a.v > 2.15f) return Vec3f::Constant(0.4f);
     const float tone = 0.06f + 0.2f * lattice(a.column, 1, 9, m.variant);
@@ -156,7 +156,7 @@ Vec3f facade(const Material& m, const Vec3f& p, const Vec3f& n, float footprint)
   }
   if (a.v < 0.7f) return 0.6f * wall;  // plinth
   if (a.outside < 0) {
-    // The pane lies back in the wall: lintel and reveal shade its upper edge.
+    // The pane is recessed in the wall: lintel and reveal shade its upper edge.
     const float shade = a.z > a.h - kReveal ? 0.35f : 1.f;
     if (a.outside > -kFrame || std::abs(a.x) < 0.03f) return Vec3f::Constant(0.55f * shade);  // frame
     const float curtain = lattice(a.column, a.row, 5, m.variant);

@@ -16,8 +16,8 @@ Vec3d barycentrics_in_source(const ScreenCorner& corner) {
   return b;
 }
 
-/// Where the edge from corner k of a face meets the plane. By rising vertex index, so that both faces at an
-/// edge find the same point.
+/// Intersection of the edge from corner k of a face with the plane. Computed by rising vertex index, so that
+/// both faces at an edge get the same point.
 ScreenCorner cut(const Face& face, int k, const std::vector<Vec3d>& p_camera, double near) {
   const int next = (k + 1) % 3;
   ScreenCorner corner{face[as_size(k)], face[as_size(next)], k, next, 0};

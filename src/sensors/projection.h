@@ -11,22 +11,22 @@
 
 namespace mirage {
 
-/// A corner of a screen face: a point on edge (a, b) of its source face, p = (1 − t) p_a + t p_b. A corner
-/// that was not cut has a == b and t = 0.
+/// A corner of a screen face: a point on edge (a, b) of its source face, p = (1 − t) p_a + t p_b. An uncut
+/// corner has a == b and t = 0.
 struct ScreenCorner {
   int a = 0, b = 0;              ///< vertex indices of the mesh
-  int place_a = 0, place_b = 0;  ///< which corners of the source face they are, 0 … 2
+  int place_a = 0, place_b = 0;  ///< their indices in the source face, 0 … 2
   double t = 0;
   /// Whether the near plane made this corner.
   bool is_cut() const { return place_a != place_b; }
 };
 
-/// A mesh on screen, and where its faces come from.
+/// A mesh on screen, and the source of its faces.
 struct ProjectedMesh {
   ScreenMesh<double> screen;
   std::vector<int> source;                           ///< face of the mesh, one a screen face
   std::vector<std::array<ScreenCorner, 3>> corners;  ///< one a screen face
-  /// The mesh's own corner colours, where clipping replaced them in `screen` (Texture::vertex).
+  /// The mesh's own corner colours, if clipping replaced them in `screen` (Texture::vertex).
   std::vector<Vec3d> vertex_texels;
 };
 

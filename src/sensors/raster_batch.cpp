@@ -41,7 +41,7 @@ struct RasterTape::State {
   std::vector<float> texels;  ///< see Constants
   std::vector<std::size_t> texel_starts;
   std::vector<std::int32_t> pixel_of;          ///< the kernel's order of samples
-  std::vector<int> tape_of;                    ///< tile → its tape, −1 where no face is
+  std::vector<int> tape_of;                    ///< tile → its tape, −1 without a face
   std::vector<raster::TileTape> tapes;         ///< touched tiles, row by row
   std::vector<raster::FaceGradientSums> sums;  ///< as setup.binned
   std::vector<std::vector<raster::TexelGradient>> texel_gradients;  ///< by tape
@@ -57,7 +57,7 @@ RasterTape& RasterTape::operator=(RasterTape&&) noexcept = default;
 
 namespace {
 
-/// Every face's texels (or its corners' colours) in planes, and where they start.
+/// Every face's texels (or its corners' colours) in planes, and their start indices.
 void lay_out_texels(const ScreenMesh<double>& mesh, std::vector<float>& texels,
                     std::vector<std::size_t>& starts) {
   const bool vertex = mesh.texture == Texture::vertex;
@@ -82,7 +82,7 @@ raster::Constants constants_of(const RasterJob& job, const raster::Setup& setup)
   raster::Constants k;
   k.hard = settings.coverage == Coverage::hard;
   k.vertex_texture = mesh.texture == Texture::vertex;
-  // Beyond float's range nothing changes: coverage is 0 or 1 long before.
+  // Clamping to float's range changes nothing: coverage is 0 or 1 long before.
   const auto bounded = [](double value) { return static_cast<float>(std::clamp(value, -1e30, 1e30)); };
   const double units = setup.samples_per_ndc * setup.samples_per_ndc, cut = cut_off(settings);
   k.distance_scale = bounded(1 / (settings.sigma * units));
@@ -103,7 +103,7 @@ raster::Constants constants_of(const RasterJob& job, const raster::Setup& setup)
   k.reference_key = bounded(reference);
   k.depth_scale2 = bounded(kLog2E * setup.middle / setup.depth_range / settings.gamma);
   k.depth_start2 = bounded(-kLog2E * reference / settings.gamma);
-  // Logarithm of the least weight of a fragment; what float holds, with digits to spare.
+  // Logarithm of the least weight of a fragment; float must hold it with digits to spare.
   const double farthest_key = (setup.middle - setup.farthest) / setup.depth_range;
   const double least = (farthest_key - reference) / settings.gamma + std::log(settings.dist_eps);
   k.plain = !k.hard && !k.vertex_texture && mesh.corner_barycentrics.empty() &&
@@ -111,7 +111,7 @@ raster::Constants constants_of(const RasterJob& job, const raster::Setup& setup)
   return k;
 }
 
-/// Pixels of the window that a tile has.
+/// The window's pixels in a tile.
 PixelRect pixels_of(const raster::Setup& setup, const RasterTarget<float>& target, int tile) {
   const int size = setup.tile_pixels, u = tile % setup.columns * size, v = tile / setup.columns * size;
   return {u, v, std::min(u + size, target.rect.width()), std::min(v + size, target.rect.height())};
@@ -121,7 +121,7 @@ struct TilePixels {
   float background[3][kPixels], limit[kPixels], values[5][kPixels];
 };
 
-/// What draw_tile and draw_tile_vjp share.
+/// The common part of the jobs of draw_tile and draw_tile_vjp.
 raster::TileJob tile_job(const RasterJob& job, RasterTape::State& state, int tile, TilePixels& pixels) {
   const raster::Setup& setup = state.setup;
   const RasterTarget<float>& target = *job.target;
@@ -200,7 +200,7 @@ void draw_vjp(const RasterJob& job, const ImageF& d_rgba, RasterTape& tape, int 
   raster::draw_tile_vjp(work);
 }
 
-/// Touched tiles of all jobs, those with most faces first, so that threads end together.
+/// Touched tiles of all jobs, those with the most faces first, so that threads finish together.
 const std::vector<RasterTape::State::TouchedTile>& touched_tiles(std::span<RasterTape> tapes) {
   using TouchedTile = RasterTape::State::TouchedTile;
   std::vector<TouchedTile>& list = tapes[0].state->work;
@@ -293,7 +293,7 @@ void rasterize_batch(std::span<const RasterJob> jobs, std::span<RasterTape> tape
 void rasterize_batch_vjp(std::span<const RasterJob> jobs, std::span<const ImageF> d_rgba,
                          std::span<RasterTape> tapes, std::span<ScreenGradient<double>> gradients) {
   if (jobs.empty()) return;
-  // The caller may have moved what the jobs point to.
+  // The caller may have moved the jobs' data.
   for (std::size_t j = 0; j < jobs.size(); ++j) tapes[j].state->constants.mesh = jobs[j].mesh;
   const auto& tiles = touched_tiles(tapes);
   parallel_for(tiles.size(), [&](std::size_t i) {

@@ -1,12 +1,12 @@
 // The fast soft rasteriser: the definition of soft_rasterizer.h in float, vectorised (Highway, instruction
 // set chosen at run time), in tiles, for many objects at once. It draws soft (the defaults, with any
-// background) and hard (coverage, colour and silhouette), with perspective texture. A job of any other
-// options takes the plain loop in double.
+// background) and hard (coverage, colour and silhouette), with perspective texture. A job with other options
+// takes the plain loop in double.
 //
 // Faces are set up in double and binned into tiles of 32 × 32 samples; within a tile they are drawn from
-// front to back, and a block of samples that nothing behind can change any more is left (its error is below
-// 1e-7 of the colour). Tiles of all jobs are shared out over threads; sums are taken in tile order, so that
-// image and gradient are the same bits for any number of threads and from run to run.
+// front to back, and a block of samples that later faces cannot change is skipped (error below 1e-7 of the
+// colour). Threads share the tiles of all jobs; sums run in tile order, so that image and gradient are bit
+// for bit the same for any number of threads and in every run.
 #pragma once
 
 #include <memory>
@@ -17,19 +17,19 @@
 
 namespace mirage {
 
-/// Whether the kernel draws it; else the plain loop does.
+/// Whether the kernel draws these settings; otherwise the plain loop does.
 bool in_kernel(const SoftRasterSettings<double>& settings);
 
-/// One object in one window. The caller owns what is pointed to. The VJP must get the same data again,
-/// possibly at other addresses.
+/// One object in one window. The caller owns the data behind the pointers. The VJP must get the same data
+/// again, possibly at other addresses.
 struct RasterJob {
   const ScreenMesh<double>* mesh = nullptr;
   const SoftRasterSettings<double>* settings = nullptr;
   const RasterTarget<float>* target = nullptr;
 };
 
-/// What a forward pass leaves for its VJP. Give the same object to many calls: its memory is kept, and it is
-/// proportional to the samples in the touched tiles.
+/// Data of a forward pass for its VJP. Reuse one object for many calls: its memory is kept, proportional to
+/// the samples in the touched tiles.
 class RasterTape {
  public:
   RasterTape();
@@ -53,7 +53,7 @@ void rasterize_batch(std::span<const RasterJob> jobs, std::span<RasterTape> tape
 void rasterize_batch_vjp(std::span<const RasterJob> jobs, std::span<const ImageF> d_rgba,
                          std::span<RasterTape> tapes, std::span<ScreenGradient<double>> gradients);
 
-/// The same, for the plain loop in double.
+/// The same values in double, for the plain loop.
 Image<double> to_double(const ImageF& image);
 /// Its inverse.
 ImageF to_float(const Image<double>& image);

@@ -13,8 +13,8 @@ namespace mirage {
 namespace {
 
 constexpr float kLift = 2e-3f;         // m, secondary rays start this far off the surface
-constexpr float kSkyReach = 12.f;      // m, beyond which nothing blocks the sky's light
-constexpr float kOpenDistance = 1.5f;  // m, from which a neighbouring surface counts as lit
+constexpr float kSkyReach = 12.f;      // m, largest distance of an occluder of the sky's light
+constexpr float kOpenDistance = 1.5f;  // m, distance from which a neighbouring surface counts as lit
 constexpr int kMaxPanes = 4;           // a car has two windows in a row
 constexpr float kGlossyLimit = 0.4f;   // highlights of the sun's disc are wider than the real sun's
 
@@ -41,8 +41,8 @@ class Shader {
 
   Vec3f miss(const Vec3f& direction) const { return sky_.seen * sky_.radiance(direction, to_sun_); }
 
-  /// Radiance towards the eye from a hit, less what the sky lights diffusely: that is albedo · sky, returned
-  /// apart because its noise is filtered. `footprint`: a pixel's size in rad.
+  /// Radiance towards the eye from a hit, without the sky's diffuse part: albedo · sky, returned separately
+  /// because its noise is filtered. `footprint`: a pixel's size in rad.
   struct Shade {
     Vec3f color = Vec3f::Zero(), albedo = Vec3f::Zero(), sky = Vec3f::Zero();
   };
@@ -76,7 +76,7 @@ class Shader {
     return facing * sun_;
   }
 
-  /// Irradiance / π from the sky and from what stands before it.
+  /// Irradiance / π from the sky and from surfaces in front of it.
   Vec3f sky_at(const Vec3f& p, const Vec3f& n, RandomStream& random) const {
     const Vec3f start = p + kLift * n;
     Vec3f sum = Vec3f::Zero();
@@ -93,7 +93,7 @@ class Shader {
       const float r = std::sqrt(r2);
       const Vec3f w = r * std::cos(angle) * side + r * std::sin(angle) * other + std::sqrt(1 - r2) * n;
       const Hit hit = scene_.caster.intersect({start, w, 0, kSkyReach});
-      // Crevices and the road under a car get next to no bounced light: what is close is in its own shade.
+      // Crevices and the road under a car get next to no bounced light: close surfaces are shaded.
       if (hit.hit())
         sum += bounce_ * std::min(1.f, 0.08f + hit.t / kOpenDistance);
       else
@@ -102,7 +102,7 @@ class Shader {
     return sum / static_cast<float>(sky_rays_);
   }
 
-  /// What a mirror shows: surroundings with a cheap light (no shadows), or the sky.
+  /// Radiance of a mirror reflection: surroundings with a cheap light (no shadows), or the sky.
   Vec3f reflection(const Vec3f& p, const Vec3f& n, const Vec3f& d) const {
     const Vec3f r = d - 2 * n.dot(d) * n;
     const Ray ray{p + kLift * n, r, 0, 300.f};
@@ -148,7 +148,7 @@ class Shader {
   Vec3f to_sun_, sun_, bounce_;
 };
 
-/// What the filter needs of each pixel.
+/// Per-pixel inputs of the filter.
 struct Layers {
   ImageF albedo, sky, normal;
 };
@@ -175,7 +175,7 @@ void add_sky_light(RayImage& image, const Layers& layers) {
           sum += Eigen::Map<const Vec3f>(layers.sky.pixel(x, y));
           weights += 1;
         }
-      if (weights == 0) {  // nothing alike around: the pixel's own samples
+      if (weights == 0) {  // no similar neighbour: the pixel's own samples
         sum = Eigen::Map<const Vec3f>(layers.sky.pixel(u, v));
         weights = 1;
       }
@@ -291,7 +291,7 @@ RayImage render(const RayScene& scene, const PinholeCamera& camera, const Transf
       };
       cast(0);
       if (samples > 1) cast(samples - 1);
-      // Both corners of the pixel on one flat piece: the rays between them would find the same.
+      // Both corners of the pixel are on one flat piece: the rays between would hit the same.
       const bool even = settings.sparse && samples == 4 && alike(hits[0], hits[3]);
       for (int s = 1; s < samples - 1; ++s) {
         if (!even) {

@@ -12,16 +12,16 @@
 
 namespace mirage {
 
-/// One mesh of a scene in `velo`. Meshes of one thing share `object` (≥ 0); −1 is background.
+/// One mesh of a scene in `velo`. Meshes of one object share `object` (≥ 0); −1 is background.
 struct Surface {
   Mesh mesh;
   Material material;
   int object = -1;
   bool smooth = false;      ///< shade with interpolated vertex normals (car bodies)
-  TexelAtlas atlas{1, {}};  ///< with texels: their colours in place of the material's albedo and pattern
+  TexelAtlas atlas{1, {}};  ///< if it has texels, they replace the material's albedo and pattern
 };
 
-/// What the rays meet: geometry and materials, index by index.
+/// The scene that rays meet: geometry and materials, index by index.
 struct RayScene {
   /// Copies the surfaces' meshes, materials and objects.
   explicit RayScene(std::span<const Surface> surfaces);
@@ -30,7 +30,7 @@ struct RayScene {
   std::vector<int> objects;
   /// Unit shading normal at a hit, on the side of the face's normal.
   Vec3f shading_normal(const Hit& hit) const;
-  /// Albedo at a hit; p, n and footprint as surface_albedo has them.
+  /// Albedo at a hit; p, n and footprint as in surface_albedo.
   Vec3f albedo(const Hit& hit, const Vec3f& p, const Vec3f& n, float footprint) const;
   /// Whether two hits of one mesh lie on one texel, or the mesh has none.
   bool same_texel(const Hit& a, const Hit& b) const;
@@ -52,8 +52,8 @@ struct Sky {
   float glow = 0.6f;  ///< added radiance next to the sun
   float clouds = 0;   ///< share of the sky that is white
   std::uint32_t variant = 0;
-  /// What the camera sees of the sky over what lights the scene: hazy skies behind trees and houses are
-  /// overexposed in street pictures while the shadows stay dark.
+  /// Ratio of the sky's radiance as the camera sees it to that which lights the scene: hazy skies behind
+  /// trees and houses are overexposed in street pictures while the shadows stay dark.
   float seen = 1;
   /// Scene-linear radiance from a direction; both are unit vectors in `velo`.
   Vec3f radiance(const Vec3f& direction, const Vec3f& to_sun) const;
@@ -61,8 +61,8 @@ struct Sky {
   Vec3f irradiance(const Vec3f& to_sun) const;
 };
 
-/// Light of a generated scene. `lighting.sun` is the sun's irradiance / π; the sky stands for hemisphere and
-/// `lighting.ambient` for light bounced by what surrounds a point.
+/// Light of a generated scene. `lighting.sun` is the sun's irradiance / π; the sky replaces hemisphere, and
+/// `lighting.ambient` is light bounced by a point's surroundings.
 struct SceneLight {
   Lighting lighting;
   Sky sky;
@@ -73,15 +73,15 @@ struct RayCameraSettings {
   int grid = 2;      ///< grid × grid primary rays a pixel
   int sky_rays = 2;  ///< rays that sample the sky's visibility, per shading point
   std::uint64_t seed = 0;
-  /// With a grid of 2: two rays on the pixel's diagonal, and the other two only where those disagree about
-  /// mesh or normal.
+  /// With a grid of 2: two rays on the pixel's diagonal, and the other two only if these differ in mesh or
+  /// normal.
   bool sparse = false;
 };
 
-/// What the ray-traced camera sees, of the camera's size.
+/// The ray-traced picture, of the camera's size.
 struct RayImage {
   ImageF color;       ///< scene-linear RGB
-  ImageF depth;       ///< planar depth of the ray nearest to the pixel's centre, m; 0 where nothing is hit
+  ImageF depth;       ///< planar depth of the ray nearest to the pixel's centre, m; 0 without a hit
   Image<int> object;  ///< object id of the same ray, −1 background
   ImageF coverage;    ///< share of the pixel's rays that hit anything
 };

@@ -14,7 +14,7 @@
 
 namespace mirage {
 
-/// A mesh's triangles as Embree holds and owns them; null where it has no room.
+/// A mesh's triangles, held and owned by Embree; null if it is out of memory.
 struct EmbreeTriangles {
   float* vertices = nullptr;
   unsigned* faces = nullptr;
@@ -75,7 +75,7 @@ RTCRay embree_ray(const Ray& ray) {
 template <int N>
 using RayHitN = std::conditional_t<N == 16, RTCRayHit16, std::conditional_t<N == 8, RTCRayHit8, RTCRayHit4>>;
 
-/// One row of a table in packets of N consecutive rays.
+/// Traces one row of a table in packets of N consecutive rays.
 template <int N>
 void trace_row(RTCScene scene, const RayTable& rays, std::size_t row, float t_min, float t_max,
                HitTable& hits) {
@@ -108,8 +108,7 @@ void trace_row(RTCScene scene, const RayTable& rays, std::size_t row, float t_mi
           (r.org_x[i] + r.org_y[i] + r.org_z[i]) * 0 + (r.dir_x[i] + r.dir_y[i] + r.dir_z[i]) * 0;
       const bool traced = zero == 0 && column + as_size(i) < rays.columns;
       valid[i] = traced ? -1 : 0;
-      // Where the processor has no packets of N, Embree splits them and reads the interval alone, not the
-      // mask.
+      // On a processor without packets of N, Embree splits them and reads only the interval, not the mask.
       packet.ray.tfar[i] = traced ? t_max : -1;
     }
     query.intersect(valid, scene, packet);
@@ -124,7 +123,7 @@ void trace_row(RTCScene scene, const RayTable& rays, std::size_t row, float t_mi
   }
 }
 
-/// Puts the mesh, about `origin`, into the scene under that number.
+/// Adds the mesh, relative to `origin`, to the scene under that number.
 EmbreeTriangles attach(RTCDevice device, RTCScene scene, unsigned number, const Mesh& mesh,
                        const Vec3d& origin) {
   const RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
@@ -188,7 +187,7 @@ bool visit(RTCPointQueryFunctionArguments* arguments) {
   return true;
 }
 
-// One device for all meshes: each keeps some 30 MB of its own, and a shape model is learnt from hundreds.
+// One device for all meshes: a device takes some 30 MB, and a shape model is learnt from hundreds of meshes.
 RTCDevice distance_device() {
   static const struct Device {
     RTCDevice device = rtcNewDevice("threads=1");

@@ -1,4 +1,4 @@
-// Ray casting on Embree. A scene is static after construction; several threads may trace at once.
+// Ray casting with Embree. A scene is static after construction; tracing is thread-safe.
 #pragma once
 
 #include <memory>
@@ -12,26 +12,26 @@ namespace mirage {
 
 /// A ray: origin + t · direction for t in [t_min, t_max].
 struct Ray {
-  Vec3f origin, direction;  ///< direction need not be unit; t counts in its length
+  Vec3f origin, direction;  ///< direction need not be a unit vector; t is in its length
   float t_min = 0, t_max = 1e30f;
 };
 
-/// Where a ray met a face first.
+/// The first hit of a ray.
 struct Hit {
-  float t = -1;                  ///< ray parameter; < 0 where nothing was hit
-  int mesh = -1;                 ///< which mesh, in the order they were given
-  int face = -1;                 ///< which face of it
+  float t = -1;                  ///< ray parameter; < 0 without a hit
+  int mesh = -1;                 ///< index of the mesh, in the constructor's order
+  int face = -1;                 ///< index of its face
   float b1 = 0, b2 = 0;          ///< barycentrics of vertices 1 and 2; b0 = 1 − b1 − b2
   Vec3f normal = Vec3f::Zero();  ///< unnormalised face normal, wound as the face is
-  /// Whether it met any.
+  /// Whether there is a hit.
   bool hit() const { return mesh >= 0; }
 };
 
-/// Rows of rays as arrays, one entry for each ray, for tracing in packets. Neighbours in a row must look
-/// nearly the same way (consecutive azimuths of one beam): packets of rows are several times faster than
-/// rays in any other order.
+/// Rows of rays as arrays, one entry for each ray, for tracing in packets. Neighbours in a row should have
+/// nearly the same direction (consecutive azimuths of one beam): packets of rows are several times faster
+/// than rays in any other order.
 struct RayTable {
-  /// Rays that are traced at once.
+  /// Number of rays in a packet.
   static constexpr std::size_t kPacket = 16;
 
   RayTable() = default;
@@ -39,16 +39,16 @@ struct RayTable {
   RayTable(std::size_t rows, std::size_t columns);
 
   std::size_t rows = 0, columns = 0;
-  std::size_t stride = 0;  ///< columns, rounded up to whole packets; what lies beyond `columns` is not traced
+  std::size_t stride = 0;  ///< columns, rounded up to whole packets; the padding is not traced
   std::vector<float> origin[3], direction[3];  ///< x, y, z: rows × stride
 
-  /// Place of a ray in the arrays.
+  /// Index of a ray in the arrays.
   std::size_t index(std::size_t row, std::size_t column) const { return row * stride + column; }
-  /// Origin of the ray at a place of the arrays.
+  /// Origin of the ray at an index of the arrays.
   Vec3f origin_at(std::size_t i) const { return {origin[0][i], origin[1][i], origin[2][i]}; }
-  /// Direction of the ray at a place of the arrays.
+  /// Direction of the ray at an index of the arrays.
   Vec3f direction_at(std::size_t i) const { return {direction[0][i], direction[1][i], direction[2][i]}; }
-  /// Puts a ray into its place.
+  /// Sets a ray.
   void set(std::size_t row, std::size_t column, const Vec3f& from, const Vec3f& towards) {
     for (int c = 0; c < 3; ++c) {
       origin[c][index(row, column)] = from[c];
@@ -57,19 +57,18 @@ struct RayTable {
   }
 };
 
-/// What the rays of a table met, laid out as the table is. Where nothing was met: t = −1, mesh = face = −1.
+/// Hits of a table's rays, in the table's layout. Without a hit: t = −1, mesh = face = −1.
 struct HitTable {
   std::vector<float> t, b1, b2;
   std::vector<int> mesh, face;
 };
 
-/// Meshes that rays are traced against (Embree).
+/// Traces rays against meshes (Embree).
 class RayCaster {
  public:
   /// Builds one scene over all meshes (they are copied). Coordinates inside are float and relative to
-  /// `origin`, and so are the rays: with an origin near the meshes, what lies 10⁵ m off the frame's own
-  /// origin is met as exactly as what lies there. InputError: a coordinate that is not finite, or a face that
-  /// names no vertex.
+  /// `origin`, and so are the rays: with an origin near the meshes, hits 10⁵ m off the frame's origin are as
+  /// exact as hits there. InputError for a coordinate that is not finite, or a vertex index out of range.
   explicit RayCaster(std::span<const Mesh> meshes, const Vec3d& origin = Vec3d::Zero());
   ~RayCaster();
   /// Takes the other's scene.
@@ -77,17 +76,17 @@ class RayCaster {
   /// Takes the other's scene.
   RayCaster& operator=(RayCaster&&) noexcept;
 
-  /// Nearest hit (both sides of a face count). A ray that is not finite meets nothing.
+  /// Nearest hit (both sides of a face count). A ray that is not finite hits nothing.
   Hit intersect(const Ray& ray) const;
   /// Nearest hits of many rays, in parallel. hits.size() == rays.size().
   void intersect(std::span<const Ray> rays, std::span<Hit> hits) const;
-  /// Nearest hits of a table, rows in parallel, in packets of 16 (or fewer where the processor has narrower
-  /// registers; `width` 1, 4, 8 or 16 sets it, 0 leaves the choice). `hits` is resized as needed and can be
-  /// used again without allocation.
+  /// Nearest hits of a table, rows in parallel, in packets of 16 (fewer if the processor has narrower
+  /// registers; `width` 1, 4, 8 or 16 sets it, 0: automatic). `hits` is resized as needed and can be reused
+  /// without allocation.
   void intersect(const RayTable& rays, float t_min, float t_max, HitTable& hits, int width = 0) const;
   /// Unnormalised normal of a face, wound as the face is.
   Vec3f normal(int mesh, int face) const;
-  /// Whether anything lies between t_min and t_max.
+  /// Whether any face lies between t_min and t_max.
   bool occluded(const Ray& ray) const;
 
  private:
@@ -97,8 +96,7 @@ class RayCaster {
 
 // Distances to a triangle mesh by Embree's point queries, signed by the generalised winding number.
 
-/// Static after construction; several threads may ask at once. Single precision inside: about 1e-6 of the
-/// mesh's extent.
+/// Static after construction; thread-safe. Single precision inside: about 1e-6 of the mesh's extent.
 class MeshDistance {
  public:
   /// InputError for a mesh without faces.
@@ -107,10 +105,9 @@ class MeshDistance {
 
   /// Distance from p to the nearest point of any face (m, ≥ 0).
   double distance(const Vec3d& p) const;
-  /// The same, negative where the winding number says inside: w > 1/2, or |w| > 1/2 for a mesh that is wound
-  /// inside out as a whole. Right for closed meshes, for overlapping closed parts, and, away from the holes,
-  /// for meshes with holes: there the surface is the smooth one on which w = 1/2, but distances still count
-  /// to the faces.
+  /// The same, negative inside by the winding number: w > 1/2, or |w| > 1/2 for a mesh wound inside out as a
+  /// whole. Correct for closed meshes, for overlapping closed parts and, away from the holes, for meshes with
+  /// holes. At a hole the surface is the smooth one with w = 1/2, but distances are still to the faces.
   double signed_distance(const Vec3d& p) const;
   /// Whether signed_distance(p) is negative.
   bool inside(const Vec3d& p) const;

@@ -1,6 +1,6 @@
 // In the plane across a pencil a ray is a point and a face a triangle. Rays are sorted into cells of that
-// plane, row by row, so that those a face may be met by lie together: a face is tried on some of each row
-// that it reaches, eight rays at a time, and each ray keeps the nearest so far, without a branch for a ray.
+// plane, row by row, so that the rays that may hit a face are contiguous. A face is tested on part of each
+// row that it reaches, eight rays at a time; each ray keeps its nearest hit, without a branch per ray.
 #include "sensors/ray_pencil.h"
 
 #include <algorithm>
@@ -32,14 +32,14 @@
 namespace mirage::pencil {
 
 inline constexpr std::size_t kEight = 8;
-/// What lies nearer the eye than this, in the mesh's sizes, is not met.
+/// A face nearer the eye than this, in units of the mesh's size, is not hit.
 inline constexpr float kNear = 1e-3f;
-/// Faces are this much larger than they are, in their own sizes: what float32 leaves open between two.
+/// Faces are enlarged by this, in units of their own size, to close float32's gaps between neighbours.
 inline constexpr float kEdge = 2e-6f;
 inline constexpr float kFar = 1e30f;
-/// Twice the area of what is seen edge on.
+/// Twice the area of a face seen edge-on.
 inline constexpr float kEdgeOn = 1e-12f;
-/// Rays to a cell, and how many times as high as wide one is: narrow ones cost nothing in a row.
+/// Rays in a cell, and a cell's height over its width: narrow cells cost nothing in a row.
 inline constexpr float kRaysPerCell = 1.5f, kTall = 3;
 inline constexpr int kMaxRows = 64;
 
@@ -50,15 +50,14 @@ struct alignas(32) Eight {
 /// Corners of eight faces, in space: x, y, z of each of three.
 using Corners = std::array<std::array<Eight, 3>, 3>;
 
-/// A face across the pencil: its corner 0 (x, y, depth), and how b1, b2 and the depth rise from there for
-/// each x and for each y.
+/// A face across the pencil: its corner 0 (x, y, depth), and the slopes of b1, b2 and the depth in x and y.
 using Seen = std::array<float, 9>;
-/// Where faces may be met; low above high: nowhere.
+/// Bounding boxes of faces; low above high: empty.
 struct Boxes {
   Eight x_low, x_high, y_low, y_high;
 };
 
-/// How the pencil sees: coordinates along `axes` of what is seen from `point`.
+/// The pencil's view: coordinates along `axes` relative to `point`.
 struct View {
   std::array<std::array<float, 3>, 3> axes{};
   std::array<float, 3> point{};
@@ -68,27 +67,27 @@ struct View {
 struct Faces {
   std::size_t count = 0;
   std::vector<Corners> corners;  ///< of each eight faces; padded with the last
-  std::vector<Seen> seen;        ///< of each face, as the present view has it; padded
+  std::vector<Seen> seen;        ///< of each face, in the present view; padded
   std::vector<Boxes> boxes;      ///< of each eight faces
   float x_low = kFar, x_high = -kFar, y_low = kFar, y_high = -kFar;  ///< of all faces
-  /// In perspective, of each face: 1 / distance of the corners.
+  /// In perspective, of each face: 1 / depth of the corners.
   std::vector<std::array<float, 3>> nearness;
   View view;
   float scale = 1;  ///< to coordinates within 1
 };
 
-/// Rays, each a point of the plane and a depth that it starts from, and what each has met so far. Sorted by
-/// cells, and padded with rays that meet nothing.
+/// Rays, each a point of the plane and a start depth, and their nearest hits so far. Sorted by cells, and
+/// padded with rays that hit nothing.
 struct Rays {
   std::vector<float> x, y, start, depth, b1, b2;
   std::vector<std::int32_t> face;
   std::vector<int> first;  ///< of each cell, and past the last
-  std::vector<int> next;   ///< of each cell: where its next ray goes
+  std::vector<int> next;   ///< of each cell: index for its next ray
 
-  /// As they come.
+  /// In the caller's order.
   struct Place {
     float x, y, start;
-    int cell;  ///< < 0: it meets nothing; once sorted, which of the sorted it is
+    int cell;  ///< < 0: hits nothing; once sorted, its index in the sorted rays
   };
   std::vector<Place> places;
 };
@@ -113,8 +112,7 @@ HWY_INLINE V Set(float x) {
   return hn::Set(D(), x);
 }
 
-/// A corner as the view has it: x, y and the depth, which grows away from where rays start; false where it
-/// lies too near.
+/// A corner in the view: x, y and depth, which grows along the rays; false if it is too near.
 HWY_INLINE M Look(const View& view, const std::array<Eight, 3>& corner, std::size_t lane, V* seen) {
   const V x = hn::Sub(Load(corner[0], lane), Set(view.point[0])),
           y = hn::Sub(Load(corner[1], lane), Set(view.point[1])),
@@ -129,7 +127,7 @@ HWY_INLINE M Look(const View& view, const std::array<Eight, 3>& corner, std::siz
   return before;
 }
 
-/// All faces as the view has them.
+/// Projects all faces into the view.
 void Project(Faces& faces) {
   const D d;
   V x_low = Set(kFar), x_high = Set(-kFar), y_low = Set(kFar), y_high = Set(-kFar);
@@ -177,20 +175,20 @@ void Project(Faces& faces) {
   faces.y_low = hn::GetLane(hn::MinOfLanes(d, y_low)), faces.y_high = hn::GetLane(hn::MaxOfLanes(d, y_high));
 }
 
-/// Where the sorted rays lie.
+/// Arrays of the sorted rays.
 struct Sorted {
   const float *HWY_RESTRICT x, *HWY_RESTRICT y, *HWY_RESTRICT start;
   float *HWY_RESTRICT depth, *HWY_RESTRICT b1, *HWY_RESTRICT b2;
   std::int32_t* HWY_RESTRICT face;
 };
-/// A face for each of eight rays.
+/// A face, broadcast to eight rays.
 struct Broadcast {
   V of[std::tuple_size_v<Seen>];
   explicit HWY_INLINE Broadcast(const Seen& face) {
     for (std::size_t i = 0; i < face.size(); ++i) of[i] = Set(face[i]);
   }
 };
-/// Tries a face on the rays from `ray` to before `end`, and on some more.
+/// Tests a face on the rays in [ray, end), rounded up to a whole vector.
 HWY_INLINE void Try(const Broadcast& face, int index, const Sorted& rays, std::size_t ray, std::size_t end) {
   const D d;
   const I ints;
@@ -212,7 +210,7 @@ HWY_INLINE void Try(const Broadcast& face, int index, const Sorted& rays, std::s
   }
 }
 
-/// Cells of the part of the plane where faces are: rows of columns.
+/// Cells of the part of the plane that contains faces: rows of columns.
 struct Cells {
   float x0, x1, y0, y1;
   int rows = 1, columns = 1;
@@ -227,12 +225,11 @@ struct Cells {
     per_x = static_cast<float>(columns) / width, per_y = static_cast<float>(rows) / height;
   }
   bool hold(float x, float y) const { return x >= x0 && x <= x1 && y >= y0 && y <= y1; }
-  // These rise with what they are of, alone or eight at a time, so that what lies between two places lies in
-  // a cell between theirs.
+  // Both are monotonic, alone and eight at a time: a point between two others has a cell between theirs.
   int column(float x) const { return std::min(static_cast<int>((x - x0) * per_x), columns - 1); }
   int row(float y) const { return std::min(static_cast<int>((y - y0) * per_y), rows - 1); }
 };
-/// Cells of eight places along one axis. Those of no place are whatever they are.
+/// Cells of eight positions along one axis; undefined for invalid positions.
 HWY_INLINE void CellsOf(const Eight& places, float from, float per, int count, std::int32_t* cells) {
   const D d;
   const I ints;
@@ -243,7 +240,7 @@ HWY_INLINE void CellsOf(const Eight& places, float from, float per, int count, s
   }
 }
 
-/// Where the rays run in the plane, and from where; counts those of each cell.
+/// Sets the rays' positions and start depths in the plane; counts the rays of each cell.
 void Place(const Faces& faces, const Cells& cells, std::span<const Vec3f> points, Rays& rays) {
   const View& view = faces.view;
   rays.places.resize(points.size());
@@ -269,7 +266,7 @@ void Place(const Faces& faces, const Cells& cells, std::span<const Vec3f> points
   }
 }
 
-/// Sorts the rays that may meet something by cells.
+/// Sorts the rays that may hit a face by cells.
 void Sort(Rays& rays) {
   for (std::size_t cell = 1; cell < rays.first.size(); ++cell) rays.first[cell] += rays.first[cell - 1];
   const auto count = as_size(rays.first.back()), padded = count + kEight;
@@ -338,7 +335,7 @@ HWY_EXPORT(MeetAll);
 
 namespace {
 
-// Called from this namespace, as Highway asks where there is one instruction set alone.
+// Called from this namespace, as Highway requires with a single instruction set.
 void project(Faces& faces) {
   HWY_DYNAMIC_DISPATCH(Project)(faces);
 }

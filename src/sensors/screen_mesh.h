@@ -1,5 +1,4 @@
-// What is rasterised, where, and with which options of the soft rasteriser (soft_rasterizer.h has the
-// equations).
+// Input of the soft rasteriser: mesh, target window and options (soft_rasterizer.h has the equations).
 #pragma once
 
 #include <algorithm>
@@ -14,12 +13,12 @@
 
 namespace mirage {
 
-/// How the photograph behind the object enters.
+/// Blending of the photograph behind the object.
 enum class Background {
   paper_logit,  ///< the paper's: background logit ε. Dilates the object to where D exp(z̄/γ) ≈ exp(ε/γ), that
                 ///< is by √T, because γ is small
-  authors_logit,  ///< as the authors' code: logit 2ε (golden values only)
-  silhouette,     ///< I = S · (colour among faces) + (1 − S) · background: edges stay where they are
+  authors_logit,  ///< the authors' code: logit 2ε (golden values only)
+  silhouette,     ///< I = S · (colour among faces) + (1 − S) · background: edges stay in place
 };
 constexpr auto words_of(Background) {
   return std::to_array<const char*>({"paper_logit", "authors_logit", "silhouette"});
@@ -38,17 +37,17 @@ constexpr auto words_of(Coverage) {
 /// Colour among faces.
 enum class ColorBlend {
   softmax,  ///< weights w above
-  hard,     ///< the nearest face that contains the sample; gradient to its texture, and to the face by
-            ///< its barycentrics there (Texture::vertex)
+  hard,     ///< the nearest face that contains the sample; gradient to its texture, and to the face through
+            ///< its barycentrics (Texture::vertex)
 };
 constexpr auto words_of(ColorBlend) {
   return std::to_array<const char*>({"softmax", "hard"});
 }
 
-/// How the coverages D of a pixel's faces make its silhouette S.
+/// Combination of the coverages D of a pixel's faces to its silhouette S.
 enum class SilhouetteBlend {
   product,  ///< 1 − Π(1 − D)
-  sum,      ///< Σ D / number of faces, as the authors' code has it
+  sum,      ///< Σ D / number of faces, as in the authors' code
   hard,     ///< 1 where any D > 1/2; no gradient
 };
 constexpr auto words_of(SilhouetteBlend) {
@@ -61,13 +60,13 @@ constexpr auto words_of(Sides) {
   return std::to_array<const char*>({"both", "counter_clockwise", "clockwise"});
 }
 
-/// What colours a face.
+/// The source of a face's colour.
 enum class Texture {
   atlas,   ///< C² texels a face, nearest (TexelAtlas)
   vertex,  ///< three colours a face, interpolated
 };
 
-/// Every option of the soft rasteriser (Liu et al., ICCV 2019), with the defaults of Mirage.
+/// Options of the soft rasteriser (Liu et al., ICCV 2019), with Mirage's defaults.
 template <class S>
 struct SoftRasterSettings {
   S sigma = S(5e-7);            ///< edge softness in NDC²; 1 px of a 1242 px image is 2.6e-6
@@ -90,21 +89,21 @@ struct SoftRasterSettings {
 /// A face whose altitude on screen (NDC) is smaller covers nothing: it has no barycentrics.
 inline constexpr double kNoArea = 1e-12;
 
-/// What is drawn. Screen frame: x right, y up in NDC of the longer image side (pixel (u, v) has its centre at
-/// ((2u + 1 − W)/L, (H − 1 − 2v)/L), L = max(W, H)); z is depth in metres, > 0. A face with a coordinate that
-/// is not finite or a depth ≤ 0 is skipped. The grid says where the texels of each face that has some are.
+/// A mesh to draw. Screen frame: x right, y up in NDC of the longer image side (pixel (u, v) has its centre
+/// at ((2u + 1 − W)/L, (H − 1 − 2v)/L), L = max(W, H)); z is depth in metres, > 0. A face with a coordinate
+/// that is not finite or a depth ≤ 0 is skipped. The grid locates the texels of each face that has its own.
 template <class S>
 struct ScreenMesh : TexelGrid {
   std::vector<std::array<Vec3<S>, 3>> faces;
   std::vector<Vec3<S>> texels;  ///< colours with the light already multiplied in; see `texture`
   Texture texture = Texture::atlas;
   /// Parts of clipped faces (projection.h), atlas only. Both empty: every face is whole and has its own
-  /// texels. Otherwise one entry a face: whose texels it uses, and the barycentrics there of its corners.
+  /// texels. Otherwise one entry a face: the face whose texels it uses, and its corners' barycentrics there.
   std::vector<int> texel_face;
   std::vector<std::array<Vec3<S>, 3>> corner_barycentrics;
 };
 
-/// Where it is drawn: a window of an image.
+/// The target of a drawing: a window of an image.
 template <class S>
 struct RasterTarget {
   int width = 0, height = 0;  ///< of the whole image
@@ -115,12 +114,12 @@ struct RasterTarget {
   Image<S> depth_limit;  ///< window-sized, or empty: fragments with z > limit are dropped (both I and S)
 };
 
-/// d loss / d the three corners of each face, as ScreenMesh has them, and d loss / d texels.
+/// d loss / d the three corners of each face, as in ScreenMesh, and d loss / d texels.
 template <class S>
 struct ScreenGradient {
   std::vector<std::array<Vec3<S>, 3>> faces;
   std::vector<Vec3<S>> texels;
-  /// d loss / d ScreenMesh::corner_barycentrics; empty where texel borders do not count (this rasteriser).
+  /// d loss / d ScreenMesh::corner_barycentrics; empty if texel borders don't count (this rasteriser).
   std::vector<std::array<Vec3<S>, 3>> corner_barycentrics;
 };
 
@@ -131,13 +130,13 @@ Vec2<S> ndc_from_pixel(S u, S v, int width, int height) {
   return {(2 * u + 1 - S(width)) / longer, (S(height) - 1 - 2 * v) / longer};
 }
 
-/// Of the photograph behind the object among the faces' z̄; of no meaning for Background::silhouette.
+/// Logit of the background, comparable to the faces' z̄; meaningless for Background::silhouette.
 template <class S>
 S background_logit(const SoftRasterSettings<S>& settings) {
   return (settings.background == Background::authors_logit ? 2 : 1) * settings.epsilon;
 }
 
-/// T: squared distance (NDC², or barycentric²) outside a face from which on it is skipped.
+/// T: squared distance (NDC², or barycentric²) outside a face beyond which the face is skipped.
 template <class S>
 S cut_off(const SoftRasterSettings<S>& settings) {
   return settings.sigma * std::log(1 / settings.dist_eps - 1);

@@ -48,7 +48,7 @@ void blend_silhouette(const std::vector<Fragment<S>>& fragments, std::size_t fac
   result.unseen = 1 - result.silhouette;
 }
 
-/// Weights of the fragments among each other and the background; returns the background's.
+/// Softmax weights of the fragments and the background; returns the background's.
 template <class S>
 S softmax_weights(std::vector<Fragment<S>>& fragments, const SoftRasterSettings<S>& settings) {
   const bool logit = settings.background != Background::silhouette;
@@ -56,7 +56,7 @@ S softmax_weights(std::vector<Fragment<S>>& fragments, const SoftRasterSettings<
   S top = logit ? background : -std::numeric_limits<S>::infinity();
   for (const auto& f : fragments)
     if (f.colored) top = std::max(top, f.normalized_z);
-  // Differences before the division: z̄ / γ itself has no digits left after the point when γ is small.
+  // Subtracts before dividing: for small γ, z̄ / γ itself has no digits left after the point.
   const S background_mass = logit ? std::exp((background - top) / settings.gamma) : S(0);
   S sum = background_mass;
   for (auto& f : fragments) {
@@ -101,7 +101,7 @@ Blend<S> blend(std::vector<Fragment<S>>& fragments, std::size_t faces, const Sof
   return result;
 }
 
-/// Throws InputError for settings that have no meaning.
+/// Throws InputError for meaningless settings.
 template <class S>
 void check(const SoftRasterSettings<S>& settings) {
   SoftRasterSettings<double> s;
@@ -159,7 +159,7 @@ void sample_vjp(const std::vector<Fragment<S>>& fragments, const Blend<S>& resul
                 const std::vector<FaceSetup<S>>& setups, const ScreenMesh<S>& mesh,
                 const SoftRasterSettings<S>& settings, const Vec3<S>& background, Vec3<S> d_color,
                 S d_silhouette, ScreenGradient<S>& gradient) {
-  // What the weights are shared among: faces and background, or faces alone.
+  // The mean colour under the weights: of faces and background, or of faces only.
   Vec3<S> mean = result.color;
   if (settings.background == Background::silhouette && result.any_color) {
     d_silhouette += d_color.dot(result.among_faces - background);
@@ -228,7 +228,7 @@ Image<S> rasterize(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& setti
   const S share = 1 / S(target.supersampling * target.supersampling);
   const auto add = [&](int u, int v, const Vec3<S>& background, std::vector<Fragment<S>>& fragments) {
     const Blend<S> result = blend(fragments, mesh.faces.size(), settings, background);
-    // As a difference from the background, which the other samples show.
+    // As a difference from the background, which the other samples keep.
     for (int c = 0; c < 3; ++c) rgba.at(u, v, c) += share * (result.color[c] - background[c]);
     rgba.at(u, v, 3) += share * result.silhouette;
   };

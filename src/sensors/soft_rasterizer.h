@@ -1,5 +1,5 @@
-// Soft rasteriser (Liu, Li, Chen, Li: Soft Rasterizer, ICCV 2019): what it computes, and the plain loop over
-// all pixels and faces that is its reference, forward and exact VJP. raster_batch.h is the fast one.
+// Soft rasteriser (Liu, Li, Chen, Li: Soft Rasterizer, ICCV 2019): its definition, and its reference, a plain
+// loop over all pixels and faces, forward and exact VJP. raster_batch.h is the fast one.
 //
 // For sample i and face j, with d² the squared Euclidean distance from the sample to the face's boundary
 // in NDC of the image's longer side and δ = ±1 inside / outside:
@@ -9,7 +9,7 @@
 //     I_i  = Σ_j w_ij C_ij + w_i,background C_background,i                              (eq. 2)
 //     S_i  = 1 − Π_j (1 − D_ij)                                      silhouette         (eq. 4)
 // Faces outside which d² ≥ T = σ log(1/dist_eps − 1), and samples outside the face's bounding box grown by
-// √T, are skipped. The silhouette counts every face, whatever side it shows; colour only fragments of the
+// √T, are skipped. The silhouette counts every face, on either side; colour counts only fragments of the
 // chosen sides with near ≤ z ≤ far. The enums of screen_mesh.h are the options of Liu et al.'s public code.
 #pragma once
 

@@ -69,7 +69,7 @@ VisibleLight visible_light(const std::vector<Vec3d>& normals, const std::vector<
   result.weights.reserve(visibility.reflections.size());
   for (std::size_t i = 0; i < nodes; ++i)
     for (const auto& r : visibility.met_by(i)) result.weights.push_back(n[i].dot(r.towards.cast<double>()));
-  std::vector<bool> is_met(nodes, false);  // what no other meets sends its light to the camera alone
+  std::vector<bool> is_met(nodes, false);  // a node that no other meets sends its light only to the camera
   for (const auto& r : visibility.reflections) is_met[as_size(r.node)] = true;
   std::vector<Vec3d> reflected(nodes, Vec3d::Zero());
   for (int step = 0; step < bounces; ++step) {
@@ -96,8 +96,8 @@ VisibleLight visible_light(const std::vector<Vec3d>& normals, const std::vector<
   result.factor.resize(visibility.sun.size());
   result.gloss.resize(visibility.sun.size());
   for (std::size_t i = 0; i < nodes; ++i) result.sky[i] = open[i] + reflected[i];
-  // Of each of a side's nodes, what each part of it shows: the light and the gloss of all but the sun, and
-  // what the sun adds to both where a part sees all of it.
+  // For each of a side's nodes, common to its parts: light and gloss without the sun, and the sun's addition
+  // to both for a part that sees all of it.
   struct Shown {
     Vec3d light, sheen, sunlight, glint;
   };

@@ -1,32 +1,32 @@
-// The light model with visibility: the plain one (sensors/lighting.h) where nothing is in the way, less what
-// the object itself, the roof under it and the road hide of sky and sun, plus what they reflect.
+// The light model with visibility: the plain one (sensors/lighting.h), less the sky and sun hidden by the
+// object itself, the roof under it and the road, plus the light that they reflect.
 //
 // With E the irradiance over π, ρ the albedo, n̂ the unit normal and ω_k, k < K, directions spread evenly over
 // the sphere (Fibonacci lattice), each node i (a side of a face, or one of the parts of a side that the
 // camera sees large; a cell of the roof; sensors/light_nodes.h) has
 //     E_i = ambient + hemisphere (1 + n̂·up)/2 + sun max(0, n̂·l) v_i
-//         + Σ_k (4/K) max(0, n̂·ω_k) (L_hit − L_sky(ω_k))          over the directions that meet something
+//         + Σ_k (4/K) max(0, n̂·ω_k) (L_hit − L_sky(ω_k))          over the directions with a hit
 //     L_sky(ω) = ambient + hemisphere/2 + 3/4 hemisphere ω·up        whose irradiance is the first two terms
 //     L_hit    = ρ_j E_j + a_ij (E_j − sun's part) + π f_s(l) max(0, n̂_j·l) sun v_j     a node of the object
 //                ρ_j E_j, and the gloss of an open sky and of the sun v_j                  a cell of the roof
 //                the plain model's radiance                                a vehicle beside the object
 //                the radiance of road or vehicle under the open sky, colour and gloss      what is left
-// with a_ij and f_s of the gloss of what is met, along the ray
+// with a_ij and f_s of the gloss of the surface hit, along the ray
 // (radiosity by gathering; Goral et al., SIGGRAPH 1984, equation 5), iterated from E without reflections. A
-// convex object in free space has the plain model's light exactly. A face is shown as the side that the
-// camera sees is lit: a texel t of albedo ρ_t at node i has the radiance
+// convex object in free space has the plain model's light exactly. A face is drawn with the light of the side
+// that the camera sees: a texel t of albedo ρ_t at node i has the radiance
 //     ρ_t (m_i (E_i − sun's part) + sun max(0, n̂·l) F_d(l) v_t)                     Burley's diffuse lobe
 //     + a_i Σ_k f_k L_k / Σ_k f_k + π f_s(l) max(0, n̂·l) sun v_t                    the surface's gloss
-// with f_k the gloss's response to the light from ω_k (sensors/material.h), L_k what is met there (the sky
-// where nothing is), a_i the share of an even light that the lobe sends to the camera, and m_i the mean of
-// F_d over the directions. Without a camera there is no gloss and F_d is 1. The weights 4/K are scaled for
+// with f_k the gloss's response to the light from ω_k (sensors/material.h), L_k the radiance from there (the
+// sky's without a hit), a_i the share of a uniform light that the lobe sends to the camera, and m_i the mean
+// of F_d over the directions. Without a camera there is no gloss and F_d is 1. The weights 4/K are scaled for
 // each node so that Σ (4/K) max(0, n̂·ω_k) is 1. v_t, the share of the sun that a texel sees, is found for
-// each texel and where a shadow's border is seen near for parts of it (light_visibility.cpp); v_i is
-// the node's.
+// each texel and, at shadow borders close to the camera, for parts of it (light_visibility.cpp); v_i is the
+// node's.
 //
-// What each ray meets is a value without a gradient: it jumps. So are the shares that depend on where the
-// camera is or where a ray runs: a_i, a_ij, f_k, m_i, F_d and f_s. For them held fixed everything else is
-// exact, through the normals and through the albedos that reflect.
+// The hit of each ray has no gradient: it jumps. Nor have the shares that depend on the camera's position or
+// on a ray's course: a_i, a_ij, f_k, m_i, F_d and f_s. With these held fixed the gradient is exact, through
+// the normals and through the reflecting albedos.
 #pragma once
 
 #include <array>
@@ -41,7 +41,7 @@
 
 namespace mirage {
 
-/// What an inserted object is lit by.
+/// The light on an inserted object.
 enum class LightModel {
   plain,    ///< sensors/lighting.h: nothing shadows or reflects
   visible,  ///< this file
@@ -51,7 +51,7 @@ constexpr auto words_of(LightModel) {
   return std::to_array<const char*>({"plain", "visible", "fine"});
 }
 
-/// What stands around an object on a vehicle's roof: rectangles parallel to the roof, and a level road.
+/// Surroundings of an object on a vehicle's roof: rectangles parallel to the roof, and a level road.
 struct LightSurroundings {
   Transform velo_from_roof = Transform::Identity();  ///< origin on the roof, x along the heading, z up
   Eigen::AlignedBox2d roof{Vec2d(-0.8, -0.6), Vec2d(0.8, 0.6)};  ///< at z = 0, roof frame
@@ -60,31 +60,30 @@ struct LightSurroundings {
   Vec3d paint = Vec3d::Constant(0.3);                            ///< albedo of the vehicle
   double road_below = 1.5;             ///< m from the roof's origin down to the road
   Vec3d road = Vec3d::Constant(0.18);  ///< albedo of the road
-  /// A vehicle of that paint beside the object (`velo`, m): it hides sun and sky, and shows the plain model's
-  /// light. Null: none.
+  /// A vehicle of that paint beside the object (`velo`, m): it hides sun and sky, and has the plain model's
+  /// light. Null: no such vehicle.
   std::shared_ptr<const Mesh> beside = {};
 };
 
-/// How finely visibility is sampled.
+/// Sampling of visibility.
 struct VisibleLightSettings {
-  int directions = 40;  ///< K; a side sends rays along the half of them that it faces
-  /// K of what is seen through reflections alone: the roof's cells and the sides that the camera does not
-  /// see.
+  int directions = 40;  ///< K; a side sends rays along the half that it faces
+  /// K of nodes visible only in reflections: the roof's cells and the sides that the camera does not see.
   int rough_directions = 8;
-  int bounces = 4;      ///< gathering steps; 0: occlusion and the road's light alone
+  int bounces = 4;      ///< gathering steps; 0: occlusion and the road's light only
   int sun_samples = 5;  ///< n² rays to the sun from a face, each for the texels around it
-  /// sr; where a shadow's border runs through faces whose texels the camera sees under a larger angle, texels
-  /// are split until their parts' are no larger, each with its own ray to the sun.
+  /// sr; where a shadow's border crosses faces whose texels the camera sees under a larger angle, texels are
+  /// split into parts below it, each with its own ray to the sun.
   double sun_angle = 1e-6;
   double cell = 0.4;  ///< m; the roof's cells, each with its own light
-  /// sr; a side that the camera sees under a larger angle has the light of n² parts of no larger one, n at
-  /// most the atlas's C. KITTI's pixel is 1.9e-6.
+  /// sr; a side that the camera sees under a larger angle is split into n² parts below it, n at most the
+  /// atlas's C. KITTI's pixel is 1.9e-6.
   double node_angle = 1.5e-4;
-  double enclosed_node_angle = 6e-6;  ///< sr; the same of enclosed sides, where it is less
-  /// A side is enclosed where the object stands higher above its plane than this: the sine of the highest
-  /// corner's elevation, as the side's middle sees it.
+  double enclosed_node_angle = 6e-6;  ///< sr; the same for enclosed sides, if smaller
+  /// A side is enclosed if the object rises above its plane by more than this: sine of the highest corner's
+  /// elevation, seen from the side's middle.
   double open_below = 0.8;
-  /// Whether the object's surface is a rough dielectric's (sensors/material.h), or Lambert's.
+  /// Whether the object's surface is a rough dielectric (sensors/material.h); otherwise Lambertian.
   bool glossy = true;
 };
 template <class Visitor, FieldsOf<VisibleLightSettings> S>
@@ -101,33 +100,33 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "glossy", .option = ""}, s.glossy);
 }
 
-/// Somewhat more directions, finer nodes and far finer shadows; an insertion takes a third longer.
+/// More directions, finer nodes and much finer shadows; an insertion takes a third longer.
 VisibleLightSettings fine_light();
 
-/// Which nodes there are. Sides [0, faces) are the object's faces as they are wound, the next `faces` their
-/// backs. Nodes are the sides' in their order, n² a side (atlas_triangles(n) of it, by their index), then the
-/// roof's cells.
+/// The layout of nodes. Sides [0, faces) are the object's faces as wound, the next `faces` their backs. Nodes
+/// are first those of the sides in order, n² a side (its atlas_triangles(n), by index), then the roof's
+/// cells.
 struct LightLayout {
   std::size_t faces = 0;
-  std::vector<int> first_of_side;  ///< sides + 1: where each side's nodes start
+  std::vector<int> first_of_side;  ///< sides + 1: each side's first node
   std::vector<int> parts;          ///< of each side: n
-  std::vector<int> side_of;        ///< of each of the sides' nodes
+  std::vector<int> side_of;        ///< side of each of the sides' nodes
   std::vector<bool> behind;        ///< of each face: the camera sees its back
-  /// By n − 1: which of the n² nodes each texel is shown by, and which texels each node reflects with.
+  /// By n − 1: the node, of n², that shows each texel, and the texels that each node reflects with.
   std::vector<std::vector<int>> node_of_texel;
   std::vector<std::vector<std::vector<int>>> texels_of_node;
 
   /// The side that the camera sees of a face.
   std::size_t side(std::size_t face) const { return behind[face] ? face + faces : face; }
-  /// Whose side it is.
+  /// The face of a side.
   std::size_t face_of(std::size_t side) const { return side < faces ? side : side - faces; }
-  /// Where a side's nodes start.
+  /// Index of a side's first node.
   std::size_t first_node(std::size_t side) const { return as_size(first_of_side[side]); }
-  /// Of the texels of a side's face, which of the side's nodes each is shown by.
+  /// For each texel of a side's face, the node of the side that shows it.
   const std::vector<int>& nodes_of_texels(std::size_t side) const {
     return node_of_texel[as_size(parts[side]) - 1];
   }
-  /// The node that the camera sees of a face's texel.
+  /// The node that shows a face's texel to the camera.
   std::size_t node(std::size_t face, std::size_t texel) const {
     const std::size_t seen = side(face);
     return first_node(seen) + as_size(nodes_of_texels(seen)[texel]);
@@ -139,25 +138,25 @@ struct LightLayout {
   }
 };
 
-/// What the rays met: values without a gradient.
+/// The rays' hits: values without a gradient.
 struct LightVisibility : LightLayout {
-  /// Another node that a node's rays met.
+  /// A node that another node's rays met.
   struct Reflection {
-    int node = 0;        ///< the one that is met
+    int node = 0;        ///< the node hit
     Vec3f towards;       ///< ω times its weight
-    float specular = 0;  ///< a_i f_k / Σ f_k: share of its radiance that the gloss shows
-    float gloss = 0;     ///< a_ij: share of an even light that its own gloss sends along the ray
+    float specular = 0;  ///< a_i f_k / Σ f_k: share of its radiance in the gloss
+    float gloss = 0;     ///< a_ij: share of a uniform light that its own gloss sends along the ray
   };
   std::vector<Eigen::Matrix3d> blocked;  ///< of each node: Σ ω weight (L_fixed − L_sky)ᵀ, so that E += mᵀ n̂
-  std::vector<int> first;                ///< nodes + 1: where each node's reflections start
+  std::vector<int> first;                ///< nodes + 1: index of each node's first reflection
   std::vector<Reflection> reflections;
-  TexelGrid shown;  ///< parts of faces that are shown: of each face, its texels or parts of them
-  /// By how many parts a texel's edge has, less one: of each of a face's parts, which texel it is part of.
+  TexelGrid shown;  ///< the parts shown of each face: its texels or parts of them
+  /// By number of parts along a texel's edge, less one: the texel of each of a face's parts.
   std::vector<std::vector<int>> texel_of_part;
   int resolution = 1;             ///< the atlas's C
-  std::vector<float> sun;         ///< of each shown part: share that sees the sun
+  std::vector<float> sun;         ///< of each shown part: share of it that sees the sun
   std::vector<double> sun_share;  ///< of each node
-  // Of the sides that the camera sees; of the others as without a camera.
+  // For sides that the camera sees; the others as without a camera.
   std::vector<Vec3d> specular;       ///< of each node: the gloss's share of sky, road and deck
   std::vector<double> specular_sun;  ///< of each node: π f_s(l) max(0, n̂·l)
   std::vector<double> diffuse;       ///< of each node: m_i
@@ -165,11 +164,11 @@ struct LightVisibility : LightLayout {
   Vec3d roof_normal = Vec3d::UnitZ(), paint = Vec3d::Zero();
   std::size_t rays = 0;
 
-  /// Of each of a face's shown parts, which of its texels it is part of.
+  /// For each of a face's shown parts, the texel that contains it.
   const std::vector<int>& texels_of_parts(std::size_t face) const {
     return texel_of_part[as_size(shown.resolution_of(face) / resolution) - 1];
   }
-  /// How many.
+  /// Number of nodes.
   std::size_t nodes() const { return sun_share.size(); }
   /// The nodes that a node's rays met.
   std::span<const Reflection> met_by(std::size_t node) const {
@@ -177,19 +176,18 @@ struct LightVisibility : LightLayout {
   }
 };
 
-/// Traces the rays. `surroundings` may be null: an object in free space. `eye` is the camera's place, which
-/// tells the faces turned away from it; null: none is. The light's own values do matter:
-/// the road's and the sky's radiances are in `blocked`. InputError: an atlas without texels for each face, or
-/// a setting that is not positive.
+/// Traces the rays. `surroundings` may be null: an object in free space. `eye` is the camera's position,
+/// which decides the visible sides; null: all fronts. The result depends on the light's values: the road's
+/// and the sky's radiances are in `blocked`. InputError for an atlas without texels for each face, or a
+/// setting that is not positive.
 LightVisibility find_visibility(const TexturedMesh& placed, const Lighting& light,
                                 const LightSurroundings* surroundings, const Vec3d* eye = nullptr,
                                 const VisibleLightSettings& settings = {});
 
-/// Light factor of every texel, or of every part of one as LightVisibility::shown has them, and what the VJP
-/// needs.
+/// Light factor of every shown part (LightVisibility::shown), and the values that the VJP needs.
 struct VisibleLight {
-  std::vector<Vec3d> factor;              ///< of each part, times its texel's albedo; never negative
-  std::vector<Vec3d> gloss;               ///< of each part, whatever the albedo
+  std::vector<Vec3d> factor;              ///< of each part: multiplies its texel's albedo; never negative
+  std::vector<Vec3d> gloss;               ///< of each part: added, independent of the albedo
   std::vector<std::vector<Vec3d>> skies;  ///< E of every node before each gathering step, less `direct`
   std::vector<Vec3d> direct;              ///< of every node: the sun's own part of E
   std::vector<Vec3d> albedo;              ///< of every node
@@ -197,7 +195,7 @@ struct VisibleLight {
   std::vector<double> weights;            ///< of every reflection: n̂·towards
 };
 /// `normals`: unnormalised, of the faces, `velo`; `texels`: the atlas's albedos. A face without area has the
-/// ambient term alone.
+/// ambient term only.
 VisibleLight visible_light(const std::vector<Vec3d>& normals, const std::vector<Vec3d>& texels,
                            const Lighting& light, const LightVisibility& visibility, int bounces);
 /// Adds d loss / d normal and d loss / d texel, given d loss / d factor and d loss / d gloss of every part.

@@ -17,8 +17,8 @@ std::array<Vec3d, 3> face_of(const Mesh& mesh, int face) {
   return mesh.corners(mesh.faces[as_size(face)]);
 }
 
-/// The caster works in float and may pick a face that the exact ray just misses. On needles and near-grazing
-/// faces the plane is then met far off the face: the return is kept on the face.
+/// The ray caster works in float and may pick a face that the exact ray just misses. On needles and
+/// near-grazing faces the ray then meets the plane far off the face: this keeps the return on the face.
 void keep_on_face(FaceReturn<double>& hit, const LidarRay& ray, const std::array<Vec3d, 3>& face) {
   constexpr double kBeside = 1e-3;
   if ((hit.barycentric.array() >= -kBeside).all() && (hit.barycentric.array() <= 1 + kBeside).all()) return;
@@ -57,8 +57,8 @@ class Insertion {
     return start_from_moment(effects_, lidar_.firing_time(sent.beam, sent.azimuth));
   }
 
-  /// Rays that can meet the object. Motion shifts where the unit sees it, by an amount that changes over the
-  /// firings that pass it: the ball is grown by that change.
+  /// Finds the rays that can meet the object. Motion shifts the object as the unit sees it, by an amount that
+  /// changes from firing to firing: the bounding ball grows by that change.
   void find_rays() {
     Vec3d centre = box_.center();
     double radius = box_.diagonal().norm() / 2;
@@ -68,8 +68,8 @@ class Insertion {
       const Vec3d seen = lidar_.velo_from_lidar.inverse() * centre;
       const double middle = lidar_.firing_time(0, std::atan2(seen.y(), seen.x())) - lidar_.beams[0].time;
       const double speed = effects_.velocity.norm() + std::abs(effects_.yaw_rate) * centre.norm();
-      // Beams look up to a few degrees beside the firing's azimuth: a quarter turn is ample unless the object
-      // is next to the unit.
+      // Beams look up to a few degrees beside the firing's azimuth: a quarter turn is enough unless the
+      // object is next to the unit.
       const bool apart = centre.norm() > 2 * (radius + speed / lidar_.rate);
       radius += speed * ((apart ? 0.25 : 0.5) / lidar_.rate + last);
       centre = start_from_moment(effects_, apart ? middle : 0).inverse() * centre;
@@ -100,7 +100,7 @@ class Insertion {
     caster.intersect(rays, 0, 1e30f, hits_);
   }
 
-  /// A ray of the cone: false if it does not meet the object within the unit's range.
+  /// Traces a ray of the cone; false if it does not meet the object within the unit's range.
   bool meet(std::size_t at, double weight, LidarTape::BeamSample& part) const {
     if (hits_.face[at] < 0) return false;
     const LidarRay& ray = traced_[at];
@@ -136,13 +136,13 @@ class Insertion {
       LidarTape::BeamSample part;
       const bool here = meet(k * sent_.size() + i, pattern_[k].weight, part);
       met |= here;
-      // The nearer of the two returns stays; a ray without a measured one has nothing in front.
+      // The nearer of the two returns stays; a ray without a measured return has no occluder.
       if (!here || (measured && sent.range <= part.hit.range)) {
         behind += pattern_[k].weight;
         continue;
       }
       tape_.parts.push_back(part);
-      // What is black still stops the light: some echo is the strongest.
+      // A black surface still stops the light: one echo must be the strongest.
       reflections_.push_back({part.hit.range, std::max(strength(part), std::numeric_limits<double>::min())});
     }
     if (!met) return;
@@ -165,9 +165,9 @@ class Insertion {
     add(sent, first, strongest);
   }
 
-  /// Whether the strongest echo of the cone is the object's; drops the parts that are not in it.
+  /// Whether the strongest echo of the cone is the object's; drops the parts outside that echo.
   bool win(const SweepRay& sent, std::size_t first, double behind, int& strongest) {
-    constexpr double kLeast = 0.01;  // reflectance: what is reported as 0 still came back
+    constexpr double kLeast = 0.01;  // reflectance: a return reported as 0 still came back
     const int background = static_cast<int>(reflections_.size());
     if (sent.point >= 0 && behind > 0) {
       const double reflectance = prepared_.frame.sweep[as_size(sent.point)].reflectance;
@@ -252,7 +252,7 @@ class Insertion {
 
   static double square(double x) { return x * x; }
 
-  /// What the ray's share of the beam's light brings back.
+  /// Strength of the echo from this ray's share of the beam's light.
   static double strength(const LidarTape::BeamSample& part) {
     if (!(part.reflectivity > 0)) return 0;
     return part.weight *
@@ -276,12 +276,12 @@ class Insertion {
   LidarTape tape_;
 };
 
-/// How far outside the silhouette it is looked at what lies behind it (rad).
+/// Offset outside the silhouette of the ray that looks behind it (rad).
 constexpr double kOutside = 5e-5;
-/// What is not further behind the silhouette than this (m) is the object's surface there.
+/// A hit up to this far behind the silhouette (m) is on the object's own surface there.
 constexpr double kSameSurface = 1e-3;
 constexpr double kSamplesPerCell = 2;
-constexpr double kMaxSamples = 4096;  // of an edge: a unit that is almost inside the object
+constexpr double kMaxSamples = 4096;  // of an edge, for a unit almost inside the object
 
 class Tracer {
  public:
@@ -303,7 +303,7 @@ class Tracer {
   LidarSilhouette run() {
     const std::vector<MeshEdge> edges = edges_of(mesh_);  // candidates point into it
     for (const MeshEdge& edge : edges)
-      // Where more faces meet, no two of them are the ones that border on what is behind.
+      // An edge with more than two faces has no well-defined pair at the silhouette.
       if (edge.faces.size() <= 2 && !is_inner(edge)) sample(edge);
     if (candidates_.empty()) return {};
     const RayCaster caster(std::span(&mesh_, 1), centre_);
@@ -329,20 +329,20 @@ class Tracer {
 
   const Vec3d& vertex(int i) const { return mesh_.vertices[as_size(i)]; }
 
-  /// Of a face's plane to a point, times twice the face's area; positive on its front.
+  /// Height of a point over a face's plane, times twice the face's area; positive on its front.
   double height_over(int face, const Vec3d& origin) const {
     const auto f = as_size(face);
     return normals_[f].dot(origin - vertex(mesh_.faces[f][0]));
   }
 
-  /// Whether no laser can have the edge on its silhouette: most edges, and cells are dear to look up.
+  /// Whether no laser can have the edge on its silhouette: saves costly cell lookups for most edges.
   bool is_inner(const MeshEdge& edge) const {
     if (edge.faces.size() < 2) return false;
     const int first = sides_[as_size(edge.faces[0])];
     return first != 0 && first == sides_[as_size(edge.faces[1])];
   }
 
-  /// The edge's face that is seen, if behind the edge the object turns away; −1: it does not.
+  /// The visible face of a silhouette edge; −1 if the edge is not on the silhouette.
   int seen_face(const MeshEdge& edge, const Vec3d& origin) const {
     if (edge.faces.size() < 2) return edge.faces[0];  // a border
     const bool first = height_over(edge.faces[0], origin) > 0,
@@ -351,7 +351,7 @@ class Tracer {
     return edge.faces[first ? 0 : 1];
   }
 
-  /// Unit vector away from the face, across the edge and the ray; 0 where these are parallel.
+  /// Unit vector away from the face, perpendicular to edge and ray; 0 if these are parallel.
   Vec3d outward(const Candidate& c, int face) const {
     const Vec3d across = (c.p - c.cell.ray.ray.origin).cross(c.span);
     double side = 0;
@@ -377,7 +377,7 @@ class Tracer {
       const auto here = prepared_.index.cell_at(c.p);
       if (!here) continue;
       c.cell = *here;
-      const int face = seen_face(edge, c.cell.ray.ray.origin);  // lasers start off the unit's centre
+      const int face = seen_face(edge, c.cell.ray.ray.origin);  // lasers aren't at the unit's centre
       if (face < 0) continue;
       const Vec3d out = outward(c, face), towards = c.p - c.cell.ray.ray.origin;
       if (out.isZero(0)) continue;
@@ -392,7 +392,7 @@ class Tracer {
     return static_cast<int>(silhouette_.places.size()) - 1;
   }
 
-  /// `met`: how far off the ray just beside the object meets another part of it.
+  /// `met`: range (m) at which the ray just beside the edge meets another part of the object.
   void settle(const Candidate& c, std::optional<double> met) {
     const SweepRay& ray = c.cell.ray;
     const Vec3d towards = c.p - ray.ray.origin;
@@ -406,7 +406,7 @@ class Tracer {
     LidarSilhouette::Sample sample;
     sample.vertices = c.edge->vertices;
     sample.share = c.share;
-    // The area over the raster that the point's part of the edge sweeps.
+    // The raster area that this point's part of the edge sweeps.
     const double left = c.cell.left_per_metre.dot(c.span), up = c.cell.up_per_metre.dot(c.span);
     sample.gain = left * c.cell.up_per_metre - up * c.cell.left_per_metre;
     if (sample.gain.dot(c.past * range - towards) < 0) sample.gain = -sample.gain;
@@ -424,7 +424,7 @@ class Tracer {
   const Mesh& mesh_;
   Vec3d centre_;
   std::vector<Vec3d> normals_;  ///< of the faces, as long as twice their areas
-  std::vector<int> sides_;      ///< of each face all lasers are on: 1 front, −1 back, 0 they may differ
+  std::vector<int> sides_;  ///< by face, the side that all lasers are on: 1 front, −1 back, 0 may differ
   std::vector<Candidate> candidates_;
   LidarSilhouette silhouette_;
 };

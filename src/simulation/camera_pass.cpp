@@ -14,7 +14,7 @@
 namespace mirage {
 namespace {
 
-/// A window wide enough for what lies beyond the picture's edges.
+/// A window that also holds the parts of the mesh beyond the picture's edges.
 RasterTarget<float> wide_target(const ScreenMesh<double>& mesh, const SoftRasterSettings<double>& settings,
                                 const PinholeCamera& camera) {
   const PixelRect rect = touched_pixels(mesh, settings, camera.width, camera.height,
@@ -89,8 +89,8 @@ class ExactPass : public CameraPass {
   ExactTape tape_;
 };
 
-/// Depth range of the rasteriser: a ball around the object that grows in steps of half a metre, so that it is
-/// constant under the small moves that derivatives are about.
+/// Depth range of the rasteriser: a ball around the object that grows in steps of half a metre, so that small
+/// moves of the object (derivatives) leave it constant.
 void set_depth_range(const std::vector<Vec3d>& p_camera, const std::vector<std::size_t>& used,
                      SoftRasterSettings<double>& settings) {
   Vec3d centre = Vec3d::Zero();
@@ -129,7 +129,7 @@ Vec3d noise_at(const CameraEffects& effects, int u, int v) {
   return noise;
 }
 
-/// Calls with each pixel's place in the window.
+/// Calls each(u, v) for every pixel of the window.
 template <class Each>
 void each_pixel(const Image<double>& window, const Each& each) {
   for (int v = 0; v < window.height; ++v)
@@ -158,14 +158,14 @@ std::unique_ptr<CameraPass> camera_pass(const SimulationSettings& settings) {
 bool may_see(const Calibration& calibration, const Mesh& placed, const SimulationSettings& settings) {
   const PinholeCamera& camera = calibration.camera;
   const SoftRasterSettings<double>& raster = settings.raster;
-  // touched_pixels' reach beyond a face, in pixels, and the blur's.
+  // Reach of touched_pixels and of the blur beyond a face, in pixels.
   const double cut_off = std::max(0.0, raster.sigma * std::log(1 / raster.dist_eps - 1));
   const double margin = 2 + kBlurReach + std::sqrt(cut_off) * std::max(camera.width, camera.height) / 2;
   int behind = 0, left = 0, right = 0, above = 0, below = 0, count = 0;
   for (const std::size_t i : used_vertices(placed)) {
     const Vec3d p = calibration.camera_from_velo * placed.vertices[i];
     ++count;
-    // Beyond the planes through the camera and the widened picture's edges; those hold behind it, too.
+    // Tests against the planes through the camera and the widened picture's edges; they hold behind it, too.
     const double u = camera.fx * p.x() + camera.cx * p.z(), v = camera.fy * p.y() + camera.cy * p.z();
     behind += p.z() < kNearPlane;
     left += u < -margin * p.z();
@@ -232,7 +232,7 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placem
   tape.softened = expose_object(tape.effects, target.background, rect.u0, rect.v0, result.rgba);
   for (int v = rect.v0; v < rect.v1; ++v)
     for (int u = rect.u0; u < rect.u1; ++u)
-      for (int c = 0; c < 3; ++c)  // the photograph saturates at 1, and so does what is drawn into it
+      for (int c = 0; c < 3; ++c)  // the photograph saturates at 1, and so does the object
         result.image.at(u, v, c) =
             static_cast<float>(std::clamp(result.rgba.at(u - rect.u0, v - rect.v0, c), 0.0, 1.0));
   return tape;

@@ -1,5 +1,5 @@
-// How a projected mesh becomes pixels, and how a gradient comes back: one class for each rasteriser, so that
-// who draws (camera_pass.cpp) does not ask which it is.
+// Draws a projected mesh into pixels and takes the gradient back: one class for each rasteriser, so that
+// camera_pass.cpp need not know which one draws.
 #pragma once
 
 #include <memory>
@@ -23,8 +23,8 @@ inline constexpr double kNearPlane = 0.1;
 RasterTarget<float> window_of(const PinholeCamera& camera, const PixelRect& rect, ImageF background,
                               int supersampling = 1);
 
-/// One drawing of one mesh. vjp() and unobstructed_area() are of the last draw(), whose arguments they are
-/// given again.
+/// One drawing of one mesh. vjp() and unobstructed_area() refer to the last draw() and take its arguments
+/// again.
 class CameraPass {
  public:
   virtual ~CameraPass() = default;
@@ -47,9 +47,9 @@ std::unique_ptr<CameraPass> camera_pass(const SimulationSettings& settings);
 /// Sum of the silhouette over an RGBA window, pixels².
 double silhouette_area(const Image<double>& rgba);
 
-// The placed adversary as each sensor draws it; the pieces that insertion.h composes.
+// The drawing of the placed adversary in a camera; insertion.h composes it with the other sensors.
 
-/// Camera side: what was rasterised, and what its VJP needs.
+/// Camera side: the rasterised mesh and the values that its VJP needs.
 struct CameraTape {
   std::vector<Vec3d> p_camera;  ///< vertices
   std::shared_ptr<const ObjectLight> light;
@@ -57,36 +57,36 @@ struct CameraTape {
   SoftRasterSettings<double> settings;
   RasterTarget<float> target;
   CameraEffects effects;
-  Image<double> softened;            ///< what expose_object_vjp needs
-  std::shared_ptr<CameraPass> pass;  ///< none where the object touches no pixel
+  Image<double> softened;            ///< of expose_object(), for its VJP
+  std::shared_ptr<CameraPass> pass;  ///< null if the object touches no pixel
 };
 
-/// Projects, shades and rasterises `placed` (in `velo`) into the photograph of one of the frame's cameras;
-/// fills all of `result`, but of another camera than the first its image only where the object touches it.
+/// Projects, shades and rasterises `placed` (in `velo`) into the photograph of one of the frame's cameras.
+/// Fills `result`; the image of another camera than the first only if the object touches it.
 CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placement,
                           const TexturedMesh& placed, const SimulationSettings& settings, CameraSight& result,
                           std::size_t camera = 0);
-/// Whether any of `placed` (in `velo`) may touch the camera's picture: cheap, and in doubt it may.
+/// Whether `placed` (in `velo`) may touch the camera's picture: a cheap test, true in doubt.
 bool may_see(const Calibration& calibration, const Mesh& placed, const SimulationSettings& settings);
-/// Adds d loss / d placed vertices (`velo`) and d loss / d texels.
-/// `d_image`: height × width × 3 of the photograph's size; the rect's pixels are read.
+/// Adds d loss / d placed vertices (`velo`) and d loss / d texels. `d_image`: height × width × 3 of the
+/// photograph's size; only the pixels of result.rect are read.
 void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, const Calibration& calibration,
                         const CameraSight& result, const GradientView& d_image,
                         std::vector<Vec3d>& d_vertices, std::vector<Vec3d>& d_texels);
 
-// Lens and sensor on the pixels of an inserted object. A recorded photograph has been through both; what is
-// drawn into it has not.
+// Lens and sensor effects on the pixels of an inserted object. A recorded photograph contains both; a drawn
+// object does not.
 
 /// `rgba`: a window of the picture with the object over `photograph` (the same window, RGB), not saturated,
 /// and its silhouette S; the object ends kBlurReach pixels before the window does, but for the picture's
-/// own edges. Colour and silhouette of the object are blurred, and the photograph shows as far as the blurred
-/// silhouette lets it; then comes noise, as far as the object covers a pixel (the photograph has its own). It
-/// depends on the seed and the pixel's place in the picture, (u0 + u, v0 + v). The result is what
-/// expose_object_vjp needs: `rgba` before the noise; empty without noise.
+/// own edges. Blurs the object's colour and silhouette and composites them over the photograph. Then adds
+/// noise scaled by the object's coverage of a pixel (the photograph has its own). It depends on the seed and
+/// the pixel's place in the picture, (u0 + u, v0 + v). Returns `rgba` before the noise, for
+/// expose_object_vjp; empty without noise.
 Image<double> expose_object(const CameraEffects& effects, const ImageF& photograph, int u0, int v0,
                             Image<double>& rgba);
 
-/// d loss / d rgba before, of d loss / d rgba after, in place; `softened` as it came.
+/// Turns d loss / d rgba after expose_object into that before it, in place. `softened`: its result.
 void expose_object_vjp(const CameraEffects& effects, const ImageF& photograph, int u0, int v0,
                        const Image<double>& softened, Image<double>& d_rgba);
 

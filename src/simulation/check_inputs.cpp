@@ -36,7 +36,7 @@ void check_camera(const PinholeCamera& camera, const std::string& where) {
     throw InputError(where, "camera width, height", "not positive", "correct the calibration");
 }
 
-/// Of the numbers, the first that is not finite.
+/// Iterator to the first number that is not finite.
 auto first_bad(const std::vector<float>& values) {
   return std::ranges::find_if_not(values, [](float value) { return std::isfinite(value); });
 }
@@ -58,8 +58,7 @@ std::string in_metres(const Vec3d& size) {
   return fmt::format("{:.4g} × {:.4g} × {:.4g} m", size.x(), size.y(), size.z());
 }
 
-/// What to do about a mesh whose longest measure is `longest`: the units in which that is an object of 0.2 to
-/// 5 m.
+/// Advice for a mesh whose longest extent is `longest`: the units in which that would be 0.2 to 5 m.
 std::string unit_fix(double longest) {
   std::string units;
   for (const auto& [unit, scale] :
@@ -150,7 +149,7 @@ void check_object(const TexturedMesh& object, const std::string& where) {
 }
 
 void warn_of_large_object(const Vec3d& size, const std::string& where) {
-  constexpr double kOfARoof = 3;  // m; roofs are about 2 × 1.3 m, what is carried on them is longer
+  constexpr double kOfARoof = 3;  // m; roofs are about 2 × 1.3 m, their loads are longer
   if (size.maxCoeff() > kOfARoof)
     spdlog::warn(
         "{}: {} is larger than a car's roof, about 2 × 1.3 m: it hides what no load would; keep every side "

@@ -19,7 +19,7 @@ namespace {
 
 using Mask = Image<std::uint8_t>;
 
-/// Held-back returns without those that a nearer kept return close by contradicts.
+/// Pixels of held-back returns that no nearer kept return in the neighbourhood contradicts.
 Mask consistent_pixels(const ImageF& withheld, const ImageF& remaining) {
   constexpr int kNearBand = 3;      // pixels
   constexpr double kClearBy = 1.0;  // m
@@ -36,7 +36,7 @@ Mask consistent_pixels(const ImageF& withheld, const ImageF& remaining) {
   return fine;
 }
 
-/// Pixels with nothing there within `reach` of something.
+/// Pixels without depth within `reach` pixels of one with depth.
 Mask skyline(const ImageF& truth, int reach) {
   cv::Mat present(truth.height, truth.width, CV_8U), wide;
   for (int v = 0; v < truth.height; ++v)
@@ -49,7 +49,7 @@ Mask skyline(const ImageF& truth, int reach) {
   return line;
 }
 
-/// The object's pixels (S > 1/2) by depth image: the whole picture, 1 where it shows.
+/// Mask of the whole picture: 1 where the object shows (S > 1/2) with this depth image.
 Mask shown(PreparedFrame& prepared, const ImageF& depth, const Placement& roof,
            const TexturedMesh& adversary) {
   prepared.depth = depth;
@@ -109,8 +109,7 @@ std::vector<DepthScore> score_depth(const DepthScoreOptions& options,
                                     const std::function<void(std::size_t, std::size_t)>& progress) {
   if (options.hidden < 0 || options.hidden >= 1)
     throw FieldError("hide", "", "must be a share in [0, 1)", "try 0.2");
-  std::vector<std::string> ids = list_frames(options.data);
-  if (options.frames > 0 && ids.size() > options.frames) ids.resize(options.frames);
+  const std::vector<std::string> ids = list_frames(options.data, options.frames);
   const std::size_t n = backends.size();
   std::vector<DepthScore> scores(n);
   std::vector<MeanDepthErrors> common(n), filled(n), consistent(n);

@@ -14,14 +14,14 @@ namespace mirage {
 struct Simulated::Tape {
   TexturedMesh placed;
   Eigen::Matrix3d velo_from_adversary;
-  std::vector<std::size_t> lowest;  ///< vertices that it stands on: more than one at a tie
+  std::vector<std::size_t> lowest;  ///< vertices that the mesh stands on: several at a tie
   std::shared_ptr<const LidarTape> lidar;
   std::vector<SensorVjp> sensors;
 };
 
 namespace {
 
-/// One of the frame's cameras, by its number.
+/// One of the frame's cameras, by index.
 class CameraSensor : public SensorPass {
  public:
   explicit CameraSensor(std::size_t camera) : camera_(camera) {}
@@ -47,7 +47,7 @@ class CameraSensor : public SensorPass {
   std::size_t camera_;
 };
 
-/// The frame's sweep; the returns go to `tape` as well.
+/// The frame's sweep; also keeps the returns in the tape.
 class LidarSensor : public SensorPass {
  public:
   explicit LidarSensor(std::shared_ptr<const LidarTape>& tape) : tape_(tape) {}
@@ -140,7 +140,7 @@ AdversaryGradient simulate_vjp(const Simulated& simulated, const Upstream& upstr
     gradient.vertices.push_back(tape.velo_from_adversary.transpose() * d);
     lifted += gradient.vertices.back().z();
   }
-  // At a tie (an icosphere stands on an edge) they share it: what a central difference says of two.
+  // At a tie (an icosphere stands on an edge) they share it, as a central difference gives for two.
   for (const std::size_t i : tape.lowest)
     gradient.vertices[i].z() -= lifted / static_cast<double>(tape.lowest.size());
   return gradient;

@@ -85,7 +85,7 @@ class LightWithVisibility : public ObjectLight {
   std::vector<Vec3d> normals_;
   Lighting lighting_;
   std::size_t per_face_;
-  LightVisibility visibility_;  ///< what stands in the light's way
+  LightVisibility visibility_;  ///< of sun, sky and bounces
   VisibleLight visible_;        ///< the light of each texel
 };
 

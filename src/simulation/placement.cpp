@@ -25,7 +25,7 @@ namespace {
 
 using In = PlaceChoice::In;
 
-/// Of the vehicle's frame, on the ground: what `at` starts from.
+/// Origin of `at` in the vehicle's frame, on the ground.
 Vec3d anchor_of(In in, const BevBox& box) {
   switch (in) {
     case In::front:
@@ -72,7 +72,7 @@ std::optional<int> neighbour_of(const PlaceChoice& place, const Placement& place
   return nearest;
 }
 
-/// Upright, along `box`'s heading: the smallest that holds `within` (in its axes) and the placed mesh.
+/// The smallest upright box along `box`'s heading that holds `within` (in its axes) and the placed mesh.
 Box3 box_around(const Box3& box, Eigen::AlignedBox3d within, const Mesh& placed) {
   const Transform velo_from_vehicle = velo_from_box(box), vehicle_from_velo = velo_from_vehicle.inverse();
   for (const std::size_t i : used_vertices(placed)) within.extend(vehicle_from_velo * placed.vertices[i]);

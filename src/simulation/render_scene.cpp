@@ -73,8 +73,8 @@ TexturedMesh merged(const RenderScene& scene) {
     for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
       const Face& face = mesh.faces[f];
       all.mesh.faces.push_back({first + face[0], first + face[1], first + face[2]});
-      // A texel of the finer atlas is one of the coarser's C² congruent triangles cut into smaller ones: its
-      // colour is that at any point inside. The layout of TexelAtlas: lower triangles at (ix, iy) with
+      // The finer atlas cuts each of the coarser atlas's C² congruent triangles: a texel has the coarse
+      // colour at any point inside it. The layout of TexelAtlas: lower triangles at (ix, iy) with
       // ix + iy < C, upper ones mirrored into the rest of the square.
       for (int iy = 0; iy < c; ++iy)
         for (int ix = 0; ix < c; ++ix) {
@@ -93,7 +93,7 @@ TexturedMesh merged(const RenderScene& scene) {
 }
 
 /// Depth at the pixels' centres: a hard pass in which each corner's colour is its depth. Perspective-correct
-/// interpolation of what is linear in space is exact.
+/// interpolation is exact for depth, which is linear in space.
 ImageF depth_at_centres(const std::vector<Vec3d>& p_camera, const std::vector<Face>& faces,
                         const PinholeCamera& camera, const SoftRasterSettings<double>& soft,
                         const PixelRect& rect) {
@@ -155,8 +155,8 @@ void render_traced(const RenderScene& scene, const SceneRenderSettings& settings
   const RayScene rays(surfaces);
   SceneLight light;
   light.lighting = scene.lighting;
-  // An open sky of one radiance lights a face with (1 + n·up)/2 of it, what lies below the horizon with the
-  // rest: together the light model's ambient and hemisphere terms.
+  // An open sky of one radiance lights a face with (1 + n·up)/2 of it, the ground with the rest: together the
+  // light model's ambient and hemisphere terms.
   const Lighting& model = scene.lighting;
   light.sky.horizon = light.sky.zenith = (model.ambient + model.hemisphere).cast<float>();
   light.sky.glow = 0;

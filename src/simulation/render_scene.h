@@ -20,19 +20,19 @@ struct SceneCamera {
   std::string name = "camera";
   PinholeCamera camera;
   Transform camera_from_velo = Transform::Identity();
-  ImageF photograph;  ///< scene-linear RGB behind the things; empty if the file has none
+  ImageF photograph;  ///< scene-linear RGB background; empty if the file has none
 };
 
-/// What a scene file holds, seen by its first camera. World is `velo`.
+/// The content of a scene file, seen by its first camera. World is `velo`.
 struct RenderScene : SceneCamera {
-  /// A mesh of the scene and what it stands for.
+  /// A mesh of the scene and its role.
   struct Thing {
     std::string name, role;  ///< role: "adversary", "host", "ground" or whatever the file says; may be empty
     TexturedMesh textured;   ///< in `velo`; without texels it is grey (0.5)
   };
   std::vector<Thing> things;
   Lighting lighting;
-  std::vector<SceneCamera> others;  ///< beside the first
+  std::vector<SceneCamera> others;  ///< after the first
 };
 
 /// The soft rasteriser, or the ray-traced camera.
@@ -42,7 +42,7 @@ enum class SceneRenderer { soft, traced };
 struct SceneRenderSettings {
   SceneRenderer renderer = SceneRenderer::soft;
   SoftRasterSettings<double> raster;  ///< of the soft rasteriser; near, far and gamma are set by render_scene
-  /// γ in units of (far − near). Default: 3 cm of depth, what the simulator's 1e-2 is for an object on a
+  /// γ in units of (far − near). Default: 3 cm of depth, equal to the simulator's 1e-2 for an object on a
   /// roof.
   std::optional<double> gamma;
   int samples = 2;  ///< samples a pixel along each side
@@ -50,7 +50,7 @@ struct SceneRenderSettings {
   std::uint64_t seed = 0;
 };
 
-/// Pictures are window-sized.
+/// A drawn scene; its pictures are window-sized.
 struct SceneImage {
   PixelRect rect;
   ImageF rgba;      ///< scene-linear colour over the background; coverage
@@ -62,29 +62,29 @@ struct SceneImage {
 
 /// Draws every thing of the scene over `background` (camera-sized, scene-linear RGB).
 ///
-/// soft: the light model of sensors/lighting.h, one light a face, no shadows. Things of different atlas
-/// resolutions are brought to one that all of them divide, which changes no colour. Faces are clipped 0.1 m
-/// in front of the camera. traced: the sun casts shadows and the sky, of the light model's ambient +
-/// hemisphere radiance, is occluded; noise depends on the seed only.
+/// soft: the light model of sensors/lighting.h, one light a face, no shadows. Different atlas resolutions are
+/// refined to their least common multiple, which changes no colour. Faces are clipped 0.1 m in front of the
+/// camera. traced: the sun casts shadows and the sky, of the light model's ambient + hemisphere radiance, is
+/// occluded; noise depends on the seed only.
 ///
 /// InputError for a camera or a light with a number that is not finite, for an empty scene, a window
 /// outside the image, a background of another size, or texels that would fill more than 4 GB.
 SceneImage render_scene(const RenderScene& scene, const ImageF& background,
                         const SceneRenderSettings& settings = {});
 
-/// The part of an image that a rectangle inside it covers.
+/// The part of an image in a rectangle, which must lie inside it.
 ImageF crop(const ImageF& image, const PixelRect& rect);
 
-/// The same view in an image of another size: the field of view is kept along each side.
+/// The same view in an image of another size; keeps the field of view along each side.
 PinholeCamera resized(const PinholeCamera& camera, int width, int height);
 
 // The picture of an inserted object as it was drawn, before the photograph saturates.
 
-/// Value of a channel of what a camera saw at a pixel of the photograph; 0 outside its window.
+/// Channel c of a camera's drawing (CameraSight::rgba) at a pixel of the photograph; 0 outside its window.
 double rgba_at(const CameraSight& seen, int u, int v, int c);
 
-/// The window `rect` of `photograph` with what `simulated` drew over it, not clamped: what is over-exposed
-/// keeps its radiance.
+/// The window `rect` of `photograph` with the object of `simulated` over it, not clamped: over-exposed pixels
+/// keep their radiance.
 ImageF radiance_of(const Simulated& simulated, const ImageF& photograph, const PixelRect& rect);
 
 /// Adds `difference` (rect-sized RGB, scene-linear; `rect` inside the photograph) to the picture: to the
@@ -92,7 +92,7 @@ ImageF radiance_of(const Simulated& simulated, const ImageF& photograph, const P
 /// simulate_vjp goes by that: it is the derivative of this sum for a difference held fixed.
 void add_to_picture(const ImageF& difference, const PixelRect& rect, Simulated& simulated);
 
-/// The smallest rectangle around both; one that is empty does not count.
+/// The smallest rectangle around both; an empty one does not count.
 PixelRect united(const PixelRect& a, const PixelRect& b);
 
 }  // namespace mirage

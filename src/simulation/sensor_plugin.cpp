@@ -60,7 +60,7 @@ MirageBody body_of(const Label& label) {
           {velocity.x(), velocity.y(), velocity.z()}};
 }
 
-/// A frame as the plugin gets it: of its own, whatever is cropped from the frame later.
+/// A frame as the plugin gets it: a copy, independent of later crops of the frame.
 struct RawScene {
   RawScene(const Frame& frame, const fs::path& data)
       : folder(data.string()), id(frame.id), sweep(frame.sweep) {
@@ -84,7 +84,7 @@ struct RawScene {
 
 }  // namespace
 
-/// A plugin with one instance. What a tape refers to lives as long as the tape.
+/// A plugin with one instance. A tape keeps the objects alive that it refers to.
 class PluginSensor {
  public:
   PluginSensor(fs::path of, const MirageSensorApi* table) : file(std::move(of)), api(table) {
@@ -139,10 +139,10 @@ class PluginSensor {
 
 namespace {
 
-/// One scene with an object in it.
+/// One recorded scene, measured with an object in it.
 class SceneSensor : public SensorPass {
  public:
-  /// `place`: of its measurement among the frame's.
+  /// `place`: index of its measurement among the frame's.
   SceneSensor(std::shared_ptr<const PluginSensor> of, std::shared_ptr<const RawScene> raw, std::size_t place)
       : of_(std::move(of)), raw_(std::move(raw)), place_(place) {}
 

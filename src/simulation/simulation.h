@@ -1,4 +1,4 @@
-// What an insertion is made of: a prepared frame, settings, what both sensors then see, and gradients
+// Data types of an insertion: a prepared frame, settings, the simulated measurements, and gradients
 // (insertion.h has the functions).
 #pragma once
 
@@ -17,7 +17,7 @@
 
 namespace mirage {
 
-/// What the gradient of returns covers. fixed: how existing returns move. silhouette: also that returns
+/// Extent of the gradient of returns. fixed: the motion of existing returns. silhouette: also returns that
 /// appear and vanish (adversary_lidar.h).
 enum class LidarGradient { fixed, silhouette };
 constexpr auto words_of(LidarGradient) {
@@ -33,30 +33,30 @@ struct PreparedFrame {
   LidarModel lidar;  ///< the unit that recorded the sweep
   SweepIndex index;  ///< the sweep by beam and azimuth
   std::vector<Lazy<ImageF>> other_depths = {};  ///< of each of the frame's other cameras, as `depth`
-  /// Of each of the frame's measurements: the sensor that made it.
+  /// For each of the frame's measurements, the sensor that made it.
   std::vector<std::shared_ptr<const SensorPass>> measured_by = {};
 
-  /// By a camera's number, as Frame's.
+  /// Depth by a camera's index, as in Frame.
   const ImageF& depth_of(std::size_t camera) const {
     return camera == 0 ? depth : other_depths.at(camera - 1).get();
   }
 };
 
-/// Defaults of the simulation, in one place.
+/// Settings of the simulation with their defaults.
 struct SimulationSettings {
   SoftRasterSettings<double> raster;  ///< near and far are set per object by simulate()
   /// Samples a pixel along each side, averaged: a 5×5 atlas has texels smaller than a pixel at most ranges,
   /// and an attack on point samples learns aliasing that no real camera shows.
   int supersampling = 2;
-  /// Draw with the plain loop in double instead of the fast rasteriser: hundreds of times slower, and what
-  /// derivatives are checked with.
+  /// Draw with the plain loop in double instead of the fast rasteriser: hundreds of times slower; derivatives
+  /// are checked with it.
   bool reference = false;
   /// Draw exact areas (sensors/exact_coverage.h, in double) in place of the soft rasteriser: `raster`,
-  /// `supersampling` and `reference` are then not looked at.
+  /// `supersampling` and `reference` are then ignored.
   bool exact_coverage = false;
   double lidar_reflectivity = 0.5;  ///< reflectance of the adversary at normal incidence
   /// An occluder in the photograph must be nearer than the object by this (m), and than the vehicle that it
-  /// stands on: the completed depth smears the rear over the roof, and a roof never hides what stands on it.
+  /// stands on: the completed depth smears the rear over the roof, and a roof never hides its own load.
   double occlusion_margin = 0.3;
   /// Incidence below which a LiDAR return keeps its place but its gradient is scaled down: |n·d| / |n|.
   double grazing_cosine = 0.05;
@@ -67,7 +67,7 @@ struct SimulationSettings {
   VisibleLightSettings visible_light;  ///< of LightModel::visible
 };
 
-/// What a run says of how it simulated.
+/// The fields as a run records them.
 template <class Visitor, FieldsOf<SimulationSettings> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "sigma", .help = kSigmaHelp, .range = {kMinSigma, kMaxSigma}}, s.raster.sigma);
@@ -107,19 +107,19 @@ void visit_fields(Visitor& visit, S& s) {
              s.camera_effects);
 }
 
-/// What one camera sees once the adversary is placed.
+/// One camera's view with the placed adversary.
 struct CameraSight {
   ImageF image;              ///< the photograph with the object in it
   PixelRect rect;            ///< pixels that may have changed
   Image<double> rgba;        ///< rect-sized: composited colour and silhouette S
-  double visible_share = 0;  ///< visible / total silhouette, counting what falls outside the image as hidden
+  double visible_share = 0;  ///< visible / total silhouette; parts outside the image count as hidden
   int adversary_pixels = 0;  ///< pixels with S > 0.5
 };
 
-/// What all sensors see once the adversary is placed: the first camera's sight, and
+/// All sensors' measurements with the placed adversary; the base is the first camera's view.
 struct Simulated : CameraSight {
-  /// Of each of the frame's other cameras. Its image is empty where the object is not in it: it is as
-  /// recorded, and was not read.
+  /// Views of the frame's other cameras. An image without the object is empty: it is as recorded, and was not
+  /// read.
   std::vector<CameraSight> others;
   std::vector<Measurement> measurements;  ///< of each of the frame's, with the object in it
   Sweep sweep;                            ///< the sweep with the object in it; new returns come last
@@ -130,36 +130,36 @@ struct Simulated : CameraSight {
   struct Tape;                            ///< what the VJP needs
   std::shared_ptr<const Tape> tape;
 
-  /// A camera's by its number.
+  /// The view of a camera by its index.
   const CameraSight& sight(std::size_t camera) const { return camera == 0 ? *this : others.at(camera - 1); }
-  /// The largest visible_share that any camera has.
+  /// The largest visible_share of all cameras.
   double best_share() const;
 };
 
-/// d loss / d vertices (adversary frame, 1/m) and d loss / d texels, as many of each as the adversary has.
+/// d loss / d vertices (adversary frame, 1/m) and d loss / d texels, one for each of the adversary's.
 struct AdversaryGradient {
   std::vector<Vec3d> vertices, texels;
 };
 
-/// Gradients of the caller's own memory, in float or in double, read where they lie.
+/// A view of gradients in the caller's memory, in float or in double.
 class GradientView {
  public:
-  /// None.
+  /// No gradient.
   GradientView() = default;
-  /// From there on; null: none.
+  /// `size` floats from `from`; null: no gradient.
   GradientView(const float* from, std::size_t size = 0) : floats_(from), size_(size) {}
   /// The same in double.
   GradientView(const double* from, std::size_t size = 0) : doubles_(from), size_(size) {}
-  /// Of a list of numbers, or of points (x, y, z, reflectance).
+  /// A list of numbers, or of points (x, y, z, reflectance).
   template <class List>
   requires requires(const List& list) { list.data(), list.size(); }
   GradientView(const List& list) : GradientView(first_of(list.data()), list.size()) {}
 
-  /// Numbers, or points, of the list that it is of.
+  /// Number of entries (numbers or points) of the viewed list.
   std::size_t size() const { return size_; }
-  /// Whether there are any.
+  /// Whether there is a gradient.
   explicit operator bool() const { return floats_ || doubles_; }
-  /// The number at that place; not checked.
+  /// The number at index i, without a bounds check.
   double operator[](std::size_t i) const { return floats_ ? static_cast<double>(floats_[i]) : doubles_[i]; }
 
  private:

@@ -78,7 +78,7 @@ TEST(Attack, ARunNamesEverySettingAndOneWithoutIsRefused) {
   EXPECT_EQ(read_run(folder / "run").settings.depth, settings.depth);
   EXPECT_EQ(read_run(folder / "run").settings.rooftop, settings.rooftop);
 
-  // What a file leaves out is not guessed: an earlier program may have meant something else by it.
+  // A missing field is refused, not guessed: an earlier program may have used another default.
   const nlohmann::json checkpoint = read_json(folder / "run/checkpoint.json");
   const auto refused = [&](const nlohmann::json::json_pointer& name) {
     nlohmann::json without = run;
@@ -117,8 +117,8 @@ TEST(Attack, APlacementsFileIsPartOfARun) {
   // The volume is the mesh's box.
   const mirage::Run run = read_run(folder / "shipped");
   EXPECT_EQ(run.settings.limits.half, Vec3d(0.4, 0.8, 0.6));
-  // A file of the user's that says the same makes the same, goes on to the same bits, and not when it says
-  // another thing; and what the run was made with stands in it.
+  // A user's file with the same place gives the same mesh and resumes to the same bits; with another place it
+  // is refused. run.json stores the place that the run used.
   run_attack(at(file, "own", 1), detectors);
   run_attack(at(file, "own", 3), detectors);
   EXPECT_EQ(read_file(folder / "own/adversary.glb"), read_file(folder / "shipped/adversary.glb"));
@@ -191,7 +191,7 @@ TEST(Attack, LidarEffectsArePartOfARun) {
   EXPECT_EQ(read.velocity, asked.velocity);
   EXPECT_EQ(read.yaw_rate, asked.yaw_rate);
   EXPECT_EQ(read.seed, asked.seed);
-  // Another run in the same folder is another one; a run file with impossible effects is refused.
+  // A run with other settings is refused in this folder, and so is a run.json with impossible effects.
   auto ideal = settings_for(folder / "data", folder / "run", 2);
   EXPECT_THAT(error_text<InputError>([&] { run_attack(ideal, detectors); }),
               testing::HasSubstr("simulation"));
@@ -310,7 +310,7 @@ TEST(Attack, ExpectedWorldsAndBuildableMeshesResumeToTheSameBits) {
   // The random mesh obeys the same rules.
   BuildableSettings rules;
   EXPECT_EQ(buildable_report(read_run(folder / "whole").random, rules).intersecting_pairs, 0u);
-  // Other worlds, another run.
+  // Other sampled environments make another run, which is refused.
   auto other = settings("whole", 7);
   other.expectation = parse_expectation("sun");
   EXPECT_THAT(error_text<InputError>([&] { run_attack(other, detectors); }),
@@ -369,14 +369,14 @@ TEST(Attack, HostsMayBeWhatTheDetectorFinds) {
   const Frame frame = read_frame(run.settings.data, "000000");
   ASSERT_EQ(frame.labels.size(), 1u);
   EXPECT_NEAR(frame.labels[0].box.bev.x, 11.5, 1e-5);
-  EXPECT_NEAR(frame.labels[0].box.bottom, -1.73, 0.01);  // the ground's
+  EXPECT_NEAR(frame.labels[0].box.bottom, -1.73, 0.01);  // the ground's height
   EXPECT_GT(frame.labels[0].right, frame.labels[0].left);
   settings.iterations = 3;
-  EXPECT_EQ(run_attack(settings, detectors).iterations, 3);  // goes on: the same labels, the same run
-  // Another detector is refused, and the finished run keeps its labels.
+  EXPECT_EQ(run_attack(settings, detectors).iterations, 3);  // resumes: the same labels, the same run
+  // A run with another detector is refused, and the finished run keeps its labels.
   const auto file = folder / "run/labelled/label_2/000000.txt";
   const std::string labels = read_file(file);
-  write_file(file, labels + labels);  // as another detector's would be others
+  write_file(file, labels + labels);  // another detector would give other labels
   settings.weights_hash = "another";
   EXPECT_THAT(error_text<InputError>([&] { run_attack(settings, detectors); }),
               testing::AllOf(testing::HasSubstr("labels.json"), testing::HasSubstr("another --out")));
@@ -402,7 +402,7 @@ TEST(AttackInput, OptionsThatNoRunCanUse) {
   EXPECT_THAT(with([](auto& s) { s.iterations = -5; }), testing::HasSubstr("iterations: "));
 }
 
-/// A detector whose backward is not a number.
+/// A detector whose gradient is not finite.
 class BrokenDetector : public StandInDetector {
  public:
   SensorGradient backward(std::span<const double> d_logits) override {
@@ -422,7 +422,7 @@ TEST(AttackInput, AGradientThatIsNotFiniteLeavesTheCheckpointGood) {
   broken.push_back(std::make_unique<BrokenDetector>());
   EXPECT_THROW(run_attack(settings_for(folder / "data", folder / "run", 4), broken), Failure);
   EXPECT_EQ(read_file(folder / "run/checkpoint.json"), before);
-  EXPECT_EQ(read_file(folder / "run/adversary.glb"), learned);  // of the steps that went well
+  EXPECT_EQ(read_file(folder / "run/adversary.glb"), learned);  // of the steps before the failure
 }
 
 TEST(AttackInput, MoreFramesAreAnotherRun) {
@@ -430,7 +430,7 @@ TEST(AttackInput, MoreFramesAreAnotherRun) {
   const DetectorPool detectors = stand_ins();
   test::write_tiny_data(folder / "data", 2);
   run_attack(settings_for(folder / "data", folder / "run", 1), detectors);
-  test::write_tiny_data(folder / "data", 4);  // the split is another one now
+  test::write_tiny_data(folder / "data", 4);  // changes the train/test split
   EXPECT_THAT(error_text<InputError>(
                   [&] { run_attack(settings_for(folder / "data", folder / "run", 2), detectors); }),
               testing::HasSubstr("checkpoint.json: t"));

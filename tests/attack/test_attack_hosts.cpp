@@ -1,4 +1,4 @@
-// Labels that are a detector's own boxes: they go on as long as detector and frames are the same.
+// Hosts from a detector's own boxes: a run resumes only with the same detector and frames.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -25,7 +25,7 @@ TEST(LabelByDetections, LabelsOfAnotherDetectorOrOfOtherFramesAreNotTaken) {
   const auto labelled = label_by_detections(settings, detectors);
   const auto file = labelled / "label_2/000000.txt";
   const std::string labels = read_file(file);
-  write_file(file, labels + labels);  // as another detector's would be others
+  write_file(file, labels + labels);  // another detector would give other labels
   EXPECT_EQ(label_by_detections(settings, detectors), labelled);
   EXPECT_EQ(read_file(file), labels + labels);
   const auto refused = [&](const auto& change) {

@@ -1,4 +1,4 @@
-// What a step tells besides its gradient.
+// The results of an attack step besides its gradient.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -23,7 +23,7 @@
 namespace mirage {
 namespace {
 
-/// Answers with the same proposals to anything.
+/// Returns the same proposals for any input.
 class FixedDetector : public test::StandInDetector {
  public:
   explicit FixedDetector(std::vector<Detection> answer) : answer_(std::move(answer)) {}
@@ -63,7 +63,7 @@ TEST(AttackStep, AHostIsHiddenWhereItWasFoundAndNoProposalFindsIt) {
                          AttackSettings());
     };
     EXPECT_FALSE(step({}).found);
-    EXPECT_FALSE(step({}).hidden);  // it was not found in the first place
+    EXPECT_FALSE(step({}).hidden);  // it was not detected without the object either
     EXPECT_TRUE(step(clean).found);
     return step(clean).hidden;
   };
@@ -134,11 +134,11 @@ TEST(AttackStep, TheObjectsOwnBoxIsWhatItHides) {
   EXPECT_GT(seen.hide, softplus(0.5) - 1e-9);
   EXPECT_TRUE(seen.found);
   EXPECT_FALSE(seen.hidden);
-  EXPECT_FALSE(in_part.hidden);  // any box on it
+  EXPECT_FALSE(in_part.hidden);  // any box on the host counts as a detection
   EXPECT_TRUE(faint.hidden);     // below the score of a detection
 }
 
-// A detector that names another camera is shown the object there, and its gradient comes back from there.
+// The object is drawn in every camera that the detector names, and the gradient flows back from each.
 TEST(AttackStep, OtherCamerasThatTheDetectorNamesAreAttackedToo) {
   test::World world = test::make_world(1);
   Frame frame = world.prepared.frame;
@@ -181,11 +181,11 @@ TEST(AttackStep, OtherCamerasThatTheDetectorNamesAreAttackedToo) {
     length += meant.vertices[i].norm();
   }
   EXPECT_GT(length, 0);
-  for (const Vec3d& d : observation.vjp(gradient, AttackTarget::lidar).vertices)  // no picture's counts
+  for (const Vec3d& d : observation.vjp(gradient, AttackTarget::lidar).vertices)  // without the picture
     EXPECT_EQ(d, Vec3d(0, 0, 0));
 }
 
-/// Sees returns alone, and knows what they are worth.
+/// Reads the returns alone, and supports presence gradients.
 class CountingDetector : public test::StandInDetector {
  public:
   Capabilities capabilities() const override {
@@ -209,7 +209,7 @@ class CountingDetector : public test::StandInDetector {
 
 TEST(AttackStep, TheSilhouetteTellsThatALargerObjectCatchesMoreReturns) {
   const test::World world = test::make_world(1);
-  // Of the mean over places of the unit's raster.
+  // Averages over 32 offsets of the unit's ray raster.
   std::vector<PreparedFrame> rasters;
   for (int row = 0; row < 8; ++row)
     for (int column = 0; column < 4; ++column) {
@@ -248,7 +248,7 @@ TEST(AttackStep, TheSilhouetteTellsThatALargerObjectCatchesMoreReturns) {
   EXPECT_FALSE(detector.watched.empty());
   EXPECT_GT(slope(AttackTarget::lidar, LidarGradient::fixed), 0.7 * difference);
   EXPECT_TRUE(detector.watched.empty());
-  slope(AttackTarget::image, LidarGradient::silhouette);  // what reaches no LiDAR is not asked for
+  slope(AttackTarget::image, LidarGradient::silhouette);  // not asked for without LiDAR
   EXPECT_TRUE(detector.watched.empty());
 }
 
@@ -287,8 +287,7 @@ TEST(AttackStep, OfTheWorstDrawsTheOneWithTheGreatestLossGivesTheGradient) {
   }
   EXPECT_GE(chosen.size(), 3u) << "it is not always the same one";
 
-  // Without it each step meets its one draw, and without any words the world as
-  // recorded.
+  // Without `worst` each step uses its one draw; without any expectation it uses the world as recorded.
   settings.expectation.worst = 0;
   const SampledEnvironment draw(settings.expectation, settings.seed, 7);
   StepHost in_world = host;
@@ -326,7 +325,7 @@ TEST(AttackStep, WeightsThatNoStepBearsAreNamed) {
     settings.objective.lambda_laplacian = weight;
     settings.vertex_rate = 0.05;
     try {
-      run_attack(settings, test::one_of<test::StandInDetector>());  // or every step is a finite one
+      run_attack(settings, test::one_of<test::StandInDetector>());  // otherwise every step is finite
     } catch (const Failure& failure) {
       EXPECT_THAT(failure.what(),
                   testing::AllOf(testing::HasSubstr("not finite"), testing::HasSubstr("--lambda-lap")));
@@ -334,7 +333,7 @@ TEST(AttackStep, WeightsThatNoStepBearsAreNamed) {
   }
 }
 
-// A pixel that noise drives out of [0, 1] says nothing of what stands there.
+// A pixel that noise clips to [0, 1] carries no gradient.
 TEST(AttackStep, NoGradientComesThroughPixelsThatNoiseClips) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 1);
@@ -358,8 +357,8 @@ TEST(AttackStep, NoGradientComesThroughPixelsThatNoiseClips) {
   };
   const double exact = gradient(0), noisy = gradient(0.01);
   ASSERT_NE(exact, 0);
-  // Half of the draws are below 0, and black pixels clip there; those of the outline, which shows the grey
-  // photograph, too, do not. The detector's slope is the same everywhere.
+  // Half of the draws are below 0, where black pixels clip. Pixels on the outline do not: they mix in the
+  // grey photograph. The detector's slope is the same everywhere.
   EXPECT_GT(noisy / exact, 0.5);
   EXPECT_LT(noisy / exact, 0.85);
 }
@@ -377,7 +376,7 @@ TEST(AttackStep, StagesAddUpToTheHostsTime) {
     EXPECT_GE(seconds.get<double>(), 0) << name;
     threads += seconds.get<double>();
   }
-  // One thread does all, so its stages are the wall's `hosts`, but for what lies around them.
+  // One thread does all the work, so its stages sum to at most the wall time `hosts`.
   EXPECT_LE(threads, stages.at("wall_seconds").at("hosts").get<double>());
   EXPECT_GT(stages.at("thread_seconds").at("worlds").get<double>(), 0);
   EXPECT_EQ(stages.at("iterations"), 3);
@@ -398,7 +397,7 @@ std::vector<Host> hosts_in_frames(const std::vector<int>& counts) {
   return hosts;
 }
 
-/// What place `place` of the batches meets, `n` times.
+/// The hosts at position `place` of the first `n` batches.
 std::vector<std::size_t> met(const HostOrder& order, std::size_t place, long n) {
   std::vector<std::size_t> hosts;
   for (long i = 0; i < n; ++i) hosts.push_back(order.batch(i).at(place));
@@ -428,7 +427,7 @@ TEST(HostOrder, LanesAndTheProcessesThatHaveThemShareNoFrame) {
   const auto hosts = hosts_in_frames({9, 1, 4, 7, 2, 2, 6, 3, 5, 8});
   const HostOrder order(hosts, 4, 1);
   ASSERT_EQ(order.lanes(), 4u);
-  std::map<std::string, std::set<std::size_t>> processes;  // of each frame, if there are two
+  std::map<std::string, std::set<std::size_t>> processes;  // by frame, with two processes
   for (long i = 0; i < 60; ++i) {
     const auto batch = order.batch(i);
     for (std::size_t k = 0; k < batch.size(); ++k) processes[hosts[batch[k]].id.frame].insert(k % 2);
@@ -442,7 +441,7 @@ TEST(HostOrder, AFrameIsOpenedOnceAPassAndFewAreOpenAtATime) {
   const auto hosts = hosts_in_frames(std::vector<int>(frames, 8));
   const HostOrder order(hosts, 2, 3);
   const auto pass = met(order, 0, static_cast<long>(hosts.size() / 2));
-  std::map<std::string, std::pair<std::size_t, std::size_t>> span;  // where a frame is met first and last
+  std::map<std::string, std::pair<std::size_t, std::size_t>> span;  // each frame's first and last batch
   for (std::size_t i = 0; i < pass.size(); ++i) {
     const auto [known, fresh] = span.try_emplace(hosts[pass[i]].id.frame, i, i);
     known->second.second = i;
@@ -463,7 +462,7 @@ TEST(HostOrder, AFrameIsOpenedOnceAPassAndFewAreOpenAtATime) {
 TEST(HostOrder, ABatchLargerThanTheFramesOrUnevenFramesMakeFewerLanes) {
   EXPECT_EQ(HostOrder(hosts_in_frames({3, 3}), 8, 0).lanes(), 2u);
   EXPECT_EQ(HostOrder(hosts_in_frames({5}), 2, 0).lanes(), 1u);
-  const auto uneven = hosts_in_frames({10, 1, 1});  // dealt to two, hosts of the small frames came five times
+  const auto uneven = hosts_in_frames({10, 1, 1});  // on two lanes, hosts of the small frames came five times
   const HostOrder one(uneven, 2, 0);
   EXPECT_EQ(one.lanes(), 1u);
   std::map<std::size_t, int> times;
@@ -504,8 +503,8 @@ TEST(HostOrder, TheSeedDecidesTheOrder) {
 
 }  // namespace
 
-// No stop-gradient anywhere: from a proposal's logit of the real detector to the adversary, one sensor at a
-// time.
+// No stop-gradient anywhere: the gradient flows from a proposal's logit of the real detector to the
+// adversary, one sensor at a time.
 
 namespace {
 
@@ -569,7 +568,7 @@ TEST(GradientFlow, FromALogitToTheAdversaryThroughEachSensorAlone) {
   std::printf("|d logit / d vertices| LiDAR %.2e, image %.2e; |d logit / d texels| image %.2e\n",
               lidar.vertices, image.vertices, image.texels);
   EXPECT_GT(lidar.vertices, 0);
-  EXPECT_EQ(lidar.texels, 0);  // reflectivity belongs to the material
+  EXPECT_EQ(lidar.texels, 0);  // reflectivity belongs to the material, not to the texels
   EXPECT_GT(image.vertices, 0);
   EXPECT_GT(image.texels, 0);
 }

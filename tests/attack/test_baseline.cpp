@@ -55,7 +55,7 @@ TEST(Baseline, ASizedMeshHasExactlyTheLearnedOnesExtentsAndCentre) {
     const auto meshes = baseline_meshes(run, Baseline::sized, 3);
     for (const TexturedMesh& mesh : meshes) {
       const Eigen::AlignedBox3d made = bounds(mesh.mesh);
-      if (buildable) {  // whose rules may take a vertex back towards the start, which has the extents
+      if (buildable) {  // the rules may move a vertex back towards the start, which fixes the extents
         EXPECT_NEAR((made.min() - wanted.min()).norm() + (made.max() - wanted.max()).norm(), 0, 0.05);
         EXPECT_TRUE(intersecting_faces(mesh.mesh).empty());
         EXPECT_EQ(buildable_report(mesh, run.settings.buildable).printable, 1.0);
@@ -108,7 +108,7 @@ TEST(Baseline, PatchesAreLargeAndConnected) {
     patches[key(mesh.atlas.texels[f * per_face])].push_back(f);
   }
   EXPECT_EQ(patches.size(), 12u);
-  for (const auto& [colour, faces] : patches) {  // each grows over shared edges from any of its faces
+  for (const auto& [colour, faces] : patches) {  // each patch grows over shared edges from any of its faces
     std::set<std::size_t> left(faces.begin(), faces.end());
     std::vector<std::size_t> front = {*left.begin()};
     left.erase(left.begin());
@@ -134,7 +134,7 @@ TEST(Baseline, PatchesAreLargeAndConnected) {
   TexturedMesh same = initial_adversary();
   paint_patches(same, 12, 7);
   EXPECT_EQ(same.atlas.texels, mesh.atlas.texels);
-  paint_patches(same, 100000, 7);  // no more than there are faces
+  paint_patches(same, 100000, 7);  // at most one patch per face
   TexturedMesh none;
   paint_patches(none, 3, 7);
   EXPECT_TRUE(none.atlas.texels.empty());
@@ -163,7 +163,7 @@ double thinnest(const Mesh& mesh) {
   return least;
 }
 
-/// A step as a wild optimiser makes it.
+/// A large random step, as a badly tuned optimiser would take.
 void shake(TexturedMesh& adversary, RandomStream& random, double amount) {
   for (Vec3d& v : adversary.mesh.vertices)
     for (int c = 0; c < 3; ++c) v[c] += amount * random.normal();
@@ -263,13 +263,13 @@ TEST(Buildable, StaysSoUnderWildSteps) {
     }
     for (std::size_t i = 0; i < first.mesh.vertices.size(); ++i)
       moved += (adversary.mesh.vertices[i] - first.mesh.vertices[i]).norm();
-    // The rules must not freeze the mesh; half a metre at random leaves nothing to keep.
+    // The rules must not freeze the mesh; random steps of half a metre would leave nothing to preserve.
     const double mean = moved / static_cast<double>(first.mesh.vertices.size());
     EXPECT_GT(mean, amount < 0.5 ? amount / 50 : 0);
     const auto report = buildable_report(adversary, settings);
     EXPECT_EQ(report.base_vertices, buildable_report(first, settings).base_vertices);
     EXPECT_EQ(report.printable, 1.0);
-    // Without the rules the same steps make something that is no solid.
+    // Without the rules, the same steps give a mesh that is no solid.
     RandomStream again(7, "wild steps");
     for (int i = 0; i < 25; ++i) shake(loose, again, amount);
     if (amount >= 0.05) {

@@ -1,4 +1,4 @@
-// --attack black-box: an evolution strategy on scores alone, and the few numbers that make a mesh.
+// --attack black-box: an evolution strategy on scores alone, and its low-dimensional mesh parameters.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -74,7 +74,7 @@ TEST(MeshModes, AreThoseOfThePartsThatAreLearned) {
   const std::size_t shape = of(AttackParts::shape, true).size(),
                     texture = of(AttackParts::texture, true).size();
   EXPECT_EQ(of(AttackParts::both, true).size(), shape + texture);
-  EXPECT_EQ(of(AttackParts::both, false).size(), shape);  // nobody sees colours
+  EXPECT_EQ(of(AttackParts::both, false).size(), shape);  // no sensor sees colours
   const TexturedMesh larger = of(AttackParts::size, true).mesh(std::vector<double>{0.5, 0, -0.5});
   const Vec3d ratio = half_lengths(larger.mesh).cwiseQuotient(half_lengths(start.mesh));
   EXPECT_NEAR(ratio.x() * ratio.z(), 1, 1e-12);
@@ -98,7 +98,7 @@ TEST(BlackBoxPlan, SpendsNoMoreThanItIsGiven) {
               testing::StartsWith("queries: 100: "));
 }
 
-/// A detector of scores alone. It dies after so many passes.
+/// A detector without gradients. It fails after a given number of passes.
 class ScoresAlone : public test::Everywhere {
  public:
   static inline int calls_left = 0;
@@ -143,7 +143,7 @@ TEST(BlackBox, LearnsFromScoresAndResumesToTheSameBits) {
   EXPECT_LE(whole.queries, 330);
   EXPECT_GE(whole.generations, 8);
   for (const auto& start : whole.starts) EXPECT_LT(whole.loss, start.loss - 0.02) << fields_json(whole);
-  const TexturedMesh learned = read_adversary(folder / "whole/adversary.glb");  // the darker the better
+  const TexturedMesh learned = read_adversary(folder / "whole/adversary.glb");  // darker is better
   double mean = 0;
   for (const Vec3d& texel : learned.atlas.texels)
     mean += texel.mean() / static_cast<double>(learned.atlas.texels.size());
@@ -165,7 +165,7 @@ TEST(BlackBox, LearnsFromScoresAndResumesToTheSameBits) {
   EXPECT_GE(deaths, 3);
   EXPECT_EQ(parts, fields_json(whole));
   ScoresAlone::calls_left = 1 << 30;
-  DetectorPool two = test::one_of<ScoresAlone>();  // two at once, and a run that is prolonged
+  DetectorPool two = test::one_of<ScoresAlone>();  // two detectors in parallel, and a run that is prolonged
   two.push_back(std::make_unique<ScoresAlone>());
   EXPECT_LT(learn("longer", 150, two).generations, whole.generations);
   EXPECT_EQ(fields_json(learn("longer", 330, two)), fields_json(whole));
@@ -226,7 +226,7 @@ TEST(SeesColours, ColoursThatReachNothingAreNotLearned) {
   settings.target = AttackTarget::lidar;
   EXPECT_THAT(error_text<FieldError>([&] { run_attack(settings, test::one_of<test::Everywhere>()); }),
               testing::AllOf(testing::StartsWith("parts: texture"), HasSubstr("the target")));
-  settings.simulation.lidar_effects.albedo = true;  // returns show them
+  settings.simulation.lidar_effects.albedo = true;  // returns depend on the albedo
   EXPECT_TRUE(sees_colours(settings, blind));
   EXPECT_TRUE(sees_colours(settings, both));
 }

@@ -1,4 +1,4 @@
-// What a detector finds before anything is attacked, and what is said where it finds nothing.
+// The clean detections before an attack, and the messages when there are none.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -43,7 +43,7 @@ void write_street(const std::filesystem::path& data) {
   }
 }
 
-/// Finds every car of write_street, with something done to its boxes.
+/// Finds every car of write_street; a test may change its boxes.
 class Street : public test::StandInDetector {
  public:
   using Change = std::function<Detection(Detection)>;
@@ -90,7 +90,7 @@ class CleanSightsTest : public testing::Test {
     }
     return found;
   }
-  /// What is said of boxes that were changed so, which find nothing.
+  /// The error message for boxes that were changed by `change` and therefore match no vehicle.
   std::string refusal(const std::function<void(BevBox&)>& change) {
     const CleanPerformance found = look([&](Detection proposal) {
       change(proposal.box.bev);
@@ -185,7 +185,7 @@ TEST_F(CleanSightsTest, WhatWasSeenIsForgottenWhenTheWeightsChange) {
   sights.of(*prepared, detector);
   sights.all_of(*prepared, detector);
   EXPECT_EQ(detector.passes, 1);
-  detector.version = 1;  // a training step
+  detector.version = 1;  // as after a training step
   sights.of(*prepared, detector);
   sights.of(*prepared, detector);
   EXPECT_EQ(detector.passes, 2);

@@ -1,4 +1,4 @@
-// Comparisons of detectors under the objects of runs: what the runs say must be what is compared.
+// Comparisons of detectors on the objects of runs: the runs must be against the compared detectors.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -16,7 +16,7 @@ using test::Everywhere;
 using testing::AllOf;
 using testing::HasSubstr;
 
-/// Looks less far: of the tiny data's cars, at 11.4 m and 4 cm further in each frame, those of two frames.
+/// Has a shorter range: of the tiny data's cars, at 11.4 m plus 4 cm per frame, it finds those of two frames.
 class NearSighted : public Everywhere {
  public:
   std::array<double, 4> region() const override { return {0, 11.46, -25, 25}; }
@@ -44,7 +44,7 @@ class ComparedRuns : public testing::Test {
     request_.detectors[0].detector = kInProcessDetector;
     request_.detectors[1].detector = kSecondInProcessDetector;
   }
-  /// A run's folder; its detector is the first of the given ones, of that content.
+  /// A run's folder; its detector is the first one of `detectors`, with that content hash.
   template <class Change>
   std::filesystem::path run(const char* name, const std::string& content, const Change& change) {
     AttackSettings settings = test::tiny_attack();
@@ -96,7 +96,7 @@ TEST_F(ComparedRuns, AreNamedOnceAndAttackedTheDetectorWhoseTheyAre) {
   request_.runs = {one, two};
   request_.adaptive = true;
   const Comparison result = compare(request_);
-  EXPECT_EQ(result.hosts, 3);  // of four, one of which was learned on
+  EXPECT_EQ(result.hosts, 3);  // of four, one of which the run was trained on
   ASSERT_TRUE(result.own);
 }
 

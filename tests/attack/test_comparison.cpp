@@ -1,4 +1,4 @@
-// Comparisons of two detectors: planted regressions are found, and a detector against itself is not alarmed.
+// Comparisons of two detectors: planted regressions are found, and a detector against itself raises no alarm.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -15,7 +15,7 @@
 namespace mirage {
 namespace {
 
-/// What one detector says of `vehicles` cars in frames of four, under two objects. Each frame has its own
+/// One detector's outcomes on `vehicles` cars, four per frame, under two objects. Each frame has its own
 /// share of cars that vanish. The same `world` gives the same cars.
 std::vector<HostOutcome> outcomes(int vehicles, std::uint64_t world) {
   std::mt19937_64 random(world);
@@ -38,7 +38,7 @@ std::vector<HostOutcome> outcomes(int vehicles, std::uint64_t world) {
   return hosts;
 }
 
-/// The same detector that loses a share of its boxes near objects, and finds as many again.
+/// The same detector with a share `lost` of its found cars lost, and a share `won` of the others found.
 std::vector<HostOutcome> changed(std::vector<HostOutcome> hosts, double lost, double won,
                                  std::uint64_t seed) {
   std::mt19937_64 random(seed);
@@ -68,7 +68,7 @@ TEST(Comparison, ADetectorThatOnlyTremblesIsNoWorse) {
   int alarms = 0;
   for (std::uint64_t draw = 0; draw < 40; ++draw) {
     const auto world = outcomes(200, 1000 + draw);
-    // Both lose 4 % of what they find; three of four cars are found, so as many are won by 12 %.
+    // Both lose 4 % of the found cars. Three of four cars are found, so a gain of 12 % balances that.
     const Comparison result = compare_outcomes(changed(world, 0.04, 0.12, 2000 + draw),
                                                changed(world, 0.04, 0.12, 3000 + draw), kObjects, false);
     alarms += classify(result.parts.front().difference) == DifferenceVerdict::more ||
@@ -91,8 +91,8 @@ TEST(Comparison, SaysWhatItCouldHaveShown) {
   EXPECT_EQ(result.needed[0].vehicles, sample_size(result.parts.front().vehicles, result.detectable, 0.02));
   EXPECT_NEAR(
       static_cast<double>(*result.needed[0].vehicles) / static_cast<double>(*result.needed[1].vehicles), 6.25,
-      0.6);  // (5 / 2)², of numbers rounded up
-  // A difference of that size is told in about 80 % of sets.
+      0.6);  // (5 / 2)², with numbers that are rounded up
+  // A difference of that size is detected in about 80 % of the draws.
   int told_in = 0;
   const double lost = result.detectable / 0.75;
   for (std::uint64_t draw = 0; draw < 200; ++draw) {
@@ -103,7 +103,7 @@ TEST(Comparison, SaysWhatItCouldHaveShown) {
   }
   EXPECT_GT(told_in, 120);
   const Comparison nothing =
-      compare_outcomes({}, {}, kObjects, false);  // no vehicles: no number of them follows
+      compare_outcomes({}, {}, kObjects, false);  // without vehicles no number of them can be derived
   EXPECT_EQ(nothing.detectable, 1);
   for (const auto& [difference, vehicles] : nothing.needed) EXPECT_FALSE(vehicles) << difference;
 }
@@ -128,15 +128,15 @@ TEST(Comparison, CountsVehiclesThatBothFindOnce) {
       EXPECT_EQ(part.vehicles, 1) << part.name;  // they are at 20 and 30 m
     }
   ASSERT_EQ(result.worse.size(), 3u);
-  EXPECT_EQ(result.worse[0].id.frame, "f1");  // the nearer
+  EXPECT_EQ(result.worse[0].id.frame, "f1");  // the nearest of them
   EXPECT_EQ(result.worse[2].object, "a.glb");
-  ASSERT_TRUE(result.own);  // the first under its own object a: none; the second under b: one of two
+  ASSERT_TRUE(result.own);  // the first under its object a: 0 of 2; the second under b: 1 of 2
   EXPECT_DOUBLE_EQ(result.own->difference.value, 0.5);
   second[0].clean_iou = second[1].clean_iou = 0;
   EXPECT_EQ(compare_outcomes(first, second, kObjects, false).parts.front().vehicles, 1);
 }
 
-// The second's lost vehicles are the same in both rows, and so is what is known of them.
+// The second detector loses the same vehicles in both rows, so the intervals are the same.
 TEST(Comparison, ARowOfTheOwnObjectsIsAsSureAsTheRowOfEachObject) {
   const auto first = outcomes(40, 8), second = changed(first, 0.2, 0.05, 9);
   const Comparison result = compare_outcomes(first, second, kObjects, true);
@@ -170,7 +170,7 @@ TEST(Comparison, TellsThatADetectorFindsFewOrNone) {
   EXPECT_TRUE(compare_outcomes(blind, first, kObjects, false).few());
 }
 
-// Of few clusters the interval is Student's of few degrees of freedom, and so is p.
+// With few clusters, interval and p-value use Student's t with few degrees of freedom.
 TEST(Comparison, APartsPIsOfItsOwnClusters) {
   std::vector<HostOutcome> first(40), second;
   for (int i = 0; i < 40; ++i) {

@@ -1,5 +1,5 @@
-// A drive: what follows from what was seen, on hand-made vehicles; the carrier's ride; and whole drives with
-// a stand-in for a network.
+// Drives: what follows from detections of hand-made vehicles, the motion of the carrier, and whole drives
+// with a stand-in for a network.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -32,8 +32,8 @@ using test::error_text;
 using test::TemporaryFolder;
 using testing::HasSubstr;
 
-/// A frame each 0.1 s; `found`: f or -, `track`: f, c or l, one letter a frame; the car comes nearer by 10
-/// m/s.
+/// One frame each 0.1 s. `found`: f or -, `track`: f, c or l, one letter per frame. The car comes nearer at
+/// 10 m/s.
 VehicleDrive vehicle(const std::string& found, const std::string& track) {
   VehicleDrive drive;
   drive.sequence = "0003";
@@ -81,7 +81,7 @@ TEST(VehicleDrive, AFrameStandsUntilTheNextOne) {
   EXPECT_NEAR(outcome_of(drive, DriveVersion::clean).gap_s, 0.15, 1e-9);
 }
 
-// Stamps of frames every 0.1 s are no whole tenths, nor are their differences.
+// Time stamps at 0.1 s are not exact in binary, and neither are their differences.
 TEST(VehicleDrive, AGapOfWholeFramesIsNoShorterForItsStamps) {
   VehicleDrive drive = vehicle("ff--ff", "ffffff");
   for (DriveFrame& frame : drive.frames) frame.time = static_cast<float>(frame.time) - 1e-6;
@@ -98,7 +98,7 @@ TEST(VehicleDrive, AStretchWithoutALabelEndsAGap) {
   const DriveOutcome of = outcome_of(drive, DriveVersion::clean);
   EXPECT_NEAR(of.gap_s, 0.2, 1e-9);
   EXPECT_NEAR(of.track_gap_s, 0.2, 1e-9);
-  // So it is in the strip, which the pages draw.
+  // The strip, which the pages draw, shows the same.
   const nlohmann::json strip = to_json(drive).at("strip");
   EXPECT_EQ(strip.at("away"), (nlohmann::json{0, 0, 0, 1, 0, 0, 0, 0}));
   for (const nlohmann::json& seconds : strip.at("stands_s")) EXPECT_NEAR(seconds.get<double>(), 0.1, 1e-9);
@@ -153,7 +153,7 @@ TEST(Drive, FlatMovesTakePlaceAndHeadingAlone) {
   EXPECT_NEAR(back.bev.yaw, 0.2, 1e-9);
 }
 
-/// A car that drives ahead of ours, with roofs found with noise; each fifth is the box's.
+/// A car that drives ahead of the ego vehicle, with noisy fitted roofs; every fifth roof is the box's.
 std::vector<RoofTrackFrame> noisy_ride(int frames, std::vector<Transform>& truth) {
   std::mt19937 random(2);
   std::normal_distribution<double> draw;
@@ -199,7 +199,7 @@ TEST(RoofTrack, TheObjectRidesOnASmoothRoof) {
       EXPECT_LT((carrier.velo_from_roof.inverse() * carrier.shape->vertices[0] - Vec3d(1, 0, 0)).norm(),
                 1e-9);
     }
-    // So does the box: the roof's place in it is the same in all frames.
+    // So does the box: the roof's pose in it is the same in all frames.
     const auto in_box = [&](std::size_t k) {
       return Transform(velo_from_box(track.carriers[k].label.box).inverse() *
                        track.carriers[k].velo_from_roof);
@@ -278,7 +278,7 @@ TEST_F(Drives, OneVehicleThroughItsDrive) {
   EXPECT_NEAR(drive.at("tracker").at("mota").get<double>(), 1 - 2.0 / kFrames, 1e-9);
   EXPECT_EQ(drive.at("never_confirmed").at("clean"), 0);
   EXPECT_EQ(drive.at("near").at("vehicles"), 1);
-  // The settings' own death is one of those that are tried.
+  // The settings' own `death` is one of the tested values.
   EXPECT_EQ(drive.at("deaths").at(1).at("death"), 2);
   EXPECT_EQ(drive.at("deaths").at(1).at("track_gap_s"), [&] {
     nlohmann::json gaps;
@@ -286,7 +286,7 @@ TEST_F(Drives, OneVehicleThroughItsDrive) {
     return gaps;
   }());
   EXPECT_EQ(drive.at("near").at("clean"), 0);
-  // It stands; a vehicle that does not come nearer is not confirmed later.
+  // The car stands still; only a vehicle that comes nearer can be confirmed later.
   EXPECT_EQ(drive.at("later_m").at("vehicles"), 0);
   EXPECT_FALSE(drive.at("later_m").contains("than_clean"));
 }
@@ -301,7 +301,7 @@ TEST_F(Drives, AVehicleWithoutRoomForTheObjectInOneFrameIsLeftOut) {
   DriveRequest asked = request();
   set_from_text("trailer", asked.place);
   EXPECT_EQ(judged(asked).at("left_out").at("no_room"), 0);
-  // Something stands close behind the car, once.
+  // A pedestrian is close behind the car in one frame.
   const auto file = data() / "training/label_02/0000.txt";
   std::string rows = read_file(file), other;
   const std::size_t start = rows.find("\n3 4 ") + 1;
@@ -339,14 +339,14 @@ TEST_F(Drives, ResultsDependNeitherOnThreadsNorOnAnInterruption) {
   DriveRequest kept = request();
   kept.folder = folder_ / "vehicles";
   EXPECT_EQ(judged(kept), once);
-  // A finished vehicle is read and not judged again: what its file says stands.
+  // A finished vehicle is read from its file and not judged again.
   const auto file =
       kept.folder / fmt::format("0000_{}.json", once.at("vehicles").at(0).at("track").get<int>());
   nlohmann::json stored = read_json(file);
   stored["type"] = "Van";
   write_json(file, stored);
   EXPECT_EQ(judged(kept).at("vehicles").at(0).at("type"), "Van");
-  // One of other settings, and one that is damaged, are judged anew.
+  // A file with other settings or with damage is judged anew.
   kept.provenance.set("what", "another");
   EXPECT_EQ(judged(kept), once);
   write_file(file, "{");
@@ -365,7 +365,7 @@ TEST_F(Drives, WhatIsNotToBeKeptIsWrittenAndNotRead) {
   EXPECT_EQ(read_json(asked.folder / "0000_4.json").at("type"), "Car");
 }
 
-/// Finds the car, and something 9 m behind it and 3 m to its left.
+/// Finds the car, and a false positive 9 m behind it and 3 m to its left.
 class TwoThings : public test::StandInDetector {
  public:
   std::vector<Detection> forward(const SensorView& input, double threshold, bool keep) override {
@@ -397,12 +397,12 @@ TEST_F(Drives, APhantomStandsOnNoRoadUserAndWithAnObjectOnNoRecordedDetection) {
         .at("phantoms");
   };
   const nlohmann::json on_look_alike = phantoms("Misc");
-  EXPECT_EQ(on_look_alike.at("clean").at("frames"), kFrames - 2);  // since the third detection
-  EXPECT_EQ(on_look_alike.at("attacked").at("frames"), 0);         // new ones alone
+  EXPECT_EQ(on_look_alike.at("clean").at("frames"), kFrames - 2);  // from the third detection on
+  EXPECT_EQ(on_look_alike.at("attacked").at("frames"), 0);         // new tracks alone
   EXPECT_EQ(phantoms("Cyclist").at("clean").at("frames"), 0);
 }
 
-/// Finds the car 2 m to its left, where it does not stand.
+/// Finds the car 2 m to the left of its true place.
 template <MatchBy kBy>
 class Beside : public test::StandInDetector {
  public:
@@ -433,7 +433,7 @@ TEST_F(Drives, BoxesAreComparedAsTheDetectorIsJudged) {
               HasSubstr("matching: picture: compares boxes in the picture"));
 }
 
-// A .gltf says the same of other geometry, which lies in a file beside it.
+// Two equal .gltf files can name different geometry, which lies in a second file.
 TEST(DrivenObjects, AreKnownByTheirMeshesAndNotByTheirFiles) {
   Provenance one, other;
   add_objects(one, {{"a", "a.gltf", random_adversary(1, {})}});
@@ -452,7 +452,7 @@ TEST_F(Drives, TooShortATrackAndBoxesOfThePictureAreRefused) {
               HasSubstr("in the picture alone"));
 }
 
-/// Follows what it is told of by one number; finds nothing by itself.
+/// Tracks by one number; detects nothing by itself.
 class OneTrack : public test::StandInDetector {
  public:
   std::string name() const override { return "one track"; }
@@ -486,9 +486,9 @@ TEST_F(Drives, ATrackerOfTheUsersConfirmsByItsOwnRule) {
   DriveRequest asked = request();
   asked.tracker = &tracker;
   const nlohmann::json car = judged(asked).at("vehicles").at(0);
-  EXPECT_NEAR(car.at("confirmed_s").at("clean").get<double>(), 0, 1e-12);  // ours takes three detections
+  EXPECT_NEAR(car.at("confirmed_s").at("clean").get<double>(), 0, 1e-12);  // the built-in tracker needs three
   EXPECT_EQ(car.at("strip").at("clean").at("track"), "ffffffff");
-  // Three versions of a sequence, each from its start.
+  // Three versions of the sequence, each from its start.
   ASSERT_EQ(tracker.continues.size(), 3u * kFrames);
   for (std::size_t i = 0; i < tracker.continues.size(); ++i)
     EXPECT_EQ(tracker.continues[i], i % kFrames != 0) << i;
@@ -501,7 +501,7 @@ TEST_F(Drives, ATrackerOfTheUsersConfirmsByItsOwnRule) {
   EXPECT_THAT(error_text<InputError>([&] { judged(asked); }), HasSubstr("does not read detections alone"));
 }
 
-/// Finds the car from the second frame of a sequence on, and knows it.
+/// Finds the car from the second frame of a sequence on, and keeps its identity.
 class Remembering : public test::StandInDetector {
  public:
   Capabilities capabilities() const override {
@@ -515,7 +515,7 @@ class Remembering : public test::StandInDetector {
     points.push_back(input.points.size());
     return input.continues ? found : std::vector<Detection>();
   }
-  std::vector<std::size_t> points;  ///< that it saw
+  std::vector<std::size_t> points;  ///< number of points in each pass
 };
 
 TEST_F(Drives, ADetectorThatRemembersSeesEveryFrameInItsOrder) {
@@ -589,7 +589,7 @@ TEST(DriveByRenderer, KeptIsTheShareOfTheAddedGaps) {
         of.frames[as_size(3 + k)].observations[as_size(DriveVersion::attacked)].found = false;
     };
     VehicleDrive in_plain = one, in_other = one;
-    hide(in_plain, 2 * i);  // the first is not hidden
+    hide(in_plain, 2 * i);  // the first frame is not hidden
     hide(in_other, i);
     plain.vehicles.push_back(in_plain);
     if (i > 0) other.vehicles.push_back(in_other);

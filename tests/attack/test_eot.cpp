@@ -58,13 +58,13 @@ TEST(TopBackground, TakesTheLargestLogitsWhateverTheirScore) {
   const auto all = objective(proposals, truth, top(100));
   EXPECT_NEAR(all.false_positive, three.false_positive - softplus(-9), 1e-15);
   EXPECT_EQ(all.hide, objective(proposals, truth, top(0)).hide);     // hiding is as it was
-  EXPECT_EQ(objective(proposals, truth, top(0)).false_positive, 0);  // none over the threshold of before
+  EXPECT_EQ(objective(proposals, truth, top(0)).false_positive, 0);  // none over the default threshold
   EXPECT_EQ(objective({}, truth, top(5)).false_positive, 0);
 }
 
 TEST(TopBackground, LeavesOutWhatIsSeenInTheCleanFrame) {
   const std::vector<Detection> proposals{at(50, 10, 1), at(52, 10.5, 0.5), at(20, 15, -3)};
-  const std::vector<Detection> clean{at(51, 10, 2)};  // a car that nobody labelled
+  const std::vector<Detection> clean{at(51, 10, 2)};  // an unlabelled car
   const HostTruth truth(kCarrier, {kCarrier});
   const auto value = objective(proposals, truth, top(2), clean);
   EXPECT_EQ(value.d_logits[0], 0);
@@ -72,7 +72,7 @@ TEST(TopBackground, LeavesOutWhatIsSeenInTheCleanFrame) {
   EXPECT_NEAR(value.false_positive, -softplus(-3), 1e-15);
 }
 
-/// A camera that looks along x, a host, and a region of the picture that nobody labelled.
+/// A camera that looks along x, a host, and a DontCare region of the picture.
 Frame frame_with_region(const PictureBox& region) {
   Frame frame;
   frame.calibration.camera = {700, 700, 600, 180, 1200, 370};
@@ -95,9 +95,9 @@ TEST(TopBackground, LeavesOutDontCareRegionsSeenFromAbove) {
   const HostTruth truth(frame, frame.labels[0], kFromAbove);
   EXPECT_TRUE(truth.in_dont_care(at(40, 10, 0)));
   EXPECT_FALSE(truth.in_dont_care(at(40, -10, 0)));
-  EXPECT_FALSE(truth.in_dont_care(at(40, 13, 0)));   // beside it
+  EXPECT_FALSE(truth.in_dont_care(at(40, 13, 0)));   // outside the region
   EXPECT_FALSE(truth.in_dont_care(at(-40, 10, 0)));  // behind the camera
-  EXPECT_EQ(truth.label_iou(at(40, 10, 0)), 0);      // an evaluation's rule is as it was
+  EXPECT_EQ(truth.label_iou(at(40, 10, 0)), 0);      // the evaluation's rule does not change
   const std::vector<Detection> proposals{at(40, 10, 3), at(40, -10, -2)};
   EXPECT_NEAR(objective(proposals, truth, top(1)).false_positive, -softplus(-2), 1e-15);
 }
@@ -107,7 +107,7 @@ TEST(TopBackground, GradientInLogits) {
   for (int round = 0; round < 5; ++round) {
     std::vector<Detection> proposals;
     std::vector<double> logits;
-    for (int i = 0; i < 40; ++i) {  // logits far enough apart that a difference changes no set
+    for (int i = 0; i < 40; ++i) {  // logit gaps that keep the top set under a step
       logits.push_back(0.4 * i - 10);
       std::swap(logits.back(), logits[as_size(random.below(i + 1))]);
     }
@@ -126,8 +126,8 @@ TEST(TopBackground, GradientInLogits) {
   }
 }
 
-/// Finds the host and a car that nobody labelled in every frame, and background beside it; counts how often
-/// it is asked.
+/// Finds the host and an unlabelled car in every frame, with background proposals beside it; counts its
+/// passes.
 class UnlabelledCar : public test::StandInDetector {
  public:
   int clean_passes = 0;
@@ -160,15 +160,15 @@ TEST(TopBackground, AnAttackLooksAtEachCleanFrameOnce) {
   settings.objective.lambda_fp = 1;
   settings.objective.fp_top_k = 3;
   run_attack(settings, detectors);
-  EXPECT_EQ(detector.clean_passes, 2);  // of two training frames
+  EXPECT_EQ(detector.clean_passes, 2);  // two training frames
   EXPECT_EQ(std::count(detector.asked.begin(), detector.asked.end(), 0.0),
-            12);  // every proposal, 6 × 2 hosts
-  // Of the three beside the host one is no part of a clean detection: its loss is the whole of it.
+            12);  // every proposal, in 6 steps of 2 hosts
+  // Of the three proposals beside the host one is no clean detection; the loss is its loss alone.
   const AttackState state = read_checkpoint(
       settings.out / "checkpoint.json", read_json(settings.out / "checkpoint.json").at("identity"), settings);
   EXPECT_NEAR(state.losses.front().false_positive, -softplus(-5), 1e-12);
   EXPECT_EQ(read_json(settings.out / "run.json").at("fp_top_k"), 3);
-  settings.objective.fp_top_k = 0;  // another rule, another run
+  settings.objective.fp_top_k = 0;  // another rule makes another run
   EXPECT_THAT(test::error_text<InputError>([&] { run_attack(settings, detectors); }),
               testing::HasSubstr("fp_top_k"));
 }
@@ -203,7 +203,7 @@ TEST(EotSettings, AListThatContradictsItselfIsRefusedAndItsOptionNamed) {
     try {
       parse_expectation(wrong);
       ADD_FAILURE() << wrong;
-    } catch (const FieldError& error) {  // which the command line knows by its option
+    } catch (const FieldError& error) {  // the command line shows the field's option
       EXPECT_EQ(error.field, "expectation") << wrong;
       EXPECT_EQ(error.value, wrong);
     }
@@ -225,7 +225,7 @@ TEST(EotSettings, TheWorstOfDrawsIsOfSomeThatVary) {
                 HasSubstr("use 2 to 64, as in worst:4"))
         << wrong;
   EXPECT_THAT(test::error_text<InputError>([&] { require_judged(e); }), HasSubstr("mirage attack alone"));
-  // No number twice, and none of an attack without it or of its validation
+  // No world's number occurs twice, and none equals that of an attack without draws or of its validation
   // (from 2^62 on).
   std::set<std::uint64_t> numbers;
   std::size_t all = 0;
@@ -297,7 +297,7 @@ TEST(EotSettings, TheGradientOfTheBuiltObjectReachesItsDesign) {
   TexturedMesh designed = random_adversary(2);
   designed.mesh.vertices.resize(8);
   designed.atlas.texels.resize(12);
-  designed.atlas.texels[0] = Vec3d(0, 1, 0.999);  // black, and what clips under any cast over 1
+  designed.atlas.texels[0] = Vec3d(0, 1, 0.999);  // black, and values that clip under any cast over 1
   RandomStream random(4, "weights");
   std::vector<double> x = test::flat(designed.mesh.vertices), w;
   const std::vector<double> texels = test::flat(designed.atlas.texels);
@@ -363,7 +363,7 @@ TEST(EotSettings, AnObjectOfFewPaintsIsNearTheDesign) {
   EXPECT_LT(squares, spread / 4);
   EXPECT_EQ(draw.built(designed).atlas.texels, painted);
   EXPECT_EQ(SampledEnvironment(draw.expectation(), 9, 4).built(designed).atlas.texels,
-            painted);  // no draw is in it
+            painted);  // the same paints in every draw
 }
 
 TEST(EotSettings, EveryObjectOnAVehicleMeetsTheSameDraw) {
@@ -414,7 +414,7 @@ TEST(EotSettings, AnswersOfAnotherLightAreNotTakenFromTheCache) {
   how.score_threshold = 0;
   how.quiet = true;
   how.detector_identity = "stand-in";
-  how.expectation = parse_expectation("light,sun");  // named as settings of the simulation and of frames
+  how.expectation = parse_expectation("light,sun");  // fields of the simulation's and of the frame's settings
   const TexturedMesh mesh = random_adversary(1);
   setenv("MIRAGE_CACHE", (folder / "cache").c_str(), 1);
   FrameStore store(settings);
@@ -441,7 +441,7 @@ TEST(EotSettings, LightTurnsBrightensAndStaysAboveTheGround) {
     EXPECT_GE(std::asin(light.to_sun_velo.z()), 3 * std::numbers::pi / 180 - 1e-9);
     EXPECT_GT(light.sun.minCoeff(), 0);
     angle += std::acos(std::min(1.0, light.to_sun_velo.dot(known.frame.lighting.to_sun_velo))) / 200;
-    // Exposure acts on photograph and light alike; white clips.
+    // Exposure scales photograph and light alike; white clips.
     const double exposure = drawn.frame.image.data[0] / 0.6;
     EXPECT_GT(exposure, 0.2);
     EXPECT_LE(drawn.frame.image.data[0], 1.0f);
@@ -454,14 +454,14 @@ TEST(EotSettings, LightTurnsBrightensAndStaysAboveTheGround) {
 TEST(EotSettings, CameraNoiseHasNoGradientWhereItClips) {
   const SampledEnvironment draw(parse_expectation("noise"), 2, 3);
   constexpr int kWidth = 16, kHeight = 12;
-  ImageF noise(kWidth, kHeight, 3, 0.5f);  // far from both ends: what is drawn shows itself
+  ImageF noise(kWidth, kHeight, 3, 0.5f);  // far from both ends, so that noise does not clip
   draw.add_noise(noise);
   RandomStream random(4, "weights");
   std::vector<double> x, w;
   for (std::size_t i = 0; i < noise.data.size(); ++i) {
     double value = i % 2 ? 0.004 : 0.996;
     const double noisy = value + noise.data[i] - 0.5;
-    if (std::min(std::abs(noisy), std::abs(1 - noisy)) < 1e-3) value = 0.5;  // no difference across an end
+    if (std::min(std::abs(noisy), std::abs(1 - noisy)) < 1e-3) value = 0.5;  // no difference across a clip
     x.push_back(value);
     w.push_back(random.normal());
   }
@@ -484,10 +484,10 @@ TEST(EotSettings, CameraNoiseHasNoGradientWhereItClips) {
   const std::vector<double> d(gradient.data.begin(), gradient.data.end());
   EXPECT_GT(std::ranges::count(d, 0.0), 100);
   EXPECT_LT(std::ranges::count(d, 0.0), std::ssize(d) / 2);
-  // Pixels are of single precision: 6e-8 near 1, over a difference of 1e-3.
+  // Pixels are single precision: 6e-8 near 1, over a difference of 1e-3.
   test::check_gradient(f, x, d, 5e-4, 1e-3, 1);
   ImageF none;
-  draw.noise_vjp(noisy, none);  // of a detector that reads no picture
+  draw.noise_vjp(noisy, none);  // for a detector that reads no picture
   EXPECT_TRUE(none.empty());
   ImageF whole(kWidth, kHeight, 3, 1);
   SampledEnvironment(parse_expectation("roof"), 2, 3).noise_vjp(noisy, whole);

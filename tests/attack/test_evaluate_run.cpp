@@ -1,4 +1,4 @@
-// `mirage evaluate` without the program: whose hosts are judged, and beside which controls.
+// `mirage evaluate` without the program: the hosts that it judges, and the controls beside the run's mesh.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -22,7 +22,7 @@ namespace {
 using test::error_text;
 using test::TemporaryFolder;
 
-/// A finished run of a random mesh on a tiny data set, for a detector that always finds the same box.
+/// A finished run with a random mesh on a tiny data set, for a detector that always finds the same box.
 std::filesystem::path tiny_run(const TemporaryFolder& folder, const std::string& name, const char* data,
                                std::vector<HostId> train, std::vector<HostId> test, std::uint64_t seed = 3) {
   const TexturedMesh mesh = random_adversary(seed);
@@ -57,7 +57,7 @@ std::vector<std::string> names(const std::vector<HostId>& hosts) {
 TEST(EvaluateRun, AnotherRunsHostsAreThatRunsTestHostsExactly) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "one", 2);
-  test::write_tiny_data(folder / "two", 4, true);  // other sweeps
+  test::write_tiny_data(folder / "two", 4, true);  // with other sweeps
   EvaluationRequest request = request_for(tiny_run(folder, "a", "one", {{"000000", 0}}, {{"000001", 0}}));
   request.hosts_of = tiny_run(folder, "b", "two", {{"000000", 0}}, {{"000001", 0}, {"000003", 0}}, 4);
   request.random_meshes = 0;
@@ -65,14 +65,14 @@ TEST(EvaluateRun, AnotherRunsHostsAreThatRunsTestHostsExactly) {
   EXPECT_THAT(names(judged.hosts), testing::ElementsAre("000001_0", "000003_0"));
   EXPECT_EQ(judged.target_run.settings.data, folder / "two");
   EXPECT_EQ(judged.detector.weights, folder / "b/weights");
-  EXPECT_EQ(judged.trained_on, 0);  // the frames' names agree, the data sets do not
+  EXPECT_EQ(judged.trained_on, 0);  // frames have the same names, but the data sets differ
   EXPECT_TRUE(judged.baselines.empty());
   const auto json = to_json(judged);
   EXPECT_EQ(json.at("hosts_of"), (folder / "b").string());
   EXPECT_EQ(json.at("run"), (folder / "a").string());
   EXPECT_FALSE(json.contains("random"));
   EXPECT_EQ(json.at("hosts"), 2);
-  // It is run a's mesh that stands there: as a's own judged on that data set.
+  // The mesh is run a's: the result equals a's own evaluation on that data set.
   EvaluationRequest direct = request_for(folder / "a");
   direct.overrides["data"] = folder / "two";
   const RunEvaluation all = evaluate_run(direct);
@@ -81,12 +81,12 @@ TEST(EvaluateRun, AnotherRunsHostsAreThatRunsTestHostsExactly) {
   EXPECT_FALSE(to_json(all).contains("hosts_of"));
   EXPECT_EQ(to_json(all).at("random").at("meshes"), 1);
 
-  // The same data set, and a host of a frame that the adversary learned on.
+  // The same data set, with a host in a frame that the adversary was trained on.
   request.run = tiny_run(folder, "c", "two", {{"000003", 0}}, {{"000001", 0}});
   EXPECT_EQ(evaluate_run(request).trained_on, 1);
 }
 
-// A data set at another place may be a copy of the run's, or have more frames.
+// A data set at another path may be a copy of the run's, or have more frames.
 TEST(EvaluateRun, FramesThatTheRunLearnedOnAreKnownAtAnotherPlace) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "one", 2);
@@ -102,7 +102,7 @@ TEST(EvaluateRun, FramesThatTheRunLearnedOnAreKnownAtAnotherPlace) {
   EXPECT_EQ(evaluate_run(request).trained_on, 1);
   request.hosts = "train";
   EXPECT_THAT(error_text<InputError>([&] { evaluate_run(request); }), testing::StartsWith("hosts: train: "));
-  // Whatever a frame is called.
+  // Frames are recognised under any name.
   test::write_tiny_data(folder / "renamed", 1);
   for (const auto& [kind, end] : {std::pair("velodyne", ".bin"), std::pair("image_2", ".png"),
                                   std::pair("calib", ".txt"), std::pair("label_2", ".txt")}) {
@@ -111,7 +111,7 @@ TEST(EvaluateRun, FramesThatTheRunLearnedOnAreKnownAtAnotherPlace) {
   }
   EXPECT_THAT(frames_learned_on(read_run(folder / "a", TrustRun::yes), folder / "renamed"),
               testing::ElementsAre("000100"));
-  // It cannot be told of a run whose own data are gone.
+  // For a run whose own data are gone, this is unknown.
   std::filesystem::remove_all(folder / "one");
   EXPECT_TRUE(frames_learned_on(read_run(folder / "a", TrustRun::yes), folder / "more").empty());
   test::write_tiny_data(folder / "copy", 1);
@@ -126,7 +126,7 @@ TEST(EvaluateRun, FramesThatTheRunLearnedOnAreKnownAtAnotherPlace) {
   EXPECT_THAT(error_text<InputError>([&] { evaluate_run(request); }), testing::StartsWith("min_view: 0.9: "));
 }
 
-// The vehicles of a run are numbers of labels: in other label files these are other cars.
+// A run stores its vehicles as label indices; in other label files they are other cars.
 TEST(EvaluateRun, FramesThatHaveChangedSinceTheAttackAreRefused) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "one", 3);
@@ -147,11 +147,11 @@ TEST(EvaluateRun, FramesThatHaveChangedSinceTheAttackAreRefused) {
   EXPECT_EQ(evaluate_run(request).hosts.size(), 1u);
 }
 
-// Each command asks about the vehicles that it takes.
+// Each command checks the frames of the split that it uses.
 TEST(EvaluateRun, FramesAreUnchangedOfTheSplitThatIsAskedFor) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "one", 2);
-  for (const char* id : {"000000", "000001"}) {  // the same labels in a frame with a camera beside
+  for (const char* id : {"000000", "000001"}) {  // the same labels in a frame with a second camera
     Frame frame = read_frame(folder / "one", id);
     frame.others = {{"SIDE", frame.calibration, Lazy<ImageF>([] { return ImageF(248, 75, 3, 0.4f); })}};
     write_frame(folder / "one", frame);
@@ -216,7 +216,7 @@ TEST(EvaluateRun, OptionsThatContradictAnotherRunsHosts) {
   EXPECT_THAT(error([](auto& r) { r.random_meshes = -1; }), testing::StartsWith("random_meshes: -1: "));
   EXPECT_THAT(error([](auto& r) { r.hosts_of.clear(), r.hosts = "some"; }),
               testing::StartsWith("hosts: some: "));
-  good.overrides["data"] = folder / "two";  // says the same
+  good.overrides["data"] = folder / "two";  // the same path
   good.hosts = "test";
   EXPECT_EQ(evaluate_run(good).hosts.size(), 1u);
 }
@@ -282,14 +282,14 @@ TEST(EvaluateRun, AGrownBoxIsReportedBesideTheLabelledOne) {
   EXPECT_EQ(json.at("placed").at("box"), "grown");
   EXPECT_EQ(json.at("grown").at("vehicles"), json.at("vehicles"));
   EXPECT_NE(json.at("grown").at("outcomes").at(0).at("attacked_iou"),
-            json.at("outcomes").at(0).at("attacked_iou"));  // of the same box
+            json.at("outcomes").at(0).at("attacked_iou"));  // for the same box
   EXPECT_EQ(json.at("grown").at("outcomes").at(0).at("clean_iou"), json.at("outcomes").at(0).at("clean_iou"));
   const auto& arms = json.at("arms");
   ASSERT_EQ(arms.size(), 3u);
   for (const auto& arm : arms) EXPECT_TRUE(arm.at("grown").contains("fn_asr")) << arm.at("name");
   EXPECT_TRUE(arms.at(1).at("grown").contains("net"));
 
-  // Of hosts that the place leaves out there is nothing to say.
+  // Hosts without that place are left out.
   request.overrides["placement"] = "kerb";
   EXPECT_THAT(error_text<InputError>([&] { evaluate_run(request); }),
               testing::HasSubstr("no other vehicle is within 12 m"));
@@ -306,13 +306,13 @@ TEST(EvaluateRun, ArmsAndNetAreListed) {
   for (const auto& arm : json.at("arms")) {
     names.push_back(arm.at("name"));
     EXPECT_TRUE(arm.at("hidden").at("vanished").contains("vehicles"));
-    EXPECT_TRUE(arm.at("asr").contains("low"));  // of false negatives and false positives, as everywhere
+    EXPECT_TRUE(arm.at("asr").contains("low"));  // for false negatives and false positives, too
     EXPECT_TRUE(arm.at("net").at("distance2m").contains("low"));
   }
   EXPECT_THAT(names, testing::ElementsAre("learned", "start", "sized", "ellipsoid", "cuboid"));
   EXPECT_EQ(json.at("net"), json.at("arms").at(2).at("net"));
   EXPECT_EQ(json.at("arms").at(0).at("net"), json.at("net"));
-  for (std::size_t c = 0; c < 3; ++c)  // the learned mesh's, whatever they are
+  for (std::size_t c = 0; c < 3; ++c)  // the extents of the learned mesh
     EXPECT_DOUBLE_EQ(json.at("arms").at(2).at("extents_m").at(c),
                      json.at("arms").at(0).at("extents_m").at(c));
   EXPECT_DOUBLE_EQ(json.at("arms").at(4).at("extents_m").at(0), 1.6);
@@ -351,7 +351,7 @@ TEST(EvaluateRun, ObjectsNeedNoRun) {
   EXPECT_EQ(json.at("meshes").size(), 2u);
   EXPECT_EQ(json.at("arms").at(1).at("name"), both.each[1].name);
   EXPECT_TRUE(json.at("arms").at(0).at("bound").contains("at_most"));
-  // One of them alone, as a run's adversary on the same vehicles.
+  // One of these meshes alone, judged as a run's adversary on the same vehicles.
   request.meshes = {folder / "b.glb"};
   request.baseline = "sized";
   const RunEvaluation alone = evaluate_run(request);

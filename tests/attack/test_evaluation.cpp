@@ -1,4 +1,4 @@
-// Evaluation on outcomes whose shares are known.
+// Evaluation of outcomes with known shares.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -55,7 +55,7 @@ TEST(EvaluationStrata, CountByRangeOcclusionTruncationAndKind) {
   EXPECT_EQ(part(all, "15-30 m").rates.vehicles, 2);
   EXPECT_EQ(part(all, "15-30 m").rates.asr.value, 0.5);
   EXPECT_EQ(part(all, "30-50 m").hosts, 0);
-  EXPECT_EQ(part(all, "30-50 m").rates.asr.high, 1);  // nothing is known
+  EXPECT_EQ(part(all, "30-50 m").rates.asr.high, 1);  // no information: the interval is [0, 1]
   EXPECT_EQ(part(all, "50+ m").hosts, 2);
   EXPECT_EQ(part(all, "50+ m").rates.vehicles, 1);
   EXPECT_EQ(part(all, "largely occluded").rates.fp_asr.value, 1);
@@ -66,8 +66,8 @@ TEST(EvaluationStrata, CountByRangeOcclusionTruncationAndKind) {
   EXPECT_EQ(part(all, "estate").rates.asr.value, 0);
   EXPECT_EQ(part(all, "15-30 m").seen.attacked.value, 1);
   EXPECT_EQ(part(all, "50+ m").seen.attacked.value, 0);
-  EXPECT_EQ(part(all, "50+ m").seen.clean.value, 1);  // of all hosts, whatever their IoU
-  // Two frames tell next to nothing, one nothing at all.
+  EXPECT_EQ(part(all, "50+ m").seen.clean.value, 1);  // over all hosts, whatever their IoU
+  // Two frames leave a wide interval, one frame the whole of it.
   EXPECT_LT(part(all, "15-30 m").rates.asr.low, 0.01);
   EXPECT_GT(part(all, "15-30 m").rates.asr.high, 0.99);
   EXPECT_EQ(part(all, "0-15 m").rates.fn_asr.low, 0);
@@ -120,7 +120,7 @@ TEST(Evaluation, SeveralMeshesArePooledAndTheirClustersAreFrames) {
   EXPECT_EQ(json.at("outcomes").size(), 12u);
   EXPECT_EQ(json.at("outcomes").at(11).at("mesh"), 2);
   EXPECT_FALSE(to_json(summarize(first)).at("outcomes").at(0).contains("mesh"));
-  // The same mesh three times tells as much as once.
+  // Three copies of a mesh carry as much information as one.
   std::vector<HostOutcome> repeated;
   for (int mesh = 0; mesh < 3; ++mesh)
     for (HostOutcome host : first) {
@@ -219,7 +219,7 @@ TEST(FalsePositives, EveryNewBoxHasItsDistances) {
   EXPECT_EQ(host.false_positive_distance, host.new_boxes[0].distance);
 
   HostOutcome unseen = host;
-  unseen.detected = false;  // FP ASR does not count it
+  unseen.detected = false;  // FP ASR does not count an undetected host
   const auto json = false_positives_json({host, unseen});
   EXPECT_EQ(json.at("vehicles"), 1);
   EXPECT_EQ(json.at("boxes"), 2);
@@ -239,14 +239,14 @@ TEST(Judge, AGrownBoxHasItsOwnSuccess) {
   const Detection on_car{car, 2}, on_both{grown.bev, 2};
   const auto hidden = [&](const Detection& attacked, const std::optional<Box3>& box) {
     const HostOutcome one = judge({"000000", 0}, frame, {on_car}, {attacked}, settings, {{}, {}, box});
-    EXPECT_TRUE(one.detected);  // of the frame without the object the label is right
+    EXPECT_TRUE(one.detected);  // without the object the labelled box is the truth
     return one.hidden;
   };
   EXPECT_FALSE(hidden(on_car, {}));
   EXPECT_TRUE(hidden(on_both, {}));  // IoU 2/3
   EXPECT_TRUE(hidden(on_car, grown));
   EXPECT_FALSE(hidden(on_both, grown));
-  // What is seen of the object alone is new beside the labelled box, and a part of the grown one.
+  // A detection of the object alone is a new box beside the label's, but part of the grown box.
   const Detection rear{{car.x - 2, car.y, 3, car.width, 0}, 2};
   const Detection elsewhere{{car.x, car.y - 3, 4, 1.6, 0}, 2};
   for (const bool part : {false, true}) {
@@ -293,7 +293,7 @@ TEST(Judge, TheObjectItselfIsJudgedByItsOwnBox) {
   EXPECT_TRUE(kMissCriteria[0].finds(seen, true));
   EXPECT_TRUE(kMissCriteria[0].finds(seen, false));
   EXPECT_FALSE(kMissCriteria[0].finds(unseen, false));
-  // A box on the object is no false positive, even where nothing was found before.
+  // A box on the object is no false positive, even if the clean pass finds nothing there.
   EXPECT_FALSE(judge({"000000", 0}, frame, {}, {thing}, EvaluationSettings(), boxes).false_positive);
   EXPECT_TRUE(judge({"000000", 0}, frame, {}, {thing}, EvaluationSettings()).false_positive);
 }
@@ -349,7 +349,7 @@ namespace {
 
 constexpr int kMeshes = 2;
 
-/// A host that every field tells from a default one, under two meshes, and one of which nothing is known.
+/// A host with no field at its default, under two meshes, and a host without any known value.
 std::vector<HostOutcome> outcomes(Matching matching) {
   HostOutcome host;
   host.id = {"000012", 3};

@@ -59,7 +59,7 @@ TEST_F(GivenDetectorTest, OutsideOfItsProgramTheRunsCopyIsUsed) {
       [&] { use_detector_of(run, asked); },
       ThrowsMessage<InputError>(testing::AllOf(HasSubstr("mirage.evaluate"), HasSubstr("--detector"))));
   std::ofstream(settings_.out / kInProcessDetectorCopy) << "a model";
-  // The copy is code: read only where this user's own program made it, or the run is trusted.
+  // The copy is code: it is read only if this user's own program made it, or if the run is trusted.
   EXPECT_THAT(
       [&] { use_detector_of(run, asked); },
       ThrowsMessage<InputError>(testing::AllOf(HasSubstr("--trust-run"), HasSubstr(kInProcessDetectorCopy))));

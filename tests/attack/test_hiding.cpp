@@ -1,4 +1,4 @@
-// What counts as hidden, on outcomes whose shares are known.
+// Criteria for a hidden vehicle, on outcomes with known shares.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -29,7 +29,7 @@ HostOutcome judged_host(const std::string& frame_name, const std::vector<Detecti
 
 TEST(Hiding, ABoxThatOnlyTurnedIsHiddenForTheSeedAndHasNotVanished) {
   const Detection on{kParked, 3};
-  // Turned on the spot by 0.4 rad: IoU 0.68, its centre where it was.
+  // Turned on the spot by 0.4 rad: IoU 0.68, with the same centre.
   const Detection turned{{10, 0, 4, 2, 0.4}, 3};
   const HostOutcome outcome = judged_host("0", {on}, {turned});
   EXPECT_GT(outcome.attacked_iou, 0.5);
@@ -51,12 +51,12 @@ TEST(Hiding, EachRuleHasItsOwnDenominator) {
   const std::vector<HostOutcome> hosts = {
       judged_host("0", {on}, {on}),          // found by every rule
       judged_host("1", {on}, {shifted}),     // hidden at 0.7, 0.5 and 1 m
-      judged_host("2", {on}, {corner}),      // … and at 2 m, but something stands there
+      judged_host("2", {on}, {corner}),      // … and at 2 m, but a detection overlaps it
       judged_host("3", {on}, {elsewhere}),   // vanished
       judged_host("4", {on}, {}),            // vanished
-      judged_host("5", {shifted}, {}),       // counts for 0.1 and 2 m alone: vanished
-      judged_host("6", {corner}, {corner}),  // counts for 0.1 alone: there
-      judged_host("7", {elsewhere}, {}),     // counts nowhere
+      judged_host("5", {shifted}, {}),       // detected by the rules 0.1 and 2 m alone: vanished
+      judged_host("6", {corner}, {corner}),  // detected by the rule 0.1 alone: still there
+      judged_host("7", {elsewhere}, {}),     // detected by no rule
       judged_host("8", {}, {on})};
   const MissRates rates = miss_rates(hosts);
   EXPECT_EQ(rates.iou70.vehicles, 5);
@@ -74,11 +74,11 @@ TEST(Hiding, EachRuleHasItsOwnDenominator) {
 
   const Evaluation all = summarize(hosts);
   EXPECT_EQ(all.rates.vehicles, 5);
-  EXPECT_DOUBLE_EQ(all.rates.fn_asr.value, rates.iou70.share.value);  // the seed's rule is one of them
+  EXPECT_DOUBLE_EQ(all.rates.fn_asr.value, rates.iou70.share.value);  // FN ASR is the rule IoU 0.7
   const nlohmann::json json = to_json(all);
   EXPECT_EQ(json.at("hidden").at("vanished").at("vehicles"), 7);
   EXPECT_DOUBLE_EQ(json.at("hidden").at("distance2m").at("value"), 4 / 6.);
-  EXPECT_TRUE(json.at("asr").is_number());  // the key of before keeps its meaning
+  EXPECT_TRUE(json.at("asr").is_number());  // the earlier key keeps its meaning
   EXPECT_DOUBLE_EQ(json.at("outcomes").at(1).at("attacked_distance"), 1.5);
   EXPECT_TRUE(json.at("outcomes").at(4).at("attacked_distance").is_null());  // no detection at all
 }
@@ -116,7 +116,7 @@ TEST(Hiding, InThePictureThereAreNoMetres) {
 }
 
 TEST(Hiding, NetIsPairedOverTheSameHosts) {
-  // The same half of the frames is hard for both meshes; the learned one hides one vehicle more in each.
+  // Both meshes succeed in the same half of the frames; the learned one hides one more vehicle in each frame.
   const Detection on{kParked, 3}, ghost{{40, 5, 4, 2, 0}, 3};
   std::vector<HostOutcome> learned, control;
   for (int frame = 0; frame < 40; ++frame)
@@ -133,14 +133,14 @@ TEST(Hiding, NetIsPairedOverTheSameHosts) {
     }
   const GainOverControl net = gain_over_control(learned, control);
   EXPECT_NEAR(net.vanished.value, 0.2, 1e-12);
-  // In every frame alike: the pairing leaves no spread but one flip more than was seen …
+  // The difference is the same in every frame: pairing leaves only the allowance for one unseen flip …
   EXPECT_NEAR(net.vanished.low, 0.2, 0.015);
   const Interval alone = miss_rates(learned).vanished.share;
-  EXPECT_GT(alone.high - alone.low, 0.15);  // … where either share by itself is uncertain
+  EXPECT_GT(alone.high - alone.low, 0.15);  // … although either share alone is uncertain
   EXPECT_NEAR(net.false_positive.value, 0.2, 1e-12);
   EXPECT_NEAR(net.asr.value, 0.2, 1e-12);
   EXPECT_NEAR(net.distance2m->value, 0.2, 1e-12);
-  // Twice the control, as two meshes: its share is the same, and so is the difference.
+  // The control twice, as two meshes: its share stays the same, and so does the difference.
   std::vector<HostOutcome> twice = control;
   for (HostOutcome host : control) host.mesh = 1, twice.push_back(host);
   EXPECT_NEAR(gain_over_control(learned, twice).vanished.value, 0.2, 1e-12);
@@ -149,14 +149,14 @@ TEST(Hiding, NetIsPairedOverTheSameHosts) {
 
 }  // namespace
 
-// The gate for the data at hand is measured once.
+// The reliance gate is measured once per data set and detector.
 
 namespace {
 
 using test::Eyes;
 using test::Planted;
 
-/// With a cache folder of its own.
+/// A test with its own cache folder.
 class CachedReliance : public testing::Test {
  protected:
   void SetUp() override {
@@ -170,7 +170,7 @@ class CachedReliance : public testing::Test {
     source.data = data_.path();
     return cached_reliance(detectors_, identity, source);
   }
-  /// Passes through the detectors since the last question.
+  /// Number of passes through the detectors since the last call.
   int passes() {
     int sum = 0;
     for (const auto& detector : detectors_) sum += std::exchange(static_cast<Planted&>(*detector).passes, 0);
@@ -188,14 +188,14 @@ TEST_F(CachedReliance, IsMeasuredOnceForADetectorAndItsData) {
   EXPECT_EQ(passes(), 0);
   ask("planted 2");  // another detector
   EXPECT_GT(passes(), 0);
-  ask("");  // one whose answers are not to be kept
+  ask("");  // a detector without a version: its answers are not stored
   EXPECT_GT(passes(), 0);
   Frame other = test::planted_frame(3);  // another frame
   other.sweep.push_back({20, 3, -1, 0});
   write_frame(data_.path(), other);
   ask("planted 1");
   EXPECT_GT(passes(), 0);
-  write_file(data_ / "training/track_2/00000a.txt", "7\n");  // who is who decides on the clusters
+  write_file(data_ / "training/track_2/00000a.txt", "7\n");  // track identities decide on the clusters
   EXPECT_EQ(ask("planted 1").clusters.by, "vehicle");
   EXPECT_GT(passes(), 0);
 }

@@ -1,4 +1,4 @@
-// Run folders that somebody else made: what they name is not executed, what they hold is checked.
+// Run folders from other people: code that they name is not executed, and their values are checked.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -38,7 +38,7 @@ AttackSettings settings_for(const fs::path& data, const fs::path& out, int itera
   return settings;
 }
 
-/// One finished run of three steps, made once, and what its files say.
+/// One finished run of three steps, made once, and the content of its files.
 class HostileRun : public testing::Test {
  protected:
   static void SetUpTestSuite() {
@@ -57,7 +57,7 @@ class HostileRun : public testing::Test {
   json said() const { return read_json(run() / "run.json"); }
   json checkpoint() const { return read_json(run() / "checkpoint.json"); }
 
-  /// read_run's complaint about a run.json in which the value at `place` is another.
+  /// read_run's error for a run.json in which `value` replaces the value at `place`.
   std::string complaint(const char* place, const json& value) const {
     json changed = read_json(*world_ / "run/run.json");
     changed[json::json_pointer(place)] = value;
@@ -85,7 +85,7 @@ TEST_F(HostileRun, CodeThatItNamesIsRefusedWithTheFileThatItWouldBe) {
   changed["sensors"] = "radar,evil-sonar.so";
   changed["weights"] = "/tmp/evil/weights";
   write_json(run() / "run.json", changed);
-  mirage::Run other = read_run(run());  // looking at it is safe
+  mirage::Run other = read_run(run());  // reading it runs no code
   EXPECT_EQ(other.settings.detector.detector, "");
   EXPECT_EQ(other.settings.depth, "");
   EXPECT_EQ(other.settings.detector.weights, "");
@@ -106,7 +106,7 @@ TEST_F(HostileRun, CodeThatItNamesIsRefusedWithTheFileThatItWouldBe) {
   override_settings(guided, {{"depth", "guided"}, {"sensors", ""}}, 0);
   EXPECT_EQ(guided.settings.depth, "guided");
 
-  options.detector = "/tmp/evil/detector.so";  // as the user's own choice, but not with the run's weights
+  options.detector = "/tmp/evil/detector.so";  // the user's own choice, but without the run's weights
   EXPECT_THAT(error_text<InputError>([&] { use_detector_of(other, options); }),
               AllOf(HasSubstr("run.json: weights"), HasSubstr("/tmp/evil/weights")));
   options.detector = "lidar";
@@ -138,7 +138,7 @@ TEST_F(HostileRun, ItsDetectorComputesAsItWasAttackedUnlessAskedOtherwise) {
   EXPECT_EQ(options.precision, kFloat);
   EXPECT_EQ(options.locality, 0);
   options = detector_of_the_run();
-  options.detector = "lidar";  // another one computes as it does by default
+  options.detector = "lidar";  // another detector uses the default precision and locality
   use_detector_of(other, options);
   EXPECT_EQ(options.precision, kFloat);
   EXPECT_EQ(options.locality, 0);
@@ -251,7 +251,7 @@ TEST_F(HostileRun, ACheckpointIsCheckedLikeAnyInput) {
   }
 }
 
-// A run that goes on is stopped here while it learns: the result of before is still one.
+// A resumed run stops here while it learns: the earlier result stays valid.
 TEST_F(HostileRun, AFinishedResultStaysUntilTheNextOneIsThere) {
   class Stopping : public test::StandInDetector {
    public:
@@ -269,7 +269,7 @@ TEST_F(HostileRun, AFinishedResultStaysUntilTheNextOneIsThere) {
   EXPECT_NE(read_file(run() / "adversary.glb"), before);
 }
 
-// Frames whose names are any bytes: learned on, resumed, read back and named in messages.
+// Frame names of arbitrary bytes: learned on, resumed, read back and named in messages.
 TEST(NamesInRuns, AnyBytesMakeARunThatComesBack) {
   TemporaryFolder folder;
   const fs::path data = folder / "d\xff\\x41";

@@ -1,4 +1,4 @@
-// A pass over what an object changes gives the proposals and the gradient of the pass over the whole frame.
+// A pass over the region that an object changes gives the whole pass's proposals and gradient.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -21,11 +21,10 @@
 namespace mirage {
 namespace {
 
-/// Of answers, and of gradients where both passes are computed in double. In float a unit whose input lies at
-/// zero to rounding is on in one pass and off in the other, so that single gradients, those of the whole pass
-/// as well, are further from the ones in double.
+/// Relative tolerance of answers, and of gradients in double. In float, a unit with an input near zero may be
+/// active in one pass only. Single gradients of either pass then differ more from those in double.
 constexpr double kTolerance = 1e-5;
-/// Of the middle case's gradient in float; or so many times what the whole pass is off itself.
+/// In float: tolerance of the median case's gradient, or a multiple of the whole pass's own error.
 constexpr double kTolerated = 3e-5, kTimesWhole = 3;
 
 constexpr int kMemory = 2048;  // MB
@@ -44,7 +43,7 @@ Label car_at(double x, double y, double height = 1.5) {
   return car;
 }
 
-/// `memory`: MB for clean frames; 0: whole passes.
+/// `memory`: MB for clean frames; 0: whole passes only.
 std::unique_ptr<Detector> detector_of(const std::string& name, int memory,
                                       const std::string& defense = "none",
                                       const std::string& precision = "float") {
@@ -80,8 +79,8 @@ std::vector<LidarPoint> places_beside(const Simulated& simulated) {
   return places;
 }
 
-/// Of the pixels in the changed rectangle, of the adversary's points, and of what a further return would
-/// change: norm of a − b over the norm of b.
+/// Relative errors ‖a − b‖ / ‖b‖ of the gradients: pixels in the changed rectangle, the adversary's points,
+/// and the presence of further returns.
 struct GradientError {
   double pixels = 0, points = 0, presence = 0;
   bool any_pixels = false, any_points = false, any_presence = false;
@@ -113,7 +112,7 @@ struct GradientError {
   }
 };
 
-/// Of the shipped weights, detectors that take whole passes and others that do not, in float and in double.
+/// The shipped detectors, with local and with whole passes, in float and in double.
 class LocalPasses : public testing::TestWithParam<const char*> {
  protected:
   LocalPasses()
@@ -122,7 +121,7 @@ class LocalPasses : public testing::TestWithParam<const char*> {
         whole64_(detector_of(GetParam(), 0, "none", "double")),
         local64_(detector_of(GetParam(), kMemory, "none", "double")) {}
 
-  /// All proposals, and the gradient of a random weighing of those that score above `least`.
+  /// Compares all proposals, and the gradient of a random weighting of proposals with a score above `least`.
   void expect_same(const PreparedFrame& prepared, const Label& host, double least = -1,
                    const TexturedMesh& adversary = random_adversary(3)) {
     const Placement roof = on_roof(BoxRoofFinder().find(prepared.frame, host));
@@ -181,8 +180,8 @@ class LocalPasses : public testing::TestWithParam<const char*> {
     EXPECT_LT(apart(box_difference, box_norm), kTolerance);
   }
 
-  /// In float a few gradients jump, of whole passes too; most local ones are as close to those in double as
-  /// the whole pass's are.
+  /// In float a few gradients jump, in whole passes too. Most local ones are as close to double as the whole
+  /// pass's.
   void expect_most_close() {
     for (const auto& [what, errors] : {std::pair{"pixels", &pixels_}, {"points", &points_}}) {
       if (errors->exact.empty()) continue;
@@ -198,14 +197,14 @@ class LocalPasses : public testing::TestWithParam<const char*> {
       std::size_t close = 0;
       for (std::size_t i = 0; i < errors->local.size(); ++i)
         close += errors->local[i] < std::max(kTolerated, kTimesWhole * errors->whole[i]);
-      // Under a ceiling pixels are close in 7 of 11 cases: more jump there.
+      // Under a ceiling, more gradients jump: pixels are close in 7 of 11 cases.
       const bool ceiling = std::string(GetParam()).find("ceiling") != std::string::npos;
       EXPECT_GE(3 * close, (ceiling ? 1.5 : 2) * static_cast<double>(errors->local.size())) << what;
     }
   }
 
-  /// Relative errors of gradients, one a case: in double local and whole apart, in float local and whole
-  /// apart from the whole pass in double.
+  /// Relative errors of gradients, one per case. exact: local against whole, in double. local, whole: in
+  /// float against the whole pass in double.
   struct Errors {
     std::vector<double> exact, local, whole;
     void add(double in_double, double local_float, double whole_float) {
@@ -260,7 +259,7 @@ TEST_P(LocalPasses, OfAnObjectThatTouchesNothing) {
 }
 
 TEST_P(LocalPasses, OfPointsThatMovedAnywhere) {
-  // More than an insertion does: points gone and points new in the middle of the sweep.
+  // A larger change than an insertion's: points removed and added in the middle of the sweep.
   const PreparedFrame prepared = generated(35);
   Simulated moved;
   moved.image = prepared.frame.image;
@@ -275,7 +274,7 @@ TEST_P(LocalPasses, OfPointsThatMovedAnywhere) {
 
 TEST_P(LocalPasses, GiveTheSameBitsWhateverIsKept) {
   const PreparedFrame one = generated(36), other = generated(37);
-  const auto forgetful = detector_of(GetParam(), 1);  // MB, less than a frame: nothing stays
+  const auto forgetful = detector_of(GetParam(), 1);  // MB, less than a frame, so that nothing is cached
   const auto logits = [](Detector& detector, const PreparedFrame& prepared) {
     const Label host = car_at(12, 1);
     const Simulated simulated =
@@ -316,7 +315,7 @@ TEST_P(LocalPasses, InBfloat16AreNearThoseInFloat) {
     double difference = 0, norm = 0, product = 0, a = 0, b = 0;
     for (std::size_t i = 0; i < found.size(); ++i)
       difference += std::pow(found[i].logit - expected[i].logit, 2), norm += std::pow(expected[i].logit, 2);
-    // Whole passes round curves and heads too, and where a second stage looks moves with that.
+    // Whole passes round activations and heads too, and that moves the second stage's regions.
     EXPECT_LT(apart(difference, norm), whole ? 0.05 : 0.03) << whole;
     EXPECT_GT(difference, 0) << whole;
     const std::vector<double> ones(found.size(), 1);
@@ -335,7 +334,7 @@ TEST_P(LocalPasses, InBfloat16AreNearThoseInFloat) {
           pixels += x * y, aa += x * x, bb += y * y;
         }
     EXPECT_GT(a > 0 ? product / std::sqrt(a * b) : 1, 0.9) << whole;
-    // Of this sum over all proposals whole passes leave little of the pixels' gradient.
+    // Whole passes retain little of the pixels' gradient of this sum over all proposals.
     if (!whole) {
       EXPECT_GT(aa > 0 ? pixels / std::sqrt(aa * bb) : 1, 0.9);
     }

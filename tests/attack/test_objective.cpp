@@ -63,16 +63,16 @@ TEST(Evaluation, JudgesMissesAndFalsePositives) {
   EXPECT_TRUE(judge({"0", 0}, frame, {on}, {}, settings).hidden);
   EXPECT_TRUE(judge({"0", 0}, frame, {on}, {off}, settings).hidden);           // IoU 1/3 is a miss at 0.7
   EXPECT_FALSE(judge({"0", 0}, frame, {on}, {off}, settings).false_positive);  // … but no new object
-  EXPECT_FALSE(judge({"0", 0}, frame, {}, {}, settings).hidden);  // was not detected in the first place
+  EXPECT_FALSE(judge({"0", 0}, frame, {}, {}, settings).hidden);  // it was not detected clean either
   EXPECT_TRUE(judge({"0", 0}, frame, {on}, {on, elsewhere}, settings).false_positive);
-  EXPECT_FALSE(
-      judge({"0", 0}, frame, {on, elsewhere}, {on, elsewhere}, settings).false_positive);  // known before
+  EXPECT_FALSE(judge({"0", 0}, frame, {on, elsewhere}, {on, elsewhere}, settings)
+                   .false_positive);  // also in the clean pass
   EXPECT_NEAR(judge({"0", 0}, frame, {on}, {on, elsewhere}, settings).false_positive_distance,
               std::hypot(30, 5), 1e-9);
 }
 
-// A hedge in a car's shape is background: a box that appears on it under attack is a false positive, from
-// above and in the picture, where one on a pedestrian is none.
+// A car-shaped hedge is background: a box on it under attack is a false positive, from above and in the
+// picture. A box on a pedestrian is not.
 TEST(Evaluation, ALookAlikeIsNoRoadUser) {
   for (const Matching matching : {kFromAbove, kInPicture})
     for (const char* type : {"Misc", "Pedestrian"}) {
@@ -110,7 +110,7 @@ TEST(Evaluation, SharesAreOfTheVehiclesDetectedClean) {
   EXPECT_NEAR(result.recall_attacked.back().value, 0.4, 1e-12);
 }
 
-/// The host's label covers 100 … 200 × 100 … 150; a pedestrian and a region that nobody labelled stand by.
+/// The host's label covers 100 … 200 × 100 … 150; a pedestrian and a DontCare region are beside it.
 Frame picture_frame() {
   Frame frame = frame_with_cars();
   const auto add = [&](const char* type, const PictureBox& box) {
@@ -139,7 +139,7 @@ TEST(Objective, InThePictureTheHostHasTwoBoxes) {
   EXPECT_DOUBLE_EQ(truth.host_iou(seen({130, 70, 170, 105})), 40 * 35 / 8000.);
   const HostTruth bare(frame, frame.labels[0], kInPicture);
   EXPECT_DOUBLE_EQ(bare.host_iou(seen({100, 70, 200, 150})), 50 / 80.);
-  EXPECT_EQ(truth.label_iou(seen({450, 100, 500, 140})), 1);  // nobody knows
+  EXPECT_EQ(truth.label_iou(seen({450, 100, 500, 140})), 1);  // inside the DontCare region
   EXPECT_NEAR(truth.label_iou(seen({595, 100, 645, 160})), 300 / (16000. + 3000 - 300), 1e-12);
 
   std::vector<Detection> proposals = {seen({100, 72, 200, 150}, 2.0),   // IoU 78 / 80 with the joined box
@@ -170,7 +170,7 @@ TEST(SilhouetteBox, HoldsTheObjectsPixels) {
   simulated.rect = {30, -2, 44, 8};  // beyond the picture
   simulated.rgba = Image<double>(14, 10, 4);
   EXPECT_FALSE(silhouette_box(simulated));
-  simulated.rgba.at(3, 4, 3) = 0.4;  // a rim
+  simulated.rgba.at(3, 4, 3) = 0.4;  // partial coverage at the rim
   EXPECT_FALSE(silhouette_box(simulated));
   simulated.rgba.at(2, 5, 3) = 0.9;   // pixel (32, 3)
   simulated.rgba.at(12, 1, 3) = 0.9;  // (42, −1), outside
@@ -198,14 +198,14 @@ TEST(Evaluation, ABoxAroundCarAndObjectIsNoMiss) {
   };
   EXPECT_FALSE(outcome({on}, {on}).hidden);
   EXPECT_FALSE(outcome({on}, {around}).hidden);
-  EXPECT_TRUE(judge({"0", 0}, frame, {on}, {around}, settings).hidden);  // with nothing to be seen there
-  EXPECT_FALSE(outcome({around}, {}).detected);                          // clean there is no object: IoU 5/8
+  EXPECT_TRUE(judge({"0", 0}, frame, {on}, {around}, settings).hidden);  // with no visible object there
+  EXPECT_FALSE(outcome({around}, {}).detected);                          // clean, without the object: IoU 5/8
   EXPECT_TRUE(outcome({on}, {half}).hidden);                             // IoU 0.6
   EXPECT_FALSE(outcome({on}, {around, unlabelled}).false_positive);
   EXPECT_TRUE(outcome({on}, {around, elsewhere}).false_positive);
   EXPECT_FALSE(outcome({on, elsewhere}, {on, elsewhere}).false_positive);
   EXPECT_FALSE(outcome({on}, {on, object}).false_positive);  // overlaps the clean detection
-  EXPECT_TRUE(outcome({}, {object}).false_positive);  // alone it is a new box: IoU 0.175 with the joined
+  EXPECT_TRUE(outcome({}, {object}).false_positive);         // new: IoU 0.175 with the joined box
   EXPECT_FALSE(outcome({}, {around}).false_positive);
   const HostOutcome made = outcome({on}, {on, elsewhere});
   ASSERT_EQ(made.new_boxes.size(), 1u);
@@ -216,7 +216,7 @@ TEST(Evaluation, ABoxAroundCarAndObjectIsNoMiss) {
   const Evaluation result = summarize({outcome({on}, {half}), outcome({on}, {around}), outcome({half}, {})});
   EXPECT_EQ(result.rates.vehicles, 2);
   EXPECT_DOUBLE_EQ(result.rates.fn_asr.value, 0.5);
-  EXPECT_EQ(result.at50.vehicles, 3);  // at 0.5 the half box finds it, clean and attacked
+  EXPECT_EQ(result.at50.vehicles, 3);  // at 0.5 the half box counts, clean and attacked
   EXPECT_NEAR(result.at50.fn_asr.value, 1.0 / 3, 1e-12);
   const auto written = to_json(result);
   EXPECT_EQ(written.at("at_iou_50").at("vehicles"), 3);

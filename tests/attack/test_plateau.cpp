@@ -1,4 +1,4 @@
-// Attacks that end at their plateau, and size alone as what is learned.
+// Attacks that stop at a plateau, and attacks that learn the size alone.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -44,7 +44,7 @@ TEST(Plateau, EndsWhereTheBestIsOldEnough) {
   EXPECT_FALSE(record.plateau(1));
   const TexturedMesh mesh = initial_adversary();
   const double values[] = {5, 3, 4, 3, 2.5, 2.6, 2.7};
-  const bool ends[] = {false, false, false, true, false, false, true};  // after 20 steps of none better
+  const bool ends[] = {false, false, false, true, false, false, true};  // after 20 steps without a better one
   for (int i = 0; i < 7; ++i) {
     record.add(10 * i, values[i], mesh);
     EXPECT_EQ(record.plateau(20), ends[i]) << i;
@@ -59,7 +59,7 @@ TEST(Plateau, WholeFramesAreHeldOutBySeed) {
     for (int label = 0; label < 3; ++label) train.push_back({{std::to_string(100 + frame), label}, {}});
   const ValidationPart part = split_validation(train, 1);
   EXPECT_EQ(part.learn.size() + part.held_out.size(), train.size());
-  EXPECT_EQ(part.held_out.size(), 18u);  // six frames of three: 16 are reached
+  EXPECT_EQ(part.held_out.size(), 18u);  // six frames of three hosts: at least 16 are needed
   std::set<std::string> learn, held;
   for (const Host& host : part.learn) learn.insert(host.id.frame);
   for (const Host& host : part.held_out) held.insert(host.id.frame);
@@ -79,7 +79,7 @@ TEST(Plateau, WholeFramesAreHeldOutBySeed) {
               testing::StartsWith("until_plateau: 1 training frame: "));
 }
 
-/// Answers the same whatever stands there, so that nothing can improve.
+/// Gives the same answer for any object, so that nothing can improve.
 class Unmoved : public test::StandInDetector {
  public:
   std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
@@ -101,20 +101,20 @@ TEST(Plateau, APlantedOneEndsTheAttack) {
   EXPECT_TRUE(result.plateau->stopped);
   EXPECT_EQ(result.plateau->best_iteration, 0);
   EXPECT_EQ(result.plateau->values.size(), 4u);              // after 0, 2, 4 and 6 steps
-  EXPECT_EQ(run_attack(settings, detectors).iterations, 6);  // it is at its end
+  EXPECT_EQ(run_attack(settings, detectors).iterations, 6);  // it does not go on
   settings.until_plateau = 8;                                // more patience prolongs it
   EXPECT_EQ(run_attack(settings, detectors).iterations, 8);
-  // Without the option there is no part held out.
+  // Without the option, no hosts are held out.
   const AttackResult plain = run_attack(plateau_settings(folder, "plain", 2, 0), detectors);
   EXPECT_FALSE(plain.plateau);
   EXPECT_TRUE(to_json(plain).at("plateau").is_null());
   EXPECT_FALSE(read_json(folder / "plain/run.json").contains("validation"));
   const auto run = read_json(folder / "run/run.json");
   EXPECT_EQ(run.at("validation").size(), 1u);
-  EXPECT_EQ(run.at("train").size(), 3u);  // the mesh was chosen by all of them: none of these may judge it
+  EXPECT_EQ(run.at("train").size(), 3u);  // all three chose the mesh, so none of them may judge it
 }
 
-/// Gets surer with every step that was taken: what was learned first stays the best.
+/// More certain with every step: the mesh of the first step stays the best.
 class Hardening : public test::StandInDetector {
  public:
   std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
@@ -269,7 +269,7 @@ TEST(SizeAlone, OnlyThreeNumbersAreLearned) {
               testing::HasSubstr("parts: size"));
 }
 
-/// Sees the picture alone: returns appear and vanish with size, which no gradient knows.
+/// Reads the picture alone. Returns appear and vanish with size, and no gradient shows that.
 class PictureReader : public test::StandInDetector {
  public:
   std::vector<Detection> forward(const SensorView& input, double threshold, bool keep) override {

@@ -1,4 +1,4 @@
-// --attack auto: shapes searched without gradients, and candidates of which the best on held-out vehicles is
+// --attack auto: gradient-free search over shapes, then candidates, of which the best on held-out vehicles is
 // kept.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -73,7 +73,7 @@ TEST(AutoTargets, AreThoseThatTheDetectorsSensorsAllow) {
   EXPECT_THAT(auto_targets(both, one), testing::ElementsAre(both));
 }
 
-/// The more returns above the roofs, the less sure of the car; no gradient tells it.
+/// Less certain of the car the more returns lie above its roof; no gradient shows that.
 class Counting : public Everywhere {
  public:
   SensorGradient backward(std::span<const double> d_logits) override {
@@ -110,7 +110,7 @@ TEST(Auto, TheStartThatHidesMostIsKeptWhereNoGradientHelps) {
   EXPECT_EQ(chosen.held_out, value);
   EXPECT_EQ(report.steps, 240);
   std::vector<std::string>
-      starts;  // the paper's, and the best of the others; each has one in the second round
+      starts;  // the paper's start and the best of the others; each has one candidate in the second round
   std::multiset<std::string> second;
   for (const AutoReport::Candidate& candidate : report.candidates) {
     starts.push_back(candidate.start);
@@ -120,12 +120,12 @@ TEST(Auto, TheStartThatHidesMostIsKeptWhereNoGradientHelps) {
   EXPECT_THAT(starts, testing::Contains(lowest));
   for (const std::string& start : starts) EXPECT_THAT(start, testing::AnyOf("paper", lowest));
   EXPECT_EQ(second.count("paper"), second.count(lowest));
-  // The mesh is that start, and other commands read it.
+  // The mesh is that start, and other commands can read it.
   const Vec3d size = bounds(read_run(folder / "run").adversary.mesh).sizes();
   EXPECT_GT(size.x(), 1.2) << size.transpose();  // the paper's is 1.2 long
 }
 
-/// Its way back through the picture points the wrong way.
+/// Its gradient through the picture has the wrong sign.
 class Misled : public Everywhere {
  public:
   SensorGradient backward(std::span<const double> d_logits) override {
@@ -139,13 +139,13 @@ TEST(Auto, TheCandidateThatMustWinWins) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 6, true);
   auto settings = auto_settings(folder, "run", 60);
-  settings.parts = AttackParts::texture;  // the shape is every candidate's: returns do not change
+  settings.parts = AttackParts::texture;  // every candidate has the same shape: returns do not change
   settings.objective.lambda_laplacian = 0;
   const AutoReport misled = run_attack(settings, one_of<Misled>()).automatic.value();
   settings.out = folder / "right";
   const AutoReport right = run_attack(settings, one_of<Everywhere>()).automatic.value();
   const auto chosen = [](const AutoReport& report) { return report.candidates.at(report.chosen); };
-  // Misled, no step of a texture helps; else the larger rate of one that reads the picture gets furthest.
+  // Misled, no texture step helps; otherwise an attack on the picture at the larger rate gets furthest.
   EXPECT_EQ(chosen(misled).kept_iteration, 0);
   EXPECT_GT(chosen(right).kept_iteration, 0);
   EXPECT_NE(chosen(right).target, AttackTarget::lidar);
@@ -158,8 +158,8 @@ TEST(Auto, TheCandidateThatMustWinWins) {
     steps.insert(candidate.steps);
   }
   EXPECT_EQ(chosen(right).held_out, lowest);
-  EXPECT_GT(steps.size(), 2u);  // halving: some went further than others
-  // The mesh written is the candidate's best.
+  EXPECT_GT(steps.size(), 2u);  // successive halving: some candidates went further than others
+  // The written mesh is the candidate's best.
   const auto file = folder / ("right/auto/candidate-" + std::to_string(right.chosen) + ".json");
   const auto held = read_json(file).at("held_out").at("texels").get<std::vector<double>>();
   const auto texels = read_run(folder / "right").adversary.atlas.texels;
@@ -167,7 +167,7 @@ TEST(Auto, TheCandidateThatMustWinWins) {
   for (std::size_t i = 0; i < texels.size(); ++i) EXPECT_EQ(texels[i].x(), held[3 * i]);
 }
 
-// Each candidate has a seed of its own, but no easier worlds.
+// Each candidate has its own seed, but is judged in the same sampled environments.
 TEST(Auto, CandidatesAreJudgedInTheSameWorlds) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 6, true);
@@ -182,11 +182,11 @@ TEST(Auto, CandidatesAreJudgedInTheSameWorlds) {
   for (std::size_t i = 0; i < report.candidates.size(); ++i) {
     const auto file = folder / ("run/auto/candidate-" + std::to_string(i) + ".json");
     const auto values = read_json(file).at("held_out").at("values").get<std::vector<double>>();
-    EXPECT_EQ(values.front(), starts.at(report.candidates[i].start)) << i;  // before any step of its own
+    EXPECT_EQ(values.front(), starts.at(report.candidates[i].start)) << i;  // before any of its own steps
   }
 }
 
-/// Dies in the middle of its work, as a killed program does.
+/// Fails in the middle of its work, like a killed program.
 class Mortal : public Everywhere {
  public:
   static inline int calls_left = 0;
@@ -219,12 +219,12 @@ TEST(Auto, ResumesToTheSameBits) {
   EXPECT_EQ(parts, whole);
   for (const char* file : {"adversary.glb", "loss.csv", "run.json", "auto/looks.json", "checkpoint.json"})
     EXPECT_EQ(read_file(folder / "parts" / file), read_file(folder / "whole" / file)) << file;
-  // On two detectors at once, too; and a finished run is not begun again.
+  // Also on two detectors at once; and a finished run does not start again.
   DetectorPool two = one_of<Everywhere>();
   two.push_back(std::make_unique<Everywhere>());
   EXPECT_EQ(report(auto_settings(folder, "two", 100), two), whole);
   EXPECT_EQ(read_file(folder / "two/adversary.glb"), read_file(folder / "whole/adversary.glb"));
-  // Another budget is another run, and so is a plain attack.
+  // A run with another budget is another run, and so is a plain attack.
   EXPECT_THAT(error_text<InputError>(
                   [&] { run_attack(auto_settings(folder, "whole", 110), one_of<test::StandInDetector>()); }),
               HasSubstr("iterations"));
@@ -232,7 +232,7 @@ TEST(Auto, ResumesToTheSameBits) {
   plain.attack = AttackSearch::plain;
   EXPECT_THAT(error_text<InputError>([&] { run_attack(plain, one_of<test::StandInDetector>()); }),
               HasSubstr("attack"));
-  // A damaged record is refused by its field.
+  // A damaged record is refused, and the error names the field.
   const auto file = folder / "parts/auto/looks.json";
   auto bad = read_json(file);
   bad["shapes"][0] = "x";
@@ -251,7 +251,7 @@ TEST(Auto, NeverLooksAtTestVehicles) {
   EXPECT_FALSE(run.at("validation").empty());
   for (const auto& host : run.at("validation")) EXPECT_THAT(run.at("train"), testing::Contains(host));
   const std::string other = run.at("train").at(0).at("frame");
-  for (const auto& host : run.at("test"))  // what the sensors saw there is now something else
+  for (const auto& host : run.at("test"))  // sensor data of the test frames change
     for (const char* file : {"image_2/X.png", "velodyne/X.bin"}) {
       const auto path = [&](std::string frame) {
         std::string name = file;
@@ -281,7 +281,7 @@ TEST(Auto, WhatDoesNotGoWithItIsRefusedInALine) {
   EXPECT_THAT(message_of([](AttackSettings& s) { s.iterations = 3; }),
               testing::StartsWith("iterations: 3: "));
   test::TemporaryFolder few;
-  test::write_tiny_data(few / "data", 2, true);  // one frame to train on: none is left to choose by
+  test::write_tiny_data(few / "data", 2, true);  // one training frame: none is left for validation
   EXPECT_THAT(error_text<InputError>([&] { run_attack(auto_settings(few, "bad", 60), detectors); }),
               testing::StartsWith("attack: 1 training frame: "));
   auto plain = auto_settings(folder, "plain", 1);

@@ -52,7 +52,7 @@ std::vector<Vec3d> fogra39() {
 TEST(PrintGamut, AChartsColoursBecomeLinearRgb) {
   const test::TemporaryFolder folder;
   const auto file = folder / "chart.txt";
-  // A tenth of white, and with 0.8 of each primary.
+  // Patches at 10 % of white plus 80 % of each primary.
   const std::vector<Vec3d> patches = {
       {9.642, 10, 8.249}, {44.528, 27.799, 9.363}, {40.454, 67.350, 16.015}, {21.088, 14.849, 65.377}};
   std::vector<std::string> measured, rows;
@@ -82,7 +82,7 @@ TEST(PrintGamut, AnOffsetPrintHasPaperAndNoSaturatedGreen) {
   const PrintGamut gamut;
   EXPECT_EQ(gamut.name(), "fogra39");
   EXPECT_EQ(gamut.colours(), gamut_of("fogra39").colours());
-  // Mixtures of paper and of black, between their reflectances of 0.876 and 0.021.
+  // Mixtures of paper and black, between their reflectances of 0.876 and 0.021.
   EXPECT_TRUE(gamut.holds(Vec3d::Constant(0.3)));
   EXPECT_FALSE(gamut.holds(Vec3d::Constant(0.9)));
   EXPECT_FALSE(gamut.holds(Vec3d::Zero()));
@@ -100,7 +100,7 @@ TEST(PrintGamut, AProfileHasTheGamutOfItsOverprints) {
   const test::TemporaryFolder folder;
   write_file(folder / "printer.icc", test::print_profile(fogra39()));
   const PrintGamut profile = gamut_of((folder / "printer.icc").string()), measured;
-  // 16 bits of Lab: 0.004 in a and b, whose cube is at most 1e-4 of XYZ.
+  // 16-bit Lab: 0.004 in a and b, which is at most 1e-4 of XYZ after the cube.
   for (const Vec3d& colour : measured.colours())
     EXPECT_LT((profile.nearest(colour) - colour).norm(), 5e-4) << colour.transpose();
   for (const Vec3d& colour : profile.colours())
@@ -127,7 +127,7 @@ TEST(PrintGamut, TexelsGoToTheNearestColourThatIsPrinted) {
       EXPECT_LE((wanted[i] - texel).dot(colour - texel), 1e-9);
   }
   EXPECT_GT(kept, wanted.size() / 20);
-  // A picture of 8 bits rounds each channel by half a level: of the steepest part of sRGB's curve.
+  // An 8-bit picture rounds each channel by half a level: at the steepest part of sRGB's curve.
   for (Vec3d& t : adversary.atlas.texels)
     for (double& c : t) {
       const float level = std::round(255 * srgb_from_linear(static_cast<float>(c)));
@@ -175,7 +175,7 @@ TEST(PrintGamut, ARunTellsItsColours) {
   const PrintGamut again = read_gamut(before.at("gamut_colours"), "run.json", "gamut_colours", "chart");
   EXPECT_EQ(again.colours(), settings.buildable.gamut.colours());
   EXPECT_EQ(again.nearest({1, 0, 0}), settings.buildable.gamut.nearest({1, 0, 0}));
-  // Another content of the same file is another run.
+  // The same file name with other content makes another run.
   write_file(folder / "chart.txt",
              chart("XYZ_X XYZ_Y XYZ_Z", {"2 2 2", "40 30 10", "30 40 10", "20 20 50", "80 85 71"}));
   settings.buildable.gamut = gamut_of((folder / "chart.txt").string());

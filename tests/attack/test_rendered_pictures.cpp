@@ -1,5 +1,5 @@
-// What an attack's detector sees where a renderer without a derivative draws the object: the control variate,
-// when its pictures are renewed, and that a stopped attack goes on to the same bits.
+// The detector's input where a renderer without derivatives draws the object: the control variate, when
+// pictures are rendered anew, and that a stopped attack resumes to the same bits.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -23,7 +23,7 @@ namespace {
 using test::error_text;
 using testing::HasSubstr;
 
-/// A picture that depends on the mesh and the seed, over a window that is larger than the object's.
+/// A picture that depends on mesh and seed, in a window larger than the object's.
 class KnownRenderer : public ObjectRenderer {
  public:
   Window draw(const HostInWorld& host, const TexturedMesh& adversary, const Simulated& simulated,
@@ -46,7 +46,7 @@ class KnownRenderer : public ObjectRenderer {
   }
   nlohmann::json identity() const override { return {{"name", "known"}, {"samples", samples}}; }
 
-  std::atomic<int> calls = 0;  // hosts of a step are drawn side by side
+  std::atomic<int> calls = 0;  // hosts of a step are drawn in parallel
   int fails_at = -1, samples = 1;
   std::set<std::uint64_t> seeds;
   std::mutex mutex;  // of `seeds`
@@ -97,7 +97,7 @@ TEST(RenderedPictures, OfTheMeshItselfTheDetectorSeesTheRenderersPicture) {
       renderer.draw(world.in_world(settings), world.mesh, plain, *renderer.seeds.begin());
   ASSERT_EQ(rect.u0, known.rect.u0);
   ASSERT_EQ(rect.v1, known.rect.v1);
-  ASSERT_LT(rect.u0, plain.rect.u0);  // it reaches beyond what the rasteriser drew
+  ASSERT_LT(rect.u0, plain.rect.u0);  // it reaches beyond the rasteriser's window
   int over = 0;
   for (int v = 0; v < simulated.image.height; ++v)
     for (int u = 0; u < simulated.image.width; ++u)
@@ -108,7 +108,7 @@ TEST(RenderedPictures, OfTheMeshItselfTheDetectorSeesTheRenderersPicture) {
         over += wanted > 1;
         ASSERT_NEAR(simulated.image.at(u, v, c), shown_to_be(wanted), 1e-6);
       }
-  EXPECT_GT(over, 0);  // the picture saturates somewhere
+  EXPECT_GT(over, 0);  // some pixels saturate
 }
 
 TEST(RenderedPictures, BetweenTwoDrawsThePictureFollowsTheMesh) {
@@ -126,7 +126,7 @@ TEST(RenderedPictures, BetweenTwoDrawsThePictureFollowsTheMesh) {
   const PixelRect rect = pictures.correct(world.in_world(settings), moved, rendered, simulated);
   const ObjectRenderer::Window known =
       renderer.draw(world.in_world(settings), world.mesh, then, *renderer.seeds.begin());
-  const auto raster = [&](const Simulated& of, int u, int v, int c) {  // before it saturates
+  const auto raster = [&](const Simulated& of, int u, int v, int c) {  // before clipping
     const PixelRect& r = of.rect;
     return u >= r.u0 && u < r.u1 && v >= r.v0 && v < r.v1 ? of.rgba.at(u - r.u0, v - r.v0, c)
                                                           : world.prepared->frame.image.at(u, v, c);
@@ -142,7 +142,7 @@ TEST(RenderedPictures, BetweenTwoDrawsThePictureFollowsTheMesh) {
       }
   EXPECT_GT(change, 1);
 
-  // Asked again for that mesh, it is not drawn again; of another iteration, with other random numbers, it is.
+  // For the same mesh it is not drawn again; in another iteration, with other random numbers, it is.
   EXPECT_EQ(renderer.calls, 2);
   Simulated again = now;
   pictures.correct(world.in_world(settings), moved, rendered, again);
@@ -208,7 +208,7 @@ TEST(RenderedPictures, TheVjpIsTheDerivativeOfWhatIsShown) {
   test::check_gradient(of_vertices, vertices, analytic, 1e-6, 1e-4, 1e-1,
                        [](std::size_t i) { return i % 61 == 0; });
   const int all = 3 * shown(moved).rect.width() * shown(moved).rect.height();
-  EXPECT_GT(saturated, all / 20);  // so that what saturates is in the check, and what does not
+  EXPECT_GT(saturated, all / 20);  // both saturated and unsaturated pixels are checked
   EXPECT_LT(saturated, all * 19 / 20);
   EXPECT_EQ(renderer.calls, 1);
 }
@@ -216,22 +216,22 @@ TEST(RenderedPictures, TheVjpIsTheDerivativeOfWhatIsShown) {
 TEST(RenderedPictures, AMeshHasMovedBeyondTheRootMeanSquare) {
   const TexturedMesh from = initial_adversary();
   TexturedMesh to = from;
-  const RedrawLimits renewal{0.01, 0.05};
-  EXPECT_FALSE(has_moved(from, to, renewal));
+  const RedrawThresholds redraw{0.01, 0.05};
+  EXPECT_FALSE(has_moved(from, to, redraw));
   EXPECT_FALSE(has_moved(from, to, {0, 0}));
   for (Vec3d& v : to.mesh.vertices) v += Vec3d(0.006, 0.006, 0.005);  // 9.85 mm
-  EXPECT_FALSE(has_moved(from, to, renewal));
+  EXPECT_FALSE(has_moved(from, to, redraw));
   EXPECT_TRUE(has_moved(from, to, {0, 1}));
   for (Vec3d& v : to.mesh.vertices) v.z() += 0.001;  // 11 mm
-  EXPECT_TRUE(has_moved(from, to, renewal));
+  EXPECT_TRUE(has_moved(from, to, redraw));
   to.mesh = from.mesh;
   for (Vec3d& t : to.atlas.texels) t += Vec3d::Constant(0.049);
-  EXPECT_FALSE(has_moved(from, to, renewal));
+  EXPECT_FALSE(has_moved(from, to, redraw));
   for (Vec3d& t : to.atlas.texels) t.x() += 0.005;
-  EXPECT_TRUE(has_moved(from, to, renewal));
+  EXPECT_TRUE(has_moved(from, to, redraw));
 }
 
-/// An attack with a renderer of its own.
+/// An attack with its own renderer.
 struct RenderedAttack {
   RenderedAttack(const test::TemporaryFolder& folder, const char* out, int iterations) {
     settings.data = folder / "data";
@@ -242,7 +242,7 @@ struct RenderedAttack {
     settings.rooftop = "box";
     settings.quiet = true;
     settings.renderer = renderer;
-    settings.renewal = {0.012, 0.05};  // two or three steps
+    settings.redraw = {0.012, 0.05};  // two or three steps
     for (int i = 0; i < 2; ++i) detectors.push_back(std::make_unique<test::StandInDetector>());
   }
   AttackResult run() { return run_attack(settings, detectors); }
@@ -260,8 +260,8 @@ TEST(RenderedPictures, AreRenewedWhereTheMeshHasMovedAndTheDetectorLooksAtThem) 
   test::write_tiny_data(folder / "data", 4);
   RenderedAttack always(folder, "always", 6), never(folder, "never", 6), now_and_then(folder, "some", 6),
       raster(folder, "raster", 6);
-  always.settings.renewal = {0, 0};
-  never.settings.renewal = {10, 10};
+  always.settings.redraw = {0, 0};
+  never.settings.redraw = {10, 10};
   raster.settings.renderer = nullptr;
   const int vehicles = always.run().vehicles_train;
   ASSERT_GE(vehicles, 2);
@@ -273,8 +273,8 @@ TEST(RenderedPictures, AreRenewedWhereTheMeshHasMovedAndTheDetectorLooksAtThem) 
   EXPECT_LT(now_and_then.renderer->calls, 6 * always.settings.batch);
   raster.run();
   const auto losses = [&](const char* out) { return checkpoint_of(folder, out).at("losses"); };
-  EXPECT_NE(losses("raster")[0], losses("never")[0]);  // another picture
-  EXPECT_EQ(losses("always")[0], losses("never")[0]);  // the same one
+  EXPECT_NE(losses("raster")[0], losses("never")[0]);  // other pictures
+  EXPECT_EQ(losses("always")[0], losses("never")[0]);  // the same pictures
   EXPECT_NE(losses("always"), losses("never"));
 }
 
@@ -291,7 +291,7 @@ TEST(RenderedPictures, AStoppedAttackGoesOnToTheSameBits) {
       some.run();
     };
     attack(whole, 8);
-    bool between = false;  // a stop at a step whose pictures are of an earlier mesh
+    bool between = false;  // a stop at a step that uses pictures of an earlier mesh
     for (int iterations = 1; iterations <= 8; ++iterations) {
       attack(parts, iterations);
       const auto state = checkpoint_of(folder, parts.c_str());
@@ -308,7 +308,7 @@ TEST(RenderedPictures, ALostRendererCostsNoStep) {
   const test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 4);
   RenderedAttack whole(folder, "whole", 7), lost(folder, "lost", 7), after(folder, "lost", 7);
-  whole.settings.renewal = lost.settings.renewal = after.settings.renewal = {0, 0};
+  whole.settings.redraw = lost.settings.redraw = after.settings.redraw = {0, 0};
   whole.run();
   lost.renderer->fails_at = 2 * 4 + 1;  // in the fifth step
   EXPECT_THAT(error_text<Failure>([&] { lost.run(); }), HasSubstr("known renderer"));
@@ -325,13 +325,13 @@ TEST(RenderedPictures, ARunNamesItsRenderer) {
   attack.run();
   const nlohmann::json run = read_json(folder / "run/run.json");
   EXPECT_EQ(run.at("renderer"), attack.renderer->identity());
-  EXPECT_EQ(run.at("renewal").at("metres"), attack.settings.renewal.metres);
-  EXPECT_EQ(read_run(folder / "run").train.size(), run.at("train").size());  // other commands read it
+  EXPECT_EQ(run.at("renewal").at("metres"), attack.settings.redraw.metres);
+  EXPECT_EQ(read_run(folder / "run").train.size(), run.at("train").size());  // other commands can read it
   attack.settings.iterations = 2;
   attack.renderer->samples = 2;
   EXPECT_THAT(error_text<InputError>([&] { attack.run(); }), HasSubstr("renderer"));
   attack.renderer->samples = 1;
-  attack.settings.renewal.metres *= 2;
+  attack.settings.redraw.metres *= 2;
   EXPECT_THAT(error_text<InputError>([&] { attack.run(); }), HasSubstr("renewal"));
   attack.settings.renderer = nullptr;
   EXPECT_THAT(error_text<InputError>([&] { attack.run(); }), HasSubstr("renderer"));
@@ -342,7 +342,7 @@ TEST(RenderedPictures, ARunNamesItsRenderer) {
   EXPECT_EQ(read_json(folder / "plain/run.json").at("renderer"), "raster");
 }
 
-/// Does not look at pictures.
+/// Ignores the picture.
 class BlindStandIn : public test::StandInDetector {
  public:
   Capabilities capabilities() const override { return {false, true, true, false}; }

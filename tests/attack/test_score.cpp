@@ -1,4 +1,4 @@
-// A detector's grade: cells of planted outcomes, and the whole of it against a detector that is known.
+// A detector's grade: cells of planted outcomes, and the whole score of a known detector.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ const std::vector<ScoredObject> kObjects = {
     {"learned-0.8", ObjectLevel::learned, "learned against it", true}};
 constexpr int kFrames = 200;
 
-/// Cars at 10, 30 and 50 m, one each a frame, all found as recorded and none lost.
+/// Cars at 10, 30 and 50 m, one each per frame, all found clean and none lost.
 std::vector<HostOutcome> sound(int frames = kFrames) {
   std::vector<HostOutcome> hosts;
   for (std::size_t mesh = 0; mesh < kObjects.size(); ++mesh)
@@ -39,7 +39,7 @@ std::vector<HostOutcome> sound(int frames = kFrames) {
   return hosts;
 }
 
-/// Loses exactly `count` of the cars at that distance under that object, from the frame `first` on.
+/// Loses exactly `count` cars at that distance under that object, from frame `first` on.
 void lose(std::vector<HostOutcome>& hosts, int mesh, double range, int count, int first = 0) {
   for (HostOutcome& host : hosts)
     if (host.mesh == mesh && host.range == range && std::stoi(host.id.frame.substr(1)) >= first &&
@@ -82,7 +82,7 @@ TEST(Score, ACellIsOfItsDistanceAndItsObjects) {
   EXPECT_EQ(score.answer[1], "Shapes, 20–40 m: does not hold: of 200 cars 10.0 % vanish, at least 6.7 %.");
 }
 
-// A row's objects weigh as if they were judged alone, whatever their numbers.
+// The objects of a row are judged on their own, whatever their indices.
 TEST(Score, PhantomsAreThoseOfTheRowsObjectsAlone) {
   auto hosts = sound(9);
   for (HostOutcome& host : hosts) host.false_positive = host.mesh == 3 && host.id.frame == "f1";
@@ -112,7 +112,7 @@ TEST(Score, ACarCountsIfAnyObjectOfTheLevelHidesIt) {
   lose(hosts, 1, 10, 10);  // the same cars
   EXPECT_DOUBLE_EQ(cell(score_outcomes(hosts, kObjects, kFrames), ObjectLevel::loads, 0).bound.share.value,
                    0.05);
-  lose(hosts, 1, 10, 10, 100);  // others
+  lose(hosts, 1, 10, 10, 100);  // other cars
   const Score score = score_outcomes(hosts, kObjects, kFrames);
   EXPECT_DOUBLE_EQ(cell(score, ObjectLevel::loads, 0).bound.share.value, 0.1);
   EXPECT_EQ(score.grade, "D");
@@ -127,9 +127,9 @@ TEST(Score, AsManyCarsAsAnOpenCellAsksForTellIt) {
     const ScoreCell& open = cell(score, ObjectLevel::learned, 1);
     ASSERT_EQ(open.status, CellStatus::open);
     ASSERT_TRUE(open.needed);
-    EXPECT_GE(score.frames_needed, *open.needed);  // a car a frame
+    EXPECT_GE(score.frames_needed, *open.needed);  // one car per frame
     EXPECT_THAT(score.answer.back(), HasSubstr("would settle"));
-    // The same share of so many.
+    // The same share at that number of frames.
     const int more = static_cast<int>(*open.needed);
     auto larger = sound(more);
     lose(larger, 3, 30, more * lost / frames);
@@ -146,7 +146,7 @@ TEST(Score, WhoDoesNotFindTheCarsAsRecordedHasNoBetterGrade) {
   const Score score = score_outcomes(hosts, kObjects, kFrames);
   EXPECT_EQ(cell(score, ObjectLevel::recorded, 0).status, CellStatus::fails);
   EXPECT_DOUBLE_EQ(cell(score, ObjectLevel::recorded, 0).bound.share.value, 0.2);
-  EXPECT_EQ(cell(score, ObjectLevel::loads, 0).bound.vehicles, 160);  // of those that are found
+  EXPECT_EQ(cell(score, ObjectLevel::loads, 0).bound.vehicles, 160);  // vehicles that are found clean
   EXPECT_EQ(score.grade, "D");
   EXPECT_THAT(score.by_band, testing::ElementsAre("D", "A", "A"));
   EXPECT_THAT(score.answer[0], HasSubstr("more than 5 % of cars are missed as recorded"));
@@ -163,7 +163,7 @@ TEST(Score, WithoutAnObjectLearnedAgainstItThereIsNoGrade) {
   EXPECT_EQ(score.grade, "");
   EXPECT_THAT(score.by_band, testing::Each(""));
   EXPECT_THAT(score.answer[0], testing::AllOf(testing::StartsWith("No grade"), HasSubstr("nobody learned")));
-  // Nor does one count that was learned against another detector.
+  // An object that was learned against another detector does not count either.
   score = score_outcomes(sound(),
                          {known[0], known[1], known[2], {"a", ObjectLevel::learned, "others", false}}, 200);
   EXPECT_EQ(score.grade, "");
@@ -172,7 +172,7 @@ TEST(Score, WithoutAnObjectLearnedAgainstItThereIsNoGrade) {
   EXPECT_THAT(test::error_text<FieldError>([&] { mirage::score(request); }), HasSubstr("no-adaptive"));
 }
 
-/// Finds the tiny data's cars, but where much stands on their roofs. It has no gradient.
+/// Finds the tiny data's cars, except below objects with many returns. It has no gradient.
 constexpr const char* kDetector = R"(
 import mirage_serve
 import numpy as np
@@ -200,9 +200,9 @@ TEST(Score, OfADetectorWithoutGradientsFromNothing) {
   ASSERT_EQ(first.learned.size(), 1u);
   EXPECT_EQ(first.learned[0].settings.attack, AttackSearch::black_box);
   EXPECT_GT(first.learned[0].result.steps, 0);
-  EXPECT_EQ(first.evaluation.trained_on, 0);  // those that the attack held back are judged
+  EXPECT_EQ(first.evaluation.trained_on, 0);  // held-out hosts are judged
   EXPECT_EQ(first.evaluation.hosts.size(), as_size(first.learned[0].result.vehicles_test));
-  // What an object was learned by and what it is judged by are no one choice.
+  // Training and evaluation use separate simulation settings.
   EXPECT_EQ(first.learned[0].settings.simulation.supersampling, 1);
   EXPECT_EQ(first.evaluation.target_run.settings.simulation.supersampling,
             SimulationSettings().supersampling);
@@ -211,22 +211,22 @@ TEST(Score, OfADetectorWithoutGradientsFromNothing) {
   EXPECT_EQ(first.score.rows[2].objects.size(), 3u);
   const auto lost = [&](std::size_t row) { return first.score.rows[row].cells[0].bound.share.value; };
   EXPECT_EQ(lost(0), 0);                              // nothing on the roof
-  EXPECT_EQ(lost(1), 0);                              // loads return little
-  EXPECT_EQ(lost(2), 1);                              // the cuboid much
-  EXPECT_EQ(first.score.rows[3].objects.size(), 6u);  // solids of each detector on this rig
+  EXPECT_EQ(lost(1), 0);                              // loads give few returns
+  EXPECT_EQ(lost(2), 1);                              // the cuboid gives many
+  EXPECT_EQ(first.score.rows[3].objects.size(), 6u);  // one solid per detector on this rig
   EXPECT_EQ(first.score.rows[4].cells[0].bound.vehicles, 2);
-  EXPECT_EQ(first.score.grade, "D");  // three frames show nothing
+  EXPECT_EQ(first.score.grade, "D");  // three frames prove nothing
   const ScoreResult again = score(request);
   EXPECT_EQ(again.learned[0].result.steps, 0);
   EXPECT_EQ(to_json(again), to_json(first));
-  // Below a ceiling, by the unit of a rig that does not ship.
+  // Below a ceiling, with the unit of a rig that is not shipped.
   ScoreRequest below = request;
   below.out = folder / "below";
   below.detector.defense = "ceiling:3";
   write_json(folder / "data/dataset.json", {{"rig", "own"}, {"seed", 1}, {"generator", "another"}});
   std::filesystem::copy_file(shipped_file("scenes/rigs/kitti64.toml"), folder / "data/rig.toml");
   EXPECT_EQ(score(below).learned.size(), 1u);
-  // The rig that is named, not the set's own, chooses the zoo's learned objects.
+  // The zoo's learned objects follow the named rig, not the set's own.
   ScoreRequest named = request;
   named.out = folder / "named";
   named.adaptive = false;
@@ -235,7 +235,7 @@ TEST(Score, OfADetectorWithoutGradientsFromNothing) {
   const auto learned = std::ranges::find(known, ObjectLevel::learned, &ScoreRow::level);
   ASSERT_NE(learned, known.end());
   EXPECT_EQ(learned->objects.size(), 6u);
-  // With frames of another number where some were made.
+  // One generated frame is refused.
   ScoreRequest generated = request;
   generated.overrides.erase("data");
   generated.frames = 1;

@@ -1,5 +1,5 @@
-// The list of an attack's settings: each decides the result or does not, comes back from JSON, and is refused
-// by its name where no run can use it. A new field is tested as soon as it is listed.
+// The list of an attack's settings. Each one decides the result or does not, round-trips through JSON, and is
+// refused by name where no run can use it. A new field is tested once it is listed.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -21,7 +21,7 @@ namespace {
 
 using testing::StartsWith;
 
-/// Every part that can be switched on is, so that its numbers mean something.
+/// Every optional part is on, so that its numbers have an effect.
 AttackSettings everything_on() {
   AttackSettings settings;
   settings.data = "/data";
@@ -36,7 +36,7 @@ AttackSettings everything_on() {
 
 using test::change;
 
-/// change(settings of its own, field, value, decides, known) for every field.
+/// Calls change(settings of its own, field, value, decides, known) for every field.
 template <class Change>
 int for_each_field(const Change& change) {
   return test::for_each_field(everything_on(), change);
@@ -59,7 +59,7 @@ TEST(Settings, EachFieldThatDecidesTheResultChangesTheIdentityAndNoOtherDoes) {
 TEST(Settings, EachFieldComesBackFromJson) {
   const auto back = [](const nlohmann::json& file) {
     AttackSettings settings;
-    settings.until_plateau = 5;  // which no file names: it is no part of the result
+    settings.until_plateau = 5;  // no file has it: it is not part of the result
     read_fields(JsonFields("run.json", file, "restore it"), settings);
     return fields_json(settings);
   };
@@ -123,7 +123,7 @@ TEST(Settings, EachFieldIsInTheFileAtItsDefaultToo) {
   EXPECT_TRUE(fields_json(free).at("buildable").is_null());
 }
 
-/// What a program wrote that left fields out at their default.
+/// A run.json of an earlier program, which left out fields at their default.
 nlohmann::json as_of_an_earlier_program(nlohmann::json run) {
   const nlohmann::json lacking = lacking_json<AttackSettings>();
   for (const auto& [key, value] : lacking.items())
@@ -209,7 +209,7 @@ TEST(Settings, ARunGoesOnWithTheUsersPluginsAsTheyWere) {
     EXPECT_THAT(
         test::error_text<InputError>([&] { check_identity("checkpoint.json", written, identity(settings)); }),
         StartsWith("checkpoint.json: " + key + ": the run in this folder has another value"));
-    nlohmann::json earlier = written;  // a program that did not say
+    nlohmann::json earlier = written;  // of a program that did not store them
     earlier.erase(key);
     check_identity("checkpoint.json", earlier, identity(settings));
     write_file(folder / name, "before");

@@ -1,4 +1,4 @@
-// Upper bounds of shares: the textbook's for single trials, and their coverage in clusters.
+// Upper bounds of shares: the textbook values for single trials, and their coverage in clusters.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -37,7 +37,7 @@ TEST(ShareBound, HoldsInClusters) {
   for (int t = 0; t < kTrials; ++t) {
     const double share = std::uniform_real_distribution<>(0.01, 0.3)(random);
     std::vector<double> shares;
-    for (int c = 0; c < 40; ++c) {  // one share a cluster, or none at all
+    for (int c = 0; c < 40; ++c) {  // outcomes are independent in odd clusters, all alike in even ones
       const int size = std::uniform_int_distribution<>(1, 6)(random);
       const double own = c % 2 ? share : (std::bernoulli_distribution(share)(random) ? 1 : 0);
       shares.push_back(std::binomial_distribution<>(size, own)(random) / double(size));

@@ -1,4 +1,4 @@
-// The zoo's parts: loads that are closed, texels of another number a face, files that say what they are.
+// The zoo's parts: closed loads, texels at another resolution per face, files that describe themselves.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

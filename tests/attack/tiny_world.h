@@ -1,5 +1,5 @@
-// A data set of a few tiny frames and a differentiable stand-in for a network, so that the attack's loop can
-// be tested without one.
+// A data set of a few tiny frames and a differentiable stand-in for a network, so that the attack loop can be
+// tested without a network.
 #pragma once
 
 #include <cmath>
@@ -19,8 +19,8 @@
 
 namespace mirage::test {
 
-/// What KITTI's LiDAR sees of flat ground before it, each eighth firing, and of a car of the family that
-/// fills the box, if one is given: a laser after the other, as its sweeps are.
+/// KITTI's LiDAR returns from flat ground ahead, every eighth firing, and from a car of the family that fills
+/// `box`, if given. They are ordered laser by laser, like KITTI's sweeps.
 inline Sweep tiny_sweep(const Box3* box) {
   constexpr double kGround = -1.73;
   constexpr int kEvery = 8;
@@ -58,7 +58,7 @@ inline Sweep tiny_sweep(const Box3* box) {
   return sweep;
 }
 
-/// Few hosts a step, and the paper's slow rates and free mesh.
+/// Few hosts per step, with the paper's slow rates and free mesh.
 inline AttackSettings tiny_attack() {
   AttackSettings settings;
   settings.buildable.on = false;
@@ -68,15 +68,15 @@ inline AttackSettings tiny_attack() {
   return settings;
 }
 
-/// Where write_tiny_data's car stands in a frame: where StandInDetector finds it.
+/// The car of write_tiny_data in a frame, where StandInDetector finds it.
 inline BevBox tiny_car(int frame) {
   return {11.4 + 0.04 * frame, 0.02 * frame, 3.9, 1.6, 0.01 * frame};
 }
 
-/// Flat ground and one car a frame, with or without LiDAR returns on it; a fifth of KITTI's image.
+/// Flat ground and one car per frame, with or without LiDAR returns on it; a fifth of KITTI's image size.
 inline void write_tiny_data(const std::filesystem::path& data, int frames, bool returns = false) {
-  setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);  // where scenes/rigs is
-  setenv("MIRAGE_CACHE", "off", 0);         // unless a test says otherwise
+  setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);  // the parent of scenes/rigs
+  setenv("MIRAGE_CACHE", "off", 0);         // unless a test sets it
   for (int i = 0; i < frames; ++i) {
     Frame frame;
     frame.id = "00000" + std::to_string(i);
@@ -92,12 +92,12 @@ inline void write_tiny_data(const std::filesystem::path& data, int frames, bool 
     car.left = 90, car.right = 150, car.top = 20, car.bottom = 60;
     frame.labels = {car};
     frame.sweep = tiny_sweep(returns ? &car.box : nullptr);
-    frame.sweep.front().reflectance += 1e-3f * static_cast<float>(i);  // no sweep is another frame's
+    frame.sweep.front().reflectance += 1e-3f * static_cast<float>(i);  // no two sweeps are equal
     write_frame(data, frame);
   }
 }
 
-/// What `mirage attack` says of a run with these settings.
+/// Writes the run.json that `mirage attack` would write with these settings.
 inline void write_run_json(const std::filesystem::path& run, const AttackSettings& settings,
                            const std::vector<HostId>& train, const std::vector<HostId>& test) {
   nlohmann::json json = identity(settings).json;
@@ -106,8 +106,8 @@ inline void write_run_json(const std::filesystem::path& run, const AttackSetting
   write_json(run / "run.json", json);
 }
 
-/// One proposal on every frame's car. Its logit grows with the image's brightness inside a fixed window
-/// and falls with the number of points near the car's roof, smoothly.
+/// One proposal on every frame's car. Its logit rises with the image's brightness inside a fixed window and
+/// falls with the number of points near the car's roof, smoothly.
 class StandInDetector : public Detector {
  public:
   std::string name() const override { return "stand-in"; }
@@ -145,7 +145,7 @@ class StandInDetector : public Detector {
   std::vector<LidarPoint> points_;
 };
 
-/// The same for the picture alone: its proposal is the box that every car of the tiny data is labelled with.
+/// The same for the picture alone: its proposal is the box in the picture of every label of the tiny data.
 class PictureStandIn : public StandInDetector {
  public:
   Capabilities capabilities() const override { return {true, false, false, true}; }
@@ -159,7 +159,7 @@ class PictureStandIn : public StandInDetector {
   }
 };
 
-/// Finds the car of every frame of the tiny data, the surer the brighter the picture.
+/// Finds the car in every frame of the tiny data; its logit rises with the picture's brightness.
 class Everywhere : public test::StandInDetector {
  public:
   std::vector<Detection> forward(const SensorView& input, double threshold, bool keep) override {

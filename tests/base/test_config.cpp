@@ -37,9 +37,8 @@ std::string utf8(char32_t point) {
           static_cast<char>(0x80 | (point >> 6 & 0x3f)), static_cast<char>(0x80 | (point & 0x3f))};
 }
 
-// The ends of every range that toml++ tells white space by: 0xA0 + k · 0x3FA. In a third of them it ran into
-// __builtin_unreachable, at a line's head within a string even where the file is right (asan preset, make
-// fuzz).
+// The ends of every range that toml++ classifies as white space: 0xA0 + k · 0x3FA. A third of them reached
+// __builtin_unreachable at a line's start within a string, even in a valid file (asan preset, make fuzz).
 TEST(Toml, TakesEveryLetterInStringsAndComments) {
   std::vector<char32_t> letters = {0x80, 0x1f600, 0x10ffff};
   for (char32_t range = 0xa0; range < 0xfeff; range += 0x3fa)
@@ -80,7 +79,7 @@ TEST(Toml, RefusesLettersElsewhereInALine) {
 TEST(Toml, OfAsciiReachesTheParserAsItIs) {
   const std::string text = "\"a\\\"\" = 'x\\'  # '\nb = '''''' \nc = '\n";
   EXPECT_EQ(toml_in_ascii(text, "any.toml"), text);
-  // The same text beside a letter: strings change their quotes alone.
+  // The same text with a non-ASCII letter: only the quotes of strings change.
   EXPECT_EQ(toml_in_ascii("\xef\xbb\xbf" + text + "#\xc3\xa9", "any.toml"),
             "\"a\\\"\" = \"x\\\\\"  # '\nb = \"\"\"\"\"\" \nc = \"\n#?");
 }
@@ -89,7 +88,7 @@ TEST(TomlText, ComesBackBitByBit) {
   const nlohmann::json values[] = {
       nlohmann::json::object(),
       {{"c", {true, "x", {{"1e308d", "\n"}, {"two", "a\n\nb\n"}}}}, {"d", "\n\n"}},
-      // Keys that want quotes, and texts with every escape.
+      // Keys that need quotes, and texts with every escape.
       {{"a b", 1},
        {"", 2},
        {"\tviw", 3},

@@ -37,7 +37,7 @@ TEST(WriteFile, MakesFoldersAndReplacesWhole) {
   EXPECT_EQ(entries(folder / "a/b"), 1u);
 }
 
-// A file-size limit stands in for a full disk: the old file stays, nothing is left beside it.
+// A file-size limit stands in for a full disk: the old file stays, and no temporary file remains.
 TEST(WriteFile, FailingHalfWayKeepsTheOldFile) {
   TemporaryFolder folder;
   write_file(folder / "kept.txt", "old");
@@ -56,7 +56,7 @@ TEST(WriteFile, FailingHalfWayKeepsTheOldFile) {
   EXPECT_EQ(entries(folder.path()), 1u);
 }
 
-// In a folder from somebody else a name may lead to a pipe that nobody writes to, or to a device without end.
+// In a folder from another user, a name may lead to a pipe without a writer, or to a device without end.
 TEST(ReadFile, TakesRegularFilesAlone) {
   TemporaryFolder folder;
   ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);
@@ -66,7 +66,7 @@ TEST(ReadFile, TakesRegularFilesAlone) {
                 AllOf(HasSubstr((folder / name).string()), HasSubstr("is not a regular file")));
 }
 
-// A sparse file of 50 GB is one block on the disk of whoever sends it.
+// A sparse file of 50 GB takes one block on its sender's disk.
 TEST(ReadFile, WhatIsTooLargeIsRefusedBeforeItIsRead) {
   TemporaryFolder folder;
   write_file(folder / "huge", "");
@@ -77,7 +77,7 @@ TEST(ReadFile, WhatIsTooLargeIsRefusedBeforeItIsRead) {
   EXPECT_EQ(read_file(folder / "ten", 10), "0123456789");
   EXPECT_THAT(error_text<InputError>([&] { read_file(folder / "ten", 9); }),
               HasSubstr("larger than 9 bytes"));
-  // One of the system's that tells no size.
+  // A system file that reports no size.
   EXPECT_THAT(error_text<InputError>([&] { read_file("/proc/cpuinfo", 9); }),
               HasSubstr("larger than 9 bytes"));
 }

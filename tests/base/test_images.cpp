@@ -99,11 +99,11 @@ TEST(ImageFiles, AChunkThatClaimsMoreThanTheFileIsRefusedBeforeDecoding) {
   EXPECT_THAT(error_text<InputError>([&] { read_srgb(with("\x73IDHeXIf"s, after_header)); }),
               AllOf(HasSubstr("chunk.png"), HasSubstr("a chunk claims 1934181448 bytes"),
                     HasSubstr("that are left")));
-  // One that is there, and of which nothing is known: a decoder steps over it.
+  // An unknown ancillary chunk: a decoder skips it.
   EXPECT_NO_THROW(read_srgb(with("\0\0\0\x02mrAg\x01\x02\x1f\x9f\xbc\x18"s, after_header)));
 }
 
-// libpng makes up to eight megabytes of each, and keeps them all.
+// libpng allocates up to eight megabytes for each, and keeps them all.
 TEST(ImageFiles, CompressedTextsAreRefusedBeforeTheyAreRead) {
   TemporaryFolder folder;
   const std::string whole = encode_srgb_png(noise(5, 4, 3));
@@ -111,7 +111,7 @@ TEST(ImageFiles, CompressedTextsAreRefusedBeforeTheyAreRead) {
     std::string chunk;
     for (int shift = 24; shift >= 0; shift -= 8)
       chunk.push_back(static_cast<char>(body.size() >> shift & 0xff));
-    chunk += type + body + "sums";  // a decoder skips texts with a wrong one
+    chunk += type + body + "sums";  // a decoder skips texts with a wrong checksum
     std::string file = whole.substr(0, 8 + 12 + 13);
     for (int i = 0; i < times; ++i) file += chunk;
     write_file(folder / "texts.png", file + whole.substr(8 + 12 + 13));
@@ -170,16 +170,16 @@ std::string claiming_png(std::uint32_t width, std::uint32_t height) {
 
 TEST(ImageFiles, AHeaderThatClaimsTooMuchIsRefusedBeforeDecoding) {
   TemporaryFolder folder;
-  write_srgb(folder / "small.png", noise(8, 4, 3));  // loads the decoders, which the limit has no room for
+  write_srgb(folder / "small.png", noise(8, 4, 3));  // loads the decoders, which would exceed the limit
   rlimit before{};
   ASSERT_EQ(getrlimit(RLIMIT_AS, &before), 0);
   [[maybe_unused]] rlimit small = before;
   std::ifstream statm("/proc/self/statm");
   rlim_t pages = 0;
   statm >> pages;
-  small.rlim_cur = pages * 4096 + (64u << 20);  // what is mapped already, and 64 MiB
+  small.rlim_cur = pages * 4096 + (64u << 20);  // the memory that is mapped now, and 64 MiB
   const auto limited = [&](const auto& work) {
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they need room of their own
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // sanitizers need their own memory
     setrlimit(RLIMIT_AS, &small);
 #endif
     const std::string text = error_text<InputError>(work);
@@ -266,7 +266,7 @@ TEST(ParallelFor, VisitsEveryIndexOnceWithAnyThreadCount) {
   set_thread_count(before);
 }
 
-// oneTBB stops the inner loops of a failing outer one; what they left undone was written to disk as a frame.
+// oneTBB cancels the inner loops of a failing outer one; a frame from such loops was written to disk.
 TEST(ParallelFor, NothingIsMadeOfAnInnerLoopThatWasStopped) {
   const int before = thread_count();
   set_thread_count(4);
@@ -310,7 +310,7 @@ TEST(DepthPng, KeepsKittisFormat) {
 
 TEST(SrgbBytes, TheTableIsTheCurveRounded) {
   std::vector<float> values = {-1, 0, 1, 2, std::nanf(""), 1e-30f, 6e-5f};
-  for (int level = 0; level < 255; ++level) {  // to both sides of where the next level begins, and between
+  for (int level = 0; level < 255; ++level) {  // on both sides of the border to the next level, and between
     const float edge = linear_from_srgb((static_cast<float>(level) + 0.5f) / 255);
     for (int step = -40; step <= 40; ++step)
       values.push_back(

@@ -1,4 +1,4 @@
-// Intervals over clusters: their coverage where the truth is known, and what few clusters must not do.
+// Intervals over clusters: their coverage for known truths, and their limits for few clusters.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -14,9 +14,9 @@
 namespace mirage {
 namespace {
 
-constexpr std::array<int, 7> kSizes = {1, 1, 2, 3, 4, 6, 10};  // of clusters
+constexpr std::array<int, 7> kSizes = {1, 1, 2, 3, 4, 6, 10};  // cluster sizes
 
-/// Clusters with their own share each, of mean `share` and correlation `within` (beta-binomial).
+/// Clusters with their own shares, with mean `share` and intra-cluster correlation `within` (beta-binomial).
 ClusteredShare clusters_of(std::mt19937_64& random, int clusters, double share, double within) {
   ClusteredShare result;
   for (int c = 0; c < clusters; ++c) {
@@ -57,7 +57,7 @@ TEST(Intervals, DifferencesAreCoveredAsOftenAsSaid) {
     const int trials = clusters > 50 ? 2000 : 6000;
     int covered = 0;
     for (int t = 0; t < trials; ++t) {
-      // Two meshes on the same vehicles: b hides some that a does not, and the other way round.
+      // Two meshes on the same vehicles: b hides some that a does not, and vice versa.
       const double share = std::uniform_real_distribution<>(0.05, 0.5)(random),
                    lost = std::uniform_real_distribution<>(0.1, 0.6)(random), won = 0.1;
       ClusteredShare a, b;
@@ -77,7 +77,7 @@ TEST(Intervals, DifferencesAreCoveredAsOftenAsSaid) {
     const double coverage = double(covered) / trials;
     RecordProperty("clusters_" + std::to_string(clusters), std::to_string(coverage));
     EXPECT_GE(coverage, 0.93) << clusters;
-    EXPECT_LE(coverage, clusters < 20 ? 1 : 0.97) << clusters;  // few: on the safe side
+    EXPECT_LE(coverage, clusters < 20 ? 1 : 0.97) << clusters;  // few clusters: conservative
   }
 }
 
@@ -92,7 +92,7 @@ Interval of_seven_frames(int hidden) {
 TEST(Intervals, OneSuccessMoreNeverLowersABound) {
   Interval before = of_seven_frames(0);
   EXPECT_EQ(before.low, 0);
-  EXPECT_GT(before.high, 3.0 / 42);  // rule of three: vehicles of a frame are alike at most
+  EXPECT_GT(before.high, 3.0 / 42);  // rule of three: vehicles of a frame are at most fully correlated
   EXPECT_LT(before.high, 0.2);
   for (int hidden = 1; hidden <= 4; ++hidden) {
     const Interval next = of_seven_frames(hidden);
@@ -140,7 +140,7 @@ TEST(Intervals, AClusterOfManyIsNoBetterThanOneOfFew) {
   for (int c = 0; c < 30; ++c)
     for (int i = 0; i < 20; ++i) {
       if (i == 0) few.add(std::to_string(c), c < 9);
-      many.add(std::to_string(c), c < 9);  // all of a frame alike
+      many.add(std::to_string(c), c < 9);  // all vehicles of a frame have the same outcome
     }
   EXPECT_NEAR(few.interval().low, many.interval().low, 0.01);
   EXPECT_NEAR(few.interval().high, many.interval().high, 0.01);
@@ -165,7 +165,7 @@ TEST(Intervals, WhereNothingDiffersTheRuleOfThreeIsLeft) {
 }
 
 TEST(Jackknife, IsThatOfAMean) {
-  // Of a mean its square is s² / n.
+  // For a mean, its square is s² / n.
   const std::array<double, 5> values = {1, 2, 4, 8, 9};
   ClusteredShare mean;
   for (std::size_t i = 0; i < values.size(); ++i) mean.add(std::to_string(i), values[i]);
@@ -184,8 +184,8 @@ TEST(Jackknife, AFigureThatOneClusterAloneHasIsUnknown) {
   EXPECT_TRUE(std::isinf(plain_interval(ratio).low));
 }
 
-/// 40 vehicles under each of `runs` attacks, some of which are better than others: the logit of being hidden
-/// is the sum of the vehicle's own, the run's own and −0.4. `by_run`: else the runs are forgotten.
+/// 40 vehicles under each of `runs` attacks of different strength. The logit of being hidden is the sum of a
+/// vehicle term, a run term and −0.4. Without `by_run` the runs are not recorded.
 ClusteredShare crossed_outcomes(int trial, int runs, double spread_of_runs, bool by_run = true) {
   RandomStream random(11, "crossed outcomes", static_cast<std::uint64_t>(trial));
   std::vector<double> of_run, of_vehicle;
@@ -194,7 +194,7 @@ ClusteredShare crossed_outcomes(int trial, int runs, double spread_of_runs, bool
   ClusteredShare share;
   for (int r = 0; r < runs; ++r)
     for (std::size_t v = 0; v < of_vehicle.size(); ++v) {
-      if (random.uniform() < 0.2) continue;  // learned on, so not judged
+      if (random.uniform() < 0.2) continue;  // in training, so not judged
       const double logit = -0.4 + of_run[as_size(r)] + of_vehicle[v];
       share.add("vehicle " + std::to_string(v), random.uniform() < 1 / (1 + std::exp(-logit)),
                 by_run ? r : 0);
@@ -203,7 +203,7 @@ ClusteredShare crossed_outcomes(int trial, int runs, double spread_of_runs, bool
 }
 
 TEST(CrossedIntervals, CoverWhatRunsDifferBy) {
-  // The truth: the share over all vehicles and all runs there could be.
+  // The truth: the share over all possible vehicles and runs.
   double truth = 0;
   for (int trial = 1000; trial < 3000; ++trial)
     truth += crossed_outcomes(trial, 5, 1.2, false).interval().value / 2000;
@@ -232,7 +232,7 @@ TEST(CrossedIntervals, MoreRunsOfNothingShowNoMoreVehicles) {
 }
 
 TEST(CrossedIntervals, PairsOfARunAreLeftOutTogether) {
-  // Arm a is arm b and five points more in every run: however much runs differ, the difference does not.
+  // Arm a is arm b plus five points in every run: the difference does not vary, however much the runs differ.
   ClusteredShare a, b, crooked;
   for (int r = 0; r < 4; ++r)
     for (int v = 0; v < 30; ++v) {
@@ -243,7 +243,7 @@ TEST(CrossedIntervals, PairsOfARunAreLeftOutTogether) {
     }
   const Interval together = share_difference(a, b);
   EXPECT_NEAR(together.value, 0.05, 1e-12);
-  EXPECT_LT(together.high - together.low, 0.25);  // what 30 vehicles may not have shown
+  EXPECT_LT(together.high - together.low, 0.25);  // the allowance for 30 vehicles
   const Interval apart = share_difference(crooked, b);
   EXPECT_GT(apart.high - apart.low, 0.3);
 }
@@ -254,15 +254,22 @@ TEST(Quantile, IsAnOrderStatistic) {
   EXPECT_EQ(quantile({7}, 0.9), 7);
 }
 
+TEST(Intervals, PointsHaveASignUnlessTheyRoundToZero) {
+  EXPECT_EQ(signed_points({0.0921, 0.034, 0.16249}), "+9.2 (+3.4 to +16.2)");
+  EXPECT_EQ(signed_points({-0.0004, -0.1, 0}), "0.0 (-10.0 to 0.0)");
+  EXPECT_EQ(signed_points(0.0006), "+0.1");
+  EXPECT_EQ(signed_points(-0.10), "-10.0");
+}
+
 TEST(Intervals, TheMediansIntervalHoldsByOrderStatistics) {
   const Interval seven = median_interval({7, 1, 6, 2, 5, 3, 4});
   EXPECT_EQ(seven.value, 4);
-  EXPECT_EQ(seven.low, 1);  // two outside: 1.6 %; four: 12.5 %
+  EXPECT_EQ(seven.low, 1);  // two values outside: 1.6 %; four: 12.5 %
   EXPECT_EQ(seven.high, 7);
   const Interval few = median_interval({1, 2, 3, 4});
   EXPECT_EQ(few.value, 2.5);
   EXPECT_TRUE(std::isinf(few.low) && std::isinf(few.high));
-  // Coverage of a skewed law's median, of 19 values.
+  // Coverage of a skewed distribution's median, from 19 values.
   int held = 0;
   for (int i = 0; i < 2000; ++i) {
     RandomStream random(11, "median", static_cast<std::uint64_t>(i));
@@ -292,7 +299,7 @@ TEST(Clusters, AVehicleIsOneInAllItsFramesAndTheUnknownAreTheirFrames) {
   EXPECT_EQ(cluster_count_from_json({"file", json, ""}).by, "vehicle");
 }
 
-// A vehicle's number is never taken for a frame of that name.
+// A vehicle's number is not confused with a frame of the same name.
 TEST(Clusters, VehiclesAndFramesOfEqualNumbersAreApart) {
   EXPECT_NE(cluster_of("000017", -1), cluster_of("000003", 17));
 }

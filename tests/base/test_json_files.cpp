@@ -111,7 +111,7 @@ TEST_F(JsonRows, NothingBetweenTwoRowsIsLong) {
   refused(fmt::format("[1,{}2]", blanks));
   refused(fmt::format("{{\"a\": \"{}\", \"rows\": []}}", letters), "rows");
   json many;
-  for (int i = 0; i < 300; ++i) many[fmt::format("k{}", i)] = i;  // members of another object are no rows
+  for (int i = 0; i < 300; ++i) many[fmt::format("k{}", i)] = i;  // members of another object are not rows
   refused(json{{"a", many}, {"rows", {1}}}.dump(), "rows");
   EXPECT_EQ(rows_of(fmt::format("[{}1,{}2]", few, few), "", 200).size(), 2u);
 }

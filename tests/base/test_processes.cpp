@@ -1,4 +1,4 @@
-// Child processes, however they and this program end.
+// Child processes, whichever way they or this program end.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -40,7 +40,7 @@ TEST(Process, AChildOutlivesTheThreadThatStartedIt) {
   }
 }
 
-/// Whether a process runs; one that has ended and waits for its parent does not.
+/// Whether a process runs; a zombie does not.
 bool runs(pid_t pid) {
   std::ifstream stat("/proc/" + std::to_string(pid) + "/stat");
   std::string number, name;
@@ -97,7 +97,7 @@ TEST(Process, HowItEndedIsTold) {
   EXPECT_FALSE(silent.end());
 }
 
-// A worker of a child that has died keeps its socket open: the loss is known at once, and the worker ends
+// The worker of a dead child keeps its socket open: the loss is noticed at once, and the worker ends
 // too.
 TEST(Process, WorkersOfAChildEndWithIt) {
   const test::TemporaryFolder folder;
@@ -116,8 +116,8 @@ TEST(Process, WorkersOfAChildEndWithIt) {
 
 }  // namespace
 
-// Loops see what came before them, and what follows sees them: for ThreadSanitizer too (make tsan), which
-// must still tell of parts that disturb each other.
+// Parallel loops are ordered with the code before and after them, also for ThreadSanitizer (make tsan). It
+// must still report data races between iterations.
 
 namespace {
 
@@ -169,7 +169,7 @@ TEST(UnusedMemory, GoesBackToTheSystem) {
   std::vector<std::unique_ptr<std::vector<char>>> blocks;
   for (int i = 0; i < 4096; ++i) blocks.push_back(std::make_unique<std::vector<char>>(1 << 16, 'x'));
   EXPECT_GT(resident(), before + 200);
-  // The last one stays, above all others: the heap's end cannot simply be cut off.
+  // Keeps the last block, above all others, so that the heap's end cannot simply be trimmed.
   blocks.erase(blocks.begin(), blocks.end() - 1);
   EXPECT_GT(resident(), before + 100) << "nothing is kept that could be given back";
   return_unused_memory();

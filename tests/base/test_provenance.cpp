@@ -1,4 +1,4 @@
-// What a result says of the program that made it, by the files that lie beside that.
+// A result's identity of its program, which includes the files beside the program.
 #include <gtest/gtest.h>
 
 #include "base/files.h"
@@ -8,7 +8,7 @@
 namespace mirage {
 namespace {
 
-/// Another program runs while it lives.
+/// Replaces the program for its lifetime.
 class OtherProgram {
  public:
   explicit OtherProgram(const std::filesystem::path& file) { set_program_file(file); }
@@ -20,7 +20,7 @@ class OtherProgram {
   std::filesystem::path own_ = program_file();
 };
 
-// Its pixels are what every result begins with.
+// Its pixels are the start of every result.
 TEST(ProgramIdentity, HoldsThePluginThatDecodesPictures) {
   const test::TemporaryFolder folder;
   const auto program = folder / "program", plugin = folder / "plugins/pictures.so";

@@ -78,7 +78,7 @@ TEST(RandomStream, BelowReachesEveryValueAndNoOther) {
 
 }  // namespace
 
-// What a result is made of.
+// The program's identity in a result.
 
 namespace {
 

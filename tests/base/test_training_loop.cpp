@@ -1,5 +1,5 @@
-// The loop of every training, with a model of two numbers: it goes on after any stop to the same bits, ends
-// by time, and writes its state when that is due.
+// The loop of every training, with a model of two numbers. It resumes after any stop to the same bits, ends
+// by time, and writes its state when due.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -22,7 +22,7 @@ using test::error_text;
 using test::TemporaryFolder;
 using testing::ElementsAre;
 
-/// A number that follows random samples with a momentum, and what was done to it.
+/// A number that follows random samples with momentum, and a record of its training.
 struct Toy {
   double weight = 1, momentum = 0;
   std::vector<std::pair<std::int64_t, double>> steps = {};  ///< number and rate of each
@@ -35,7 +35,7 @@ nlohmann::json identity(const TrainingSchedule& schedule) {
   return {{"steps", schedule.steps}};
 }
 
-/// Trains the toy, or goes on; `nap` is what a step takes beside.
+/// Trains the toy or resumes; `nap`: extra time per step.
 void train(const TrainingSchedule& schedule, Toy& toy, std::int64_t validate_every = 0,
            std::chrono::milliseconds nap = {}) {
   TrainingLoop loop(schedule, identity(schedule));
@@ -95,7 +95,7 @@ std::vector<std::string> names_in(const std::filesystem::path& folder) {
   return names;
 }
 
-/// The file's lines, or the file, without what the clock says.
+/// The file's lines, or the file, without its times.
 std::vector<nlohmann::json> without_seconds(const std::filesystem::path& file) {
   std::vector<nlohmann::json> lines;
   std::istringstream text(read_file(file));
@@ -117,7 +117,7 @@ TEST(TrainingLoop, GoesOnAfterAnyStopToTheSameBits) {
   ASSERT_EQ(whole.steps.size(), as_size(kSteps));
   for (std::int64_t last = 1; last <= kSteps; ++last) {
     TrainingSchedule parts = schedule_in(folder / std::to_string(last), kSteps);
-    parts.checkpoint.steps = 4;  // the stop writes one of its own
+    parts.checkpoint.steps = 4;  // the stop writes its own checkpoint
     parts.stop = [last, step = 0]() mutable { return ++step == last; };
     Toy first;
     EXPECT_THAT(error_text<Interrupted>([&] { train(parts, first); }), testing::HasSubstr("to resume"));
@@ -173,7 +173,7 @@ TEST(TrainingLoop, MinutesEndTheSchedule) {
   EXPECT_GE(toy.state.seconds, 0.02);
   EXPECT_GE(toy.seconds_per_step, 0.005);
   EXPECT_THAT(toy.saved, ElementsAre(toy.state.step));
-  // Time of earlier runs counts: nothing is left of it.
+  // Time of earlier runs counts: the limit is already reached.
   Toy again;
   train(schedule, again);
   EXPECT_TRUE(again.steps.empty());
@@ -193,7 +193,7 @@ TEST(TrainingLoop, WritesItsStateWhenThatIsDue) {
   schedule.checkpoint.steps = 3;
   Toy validated;
   train(schedule, validated, 2);
-  EXPECT_THAT(validated.validated, ElementsAre(2, 4));  // and the last one is the trainer's
+  EXPECT_THAT(validated.validated, ElementsAre(2, 4));  // the trainer itself does the last one
   EXPECT_THAT(validated.saved, ElementsAre(2, 3, 4, 6, 6));
   EXPECT_THAT(validated.dropped, ElementsAre(2, 3, 4));
 

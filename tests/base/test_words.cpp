@@ -21,15 +21,15 @@ using testing::IsEmpty;
 
 TEST(Words, SlipsAreCountedAsTheyAreMade) {
   EXPECT_EQ(edit_distance("attack", "attack"), 0);
-  EXPECT_EQ(edit_distance("atack", "attack"), 1);    // one left out
-  EXPECT_EQ(edit_distance("attacck", "attack"), 1);  // one too many
-  EXPECT_EQ(edit_distance("attaxk", "attack"), 1);   // another
-  EXPECT_EQ(edit_distance("atatck", "attack"), 1);   // two swapped
+  EXPECT_EQ(edit_distance("atack", "attack"), 1);    // one letter missing
+  EXPECT_EQ(edit_distance("attacck", "attack"), 1);  // one letter too many
+  EXPECT_EQ(edit_distance("attaxk", "attack"), 1);   // one letter replaced
+  EXPECT_EQ(edit_distance("atatck", "attack"), 1);   // two letters swapped
   EXPECT_EQ(edit_distance("min_veiw", "min-view"), 1);
   EXPECT_EQ(edit_distance("Fusion", "fusion"), 0);
   EXPECT_EQ(edit_distance("", "abc"), 3);
   EXPECT_EQ(edit_distance("kitten", "sitting"), 3);
-  EXPECT_EQ(edit_distance("ca", "abc"), 3);  // swapped letters stay together: optimal string alignment
+  EXPECT_EQ(edit_distance("ca", "abc"), 3);  // swapped letters are not edited again: optimal string alignment
 }
 
 TEST(Words, OnlyWhatIsNearIsMeant) {
@@ -99,7 +99,7 @@ TEST(Names, BytesThatAreNoTextAreEscapedAndTheRestStays) {
             "\\xc2\\x9b2J");                                // C1: a terminal's escape in one character
   EXPECT_EQ(printable("\xc0\xaf"), "\\xc0\\xaf");           // overlong '/'
   EXPECT_EQ(printable("\xed\xa0\x80"), "\\xed\\xa0\\x80");  // a surrogate
-  EXPECT_EQ(printable("\xf4\x90\x80\x80"), "\\xf4\\x90\\x80\\x80");  // past the last character
+  EXPECT_EQ(printable("\xf4\x90\x80\x80"), "\\xf4\\x90\\x80\\x80");  // beyond the last code point
   EXPECT_EQ(printable("a\\b"), "a\\b");
 }
 
@@ -112,7 +112,7 @@ TEST(Errors, AreOneLineWhateverTheyQuote) {
   EXPECT_STREQ(InputError("a\nb.json", "\x1b[2J", "\"\r\xff\" is\nno word", "mend it").what(),
                "a\\x0ab.json: \\x1b[2J: \"\\x0d\\xff\" is no word; mend it");
   EXPECT_STREQ(Failure("disk", "full\nof it", "make room").what(), "disk: full of it; make room");
-  // Long ones keep both ends, and whole characters.
+  // Long texts keep both ends and whole characters.
   std::string street;
   for (int i = 0; i < 1000; ++i) street += "街";
   const std::string said = InputError(street, "x" + street + "y", street, street).what();
@@ -194,7 +194,7 @@ TEST(JsonFields, EachErrorNamesFileAndField) {
               HasSubstr("f.json: not a JSON object"));
 }
 
-// The weights that it names are removed when the next ones are there.
+// A state's weights are removed once those of the next state are written.
 TEST(TrainingState, NamesNoFileButItsOwnWeights) {
   TemporaryFolder folder;
   const nlohmann::json wanted = {{"steps", 9}};

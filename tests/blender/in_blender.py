@@ -52,7 +52,7 @@ def pixels(file, *names):
 
 
 def fresh():
-    """An empty scene, drawn by Mirage."""
+    """An empty scene with Mirage as its render engine."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     if install.MODULE not in bpy.context.preferences.addons:
         bpy.ops.preferences.addon_enable(module=install.MODULE)
@@ -234,7 +234,7 @@ class Engine(unittest.TestCase):
                 self.assertEqual(part.shape[:2], (v1 - v0, u1 - u0))
             else:
                 part = part[v0:v1, u0:u1]
-            # The rasteriser's tiles start at the window: the same but for the last bits of float32.
+            # The rasteriser's tiles start at the window: equal up to the last bits of float32.
             numpy.testing.assert_allclose(part, whole[v0:v1, u0:u1], rtol=0, atol=1e-6)
 
     def test_hidden_mirrored_and_instanced_things(self):
@@ -322,7 +322,7 @@ def textured(name, vector=None, output="Color"):
 
 
 class Notes(unittest.TestCase):
-    """What of a material is not drawn is said."""
+    """Features of a material that are not drawn have a note."""
 
     def notes(self, made, uv_maps=()):
         from mirage_blender.scene_export import SceneExport
@@ -407,7 +407,7 @@ class Errors(unittest.TestCase):
         return scene, box("box", (6, 0, 0))
 
     def expect(self, pattern):
-        """An error of one line, and an empty picture all the same."""
+        """Expects an error of one line, and an empty picture."""
         picture, error = render("error.exr")
         self.assertRegex(error, pattern)
         self.assertEqual(error.strip().count("\n"), 0, error)

@@ -1,4 +1,4 @@
-"""The packed add-on into the Blender that runs this."""
+"""Installs the packed add-on into the running Blender."""
 
 import importlib
 import sys

@@ -26,7 +26,7 @@ def environment(folder, build):
 
 
 def blender(arguments, env, timeout=240):
-    """Runs it; returns (exit code, what it said)."""
+    """Runs it; returns (exit code, output)."""
     done = subprocess.run([BLENDER, *arguments], env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                           stderr=subprocess.STDOUT, timeout=timeout, text=True, errors="replace")
     return done.returncode, done.stdout

@@ -154,7 +154,7 @@ def settle():
 
 
 def screenshot():
-    """What the display shows, from Xvfb's own file (X11/XWDFile.h): Blender 4's screenshot of a window without focus is black."""
+    """The display's picture, from Xvfb's own file (X11/XWDFile.h): Blender 4's screenshot of a window without focus is black."""
     with open(os.path.join(FOLDER, "Xvfb_screen0"), "rb") as file:
         data = file.read()
     header = numpy.frombuffer(data, ">u4", 25)

@@ -1,4 +1,4 @@
-// The program as a user meets it: exit codes, what it says, and the folder that it works in.
+// The program as a user meets it: exit codes, messages, and its working folder.
 #pragma once
 
 #include <gmock/gmock.h>
@@ -16,14 +16,14 @@
 
 namespace mirage::test {
 
-/// A test with a folder of its own. Arguments are a line that the shell parts.
+/// A test with its own folder. Arguments are one line that the shell splits.
 class Program : public testing::Test {
  protected:
   struct Outcome {
     int code = -1;
     std::string out, err;
   };
-  /// Starts it with its output in files of the folder.
+  /// Starts it with its output redirected to files of the folder.
   pid_t start(const std::string& arguments) const {
     const std::string line = "exec " + command(arguments);
     const pid_t child = fork();
@@ -40,7 +40,7 @@ class Program : public testing::Test {
             read_file(folder_ / "err.txt")};
   }
   Outcome run(const std::string& arguments) const { return finish(start(arguments)); }
-  /// The one line by which these arguments are refused.
+  /// The one-line error for these arguments.
   std::string refused(const std::string& arguments, int code = 2) const {
     const Outcome outcome = run(arguments);
     EXPECT_EQ(outcome.code, code) << arguments << ": " << outcome.err;
@@ -48,7 +48,7 @@ class Program : public testing::Test {
     return outcome.err;
   }
 
-  /// Runs a shell command; its exit code. said() is all that it printed.
+  /// Runs a shell command; returns its exit code. said() is all that it printed.
   int shell(const std::string& line) const {
     const int status = std::system((line + " > " + at("said") + " 2>&1").c_str());
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128;
@@ -56,14 +56,14 @@ class Program : public testing::Test {
   int mirage(const std::string& arguments) const { return shell(command(arguments)); }
   std::string said() const { return read_file(folder_ / "said"); }
 
-  /// One line of text that starts with "mirage: ".
+  /// Expects one line of text that starts with "mirage: ".
   static void expect_one_line(const std::string& text, const std::string& about) {
     EXPECT_THAT(text, testing::StartsWith("mirage: ")) << about;
     EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1) << about << ": " << text;
     EXPECT_NO_THROW(nlohmann::json(text).dump()) << about;
   }
 
-  /// Files of the folder.
+  /// The path of a file in the folder.
   std::string at(const std::string& name) const { return (folder_ / name).string(); }
   bool exists(const std::string& name) const { return std::filesystem::exists(folder_ / name); }
   std::string text(const std::string& name) const { return read_file(folder_ / name); }
@@ -75,7 +75,7 @@ class Program : public testing::Test {
   TemporaryFolder folder_;
   std::string environment_;  ///< "NAME=VALUE …"
   const std::string frames_ =
-      MIRAGE_BUILD "/test_data";  ///< three of the default rig, to be read (CMakeLists.txt)
+      MIRAGE_BUILD "/test_data";  ///< three frames of the default rig, read-only (CMakeLists.txt)
 };
 
 }  // namespace mirage::test

@@ -1,4 +1,4 @@
-// The program as a user meets it: exit codes, one-line errors, and what survives when something goes wrong.
+// The program as a user meets it: exit codes, one-line errors, and the files that remain after a failure.
 #include <fmt/format.h>
 #include <signal.h>
 #include <sys/mount.h>
@@ -222,7 +222,7 @@ TEST_F(CommandLine, AResultSaysWhatItIsMadeOfWhereverThatLies) {
     EXPECT_TRUE(first.contains(key)) << key;
   EXPECT_THAT(first.at("command").get<std::string>(), testing::StartsWith("mirage depth --quiet --data "));
   EXPECT_EQ(first.at("frames"), 1);
-  // Another place, other threads and the frame that is not looked at are nothing to it.
+  // Another path, other threads and a frame that is not used do not change the identity.
   fs::rename(folder_ / "data", folder_ / "moved");
   write_file(folder_ / "moved/training/label_2/000001.txt", "");
   EXPECT_EQ(provenance("moved", " --threads 1").at("identity"), first.at("identity"));
@@ -329,8 +329,8 @@ TEST_F(CommandLine, SimulateStandsOnTheFittedRoofOrTheBoxsAndSaysWhich) {
   EXPECT_EQ(by_box.at("from_box"), true);
   EXPECT_NEAR(by_box.at("over_box_m").get<double>(), 0, 1e-9);
   EXPECT_NE(by_box.at("velo"), fitted.at("velo"));
-  // The mask's levels are shares, the depth is the object's; what an earlier simulation of another vehicle
-  // left is gone.
+  // The mask's levels are shares, and the depth is the object's. Files of an earlier simulation of another
+  // vehicle are removed.
   const auto result = json("s/result.json");
   const ImageF mask = read_srgb(folder_ / "s/mask.png"), depth = read_exr(folder_ / "s/depth.exr");
   int covered = 0, on_object = 0;
@@ -357,7 +357,7 @@ TEST_F(CommandLine, SimulateStandsOnTheFittedRoofOrTheBoxsAndSaysWhich) {
   EXPECT_NE(simulated(" --sun=-120,30").second, one);
   EXPECT_NEAR(to_sun().at(2).get<double>(), 0.5, 1e-9);
   EXPECT_THAT(refused(simulate + vehicle + " --rooftop cone"), HasSubstr("--rooftop: cone"));
-  // Hosts that are none, and frames that nobody has labelled.
+  // Invalid hosts, and frames without labels.
   EXPECT_THAT(refused("fit --types Golem --out " + at("f") + data),
               AllOf(HasSubstr("--types"), HasSubstr("Golem"), HasSubstr("Car")));
   const std::string labels = "data/training/label_2/000000.txt", rows = text(labels);
@@ -405,7 +405,7 @@ TEST_F(CommandLine, CtrlCKeepsFinishedFramesAndTheNextRunGoesOn) {
   EXPECT_TRUE(exists("d/result.json"));
 }
 
-/// Beside Cycles' pictures the gradient is that of pictures like them, unless the user asks for another.
+/// With Cycles' pictures the gradient uses exact areas and visible light, unless the user chooses otherwise.
 TEST_F(CommandLine, AnAttackUnderCyclesGoesThroughExactAreasAndVisibleLight) {
   MIRAGE_NEED_FUSION();
   generate("--frames 2 --seed 5");
@@ -423,7 +423,7 @@ TEST_F(CommandLine, AnAttackUnderCyclesGoesThroughExactAreasAndVisibleLight) {
   EXPECT_FALSE(asked.value("exact_coverage", false));
 }
 
-/// The chain up to Blender, with the shipped detector, and an attack that is stopped in the middle.
+/// All commands up to Blender with the shipped detector, including an attack that is interrupted.
 TEST_F(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   MIRAGE_NEED_FUSION();
   generate("--frames 2 --seed 5");
@@ -447,7 +447,7 @@ TEST_F(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   ASSERT_EQ(run(attack(reached + 1) + " --quiet").code, 0);
   EXPECT_EQ(json("run/result.json").at("iterations"), reached + 1);
 
-  // Finished: nothing is left to do, and it says so.
+  // A finished attack has nothing left to do, and says so.
   Outcome outcome = run(attack(1));
   EXPECT_EQ(outcome.code, 0) << outcome.err;
   EXPECT_THAT(outcome.out, HasSubstr(fmt::format("already done: {0} of {0} iterations", reached + 1)));
@@ -455,7 +455,7 @@ TEST_F(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   EXPECT_THAT(outcome.err, Not(HasSubstr("resuming")));
   EXPECT_EQ(json("run/result.json").at("provenance").at("settings").at("iterations"), reached + 1);
 
-  // A run on fitted roofs does not go on with boxes, nor under another sun.
+  // A run on fitted roofs does not resume with boxes, nor with another sun.
   EXPECT_THAT(refused(attack(reached + 2) + " --quiet --rooftop box"), HasSubstr("rooftop"));
   EXPECT_THAT(refused(attack(reached + 2) + " --quiet --sun 90,30"), HasSubstr("sun"));
 
@@ -479,17 +479,17 @@ TEST_F(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   EXPECT_EQ(one.at("rooftops").at("fitted").get<int>() + one.at("rooftops").at("from_box").get<int>(),
             one.at("scenes"));
   EXPECT_EQ(text("g/adversary.glb"), text("run/adversary.glb"));
-  // All test vehicles by default, and no others; which were learned on is counted and written.
+  // By default all test vehicles and no others; the number of training vehicles is printed and stored.
   const auto held_back = exported("h", 0), everything = exported("i", 9);
   EXPECT_EQ(held_back.at("scenes"), split.at("test").size());
   EXPECT_EQ(held_back.at("learned_on"), 0);
   EXPECT_EQ(everything.at("scenes"), split.at("test").size() + split.at("train").size());
   EXPECT_EQ(everything.at("learned_on"), split.at("train").size());
   EXPECT_THAT(outcome.out, HasSubstr(fmt::format("({} of vehicles learned on)", split.at("train").size())));
-  // What an earlier export into the folder wrote and this one does not is gone; other files stay.
+  // Files of an earlier export that this one does not write are removed; other files stay.
   write_file(folder_ / "i/own.obj", "the user's");
   auto listed = everything;
-  listed["files"].push_back("../run/adversary.glb");  // no name of ours
+  listed["files"].push_back("../run/adversary.glb");  // not a name of the export
   write_json(folder_ / "i/result.json", listed);
   const auto fewer = exported("i", 1);
   EXPECT_LT(fewer.at("files").size(), everything.at("files").size());
@@ -501,7 +501,7 @@ TEST_F(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   }
   EXPECT_TRUE(exists("i/own.obj") && exists("run/adversary.glb"));
 
-  // The quality's values, but for what a config file or the command line gives.
+  // The quality's values, except where a config file or the command line sets them.
   write_file(folder_ / "quality.toml", "quality = \"draft\"\ngamma = 0.02\n");
   const std::string simulate = "simulate --frame 000000 --rooftop box --data " + at("data") + " --mesh " +
                                at("run/adversary.glb") + " --out " + at("s");
@@ -537,7 +537,7 @@ TEST_F(CommandLine, AModelFromPyTorchIsRunAndScored) {
     EXPECT_TRUE(result.at(key).is_number()) << key;
   for (const char* key : {"0_20_m", "20_40_m", "40_70_m", "0_40_m", "easy", "moderate", "hard"}) {
     const auto part = result.at("strata").at(key);
-    for (const char* figure : {"ap50", "ap70", "recall50", "recall70"})  // of no vehicle there is none
+    for (const char* figure : {"ap50", "ap70", "recall50", "recall70"})  // null without vehicles
       EXPECT_TRUE(part.at("vehicles") > 0 ? part.at(figure).is_number() : part.at(figure).is_null()) << key;
   }
   EXPECT_TRUE(exists("o/precision_recall.json"));

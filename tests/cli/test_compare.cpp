@@ -1,4 +1,4 @@
-// `mirage compare` as a gate of releases, and lists and options that contradict themselves.
+// `mirage compare` as a release gate, and contradictory lists and options.
 #include "program.h"
 
 namespace mirage {

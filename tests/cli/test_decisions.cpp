@@ -1,4 +1,4 @@
-// `mirage score` and `mirage compare --adaptive` as a user meets them: from nothing, twice, and a board.
+// `mirage score` and `mirage compare --adaptive` as a user meets them: from scratch, again, and a board.
 #include <regex>
 
 #include "program.h"
@@ -60,7 +60,7 @@ TEST_F(Decisions, AScoreFromNothingIsTheSameTwiceAndGoesOnABoard) {
   EXPECT_THAT(said(), HasSubstr("--out"));
   EXPECT_EQ(mirage("score --board " + at("score/judged") + " --out " + at("board")), 2);
 
-  // Any detector can be certified, by the masks that hold a roof or by all.
+  // Any detector can be certified, with the masks that hold a roof or with all masks.
   const std::string certify =
       "certify --sizes 0.8 --objects 0 --lattice --farthest 20 --mesh zoo --frames 1 --data " +
       at("score/judged") + " --out " + at("certify");
@@ -69,7 +69,7 @@ TEST_F(Decisions, AScoreFromNothingIsTheSameTwiceAndGoesOnABoard) {
   ASSERT_EQ(mirage(certify + " --detector lidar --whole-lattice"), 0) << said();
   EXPECT_THAT(said(), HasSubstr("of the whole lattice"));
 
-  // Known objects alone: no grade, and no frames to learn on.
+  // Only known objects: no grade, and no training frames.
   ASSERT_EQ(
       mirage("score --detector lidar --no-adaptive --data " + at("score/judged") + " --out " + at("known")),
       0)
@@ -95,7 +95,7 @@ TEST_F(Decisions, EachDetectorIsComparedUnderItsOwnObject) {
   const nlohmann::json result = json("compare/result.json").at("compare");
   EXPECT_EQ(result.at("objects").size(), 2u);
   EXPECT_GT(result.at("own").at("vehicles"), 0);
-  // On frames that neither run has learned on.
+  // Only frames in neither run's training set.
   EXPECT_EQ(result.at("hosts"), json("lidar/run.json").at("test").size());
   EXPECT_THAT(page("compare/compare.html"), HasSubstr("each under its own object"));
   EXPECT_EQ(mirage("compare --detectors lidar fusion --adaptive --runs " + at("lidar") + " --data " +

@@ -1,5 +1,4 @@
-// `mirage drive` and `mirage audit --gate` with a program of the user's: what is kept of it, and what is
-// told.
+// `mirage drive` and `mirage audit --gate` with the user's own program: stored answers and messages.
 #include <array>
 #include <cstdint>
 
@@ -11,7 +10,7 @@ namespace {
 using testing::HasSubstr;
 using testing::Not;
 
-/// Finds every car and van of the drive, or none, as net.txt says; its second word is the version.
+/// Finds every car and van of the drive, or none, as net.txt says; the file's second word is the version.
 constexpr const char* kNetwork = R"(
 import pathlib
 import mirage_serve
@@ -51,7 +50,7 @@ class Drive : public test::Program {
       "accessors": [{"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-0.5, 0, -0.5],
         "max": [0.5, 0.6, 0.5]}, {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"}]})");
   }
-  /// The drive by that network; its result.json.
+  /// result.json of the drive with that network.
   nlohmann::json driven(const std::string& network, const std::string& more = "") const {
     write_file(folder_ / "net.txt", network);
     EXPECT_EQ(mirage("drive --quiet --rooftop box --least-frames 3 --data " + at("data") + " --mesh " +
@@ -71,7 +70,7 @@ TEST_F(Drive, WhatAnotherNetworkOrAnotherObjectShowedIsNotTaken) {
       << said();
   write_pyramid(0);
   EXPECT_EQ(gap(driven("sees")), 0);
-  EXPECT_GT(gap(driven("blind")), 0.2);  // it tells no version: nothing of it is read again
+  EXPECT_GT(gap(driven("blind")), 0.2);  // without a version, no answer is read from the cache
   EXPECT_EQ(gap(driven("sees 1")), 0);
   const nlohmann::json second = driven("blind 2");
   EXPECT_GT(gap(second), 0.2);

@@ -1,5 +1,4 @@
-// `mirage evaluate` as a user meets it: another run's hosts, random meshes, pictures, options that
-// contradict.
+// `mirage evaluate` as a user meets it: another run's hosts, random meshes, pictures, contradictory options.
 #include <map>
 
 #include "program.h"
@@ -51,13 +50,13 @@ void Evaluate::check_transfer() {
   for (std::size_t i = 0; i < known.size(); ++i) {
     EXPECT_EQ(result.at("outcomes").at(i).at("frame"), known.at(i).at("frame"));
     EXPECT_EQ(result.at("outcomes").at(i).at("label"), known.at(i).at("label"));
-    // The set is a generated one, so the kind is a body style.
+    // The set is generated, so the kind is a body style.
     EXPECT_NE(result.at("outcomes").at(i).at("kind"), "Car");
   }
   const std::size_t shown = result.at("pictures").size();
   for (const auto& name : result.at("pictures"))
     EXPECT_TRUE(fs::exists(folder_ / "e/pictures" / name.get<std::string>())) << name;
-  EXPECT_LE(shown, 2u);  // of a detector without image features
+  EXPECT_LE(shown, 2u);  // the detector has no image features
   EXPECT_FALSE(result.at("strata").empty());
   EXPECT_TRUE(result.at("false_positives").contains("distance_from_host"));
   // An answer of the user's wins over the other run's.
@@ -93,7 +92,7 @@ void Evaluate::check_gate() {
   EXPECT_TRUE(exists("d/audit.html"));
 }
 
-/// What the pictures show is what was judged: under --expect the object of the draw.
+/// The pictures show the judged object: under --expect the object of the draw.
 void Evaluate::check_pictures() {
   const auto sweeps = [&](const std::string& expect) {
     fs::remove_all(folder_ / "e");

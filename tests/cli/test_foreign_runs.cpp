@@ -1,4 +1,4 @@
-// Runs, data sets and output folders that somebody else left, as the commands meet them.
+// Commands on runs, data sets and output folders from other people.
 #include <fcntl.h>
 #include <sys/file.h>
 
@@ -48,7 +48,7 @@ TEST_F(ForeignRuns, RunNoCodeThatTheyName) {
   make_run();
   const std::string run = " --quiet --run " + at("run") + " --out " + at("o"),
                     planted = kPlugins + "planted.so";
-  // Its detector is a plugin: named again by the user, or trusted.
+  // Its detector is a plugin: the user must name it again, or trust the run.
   EXPECT_EQ(mirage("evaluate" + run), 2);
   expect_line("evaluate");
   EXPECT_THAT(said(), AllOf(HasSubstr("run.json: detector"), HasSubstr(kPlugins + "fake_works.so"),
@@ -61,7 +61,7 @@ TEST_F(ForeignRuns, RunNoCodeThatTheyName) {
   EXPECT_EQ(mirage("view" + run), 2);
   expect_line("view");
   EXPECT_EQ(mirage("view --trust-run" + run), 0) << said();
-  // The attack goes on by what the command line names, whatever run.json says meanwhile.
+  // The attack resumes with the settings of the command line, whatever run.json says now.
   change("depth", planted);
   change("detector", planted);
   EXPECT_EQ(mirage("attack --quiet --iterations 3 --min-view 0 --rooftop box --detector " + kPlugins +
@@ -87,7 +87,7 @@ TEST_F(ForeignRuns, RunNoCodeThatTheyName) {
       EXPECT_FALSE(marked()) << command << " loaded the run's " << key;
     }
   }
-  // The test's own measure: it is loaded where the user says so, and is no plugin.
+  // Checks the marker itself: where the user allows it, the library is loaded, and fails as it is no plugin.
   change("detector", "fusion");
   change("depth", planted);
   for (const std::string& command : std::vector<std::string>{
@@ -98,7 +98,7 @@ TEST_F(ForeignRuns, RunNoCodeThatTheyName) {
   }
 }
 
-// A configuration is settings, which people pass on; code is named on the command line.
+// A configuration holds settings, which people pass on; code is named on the command line.
 TEST_F(ForeignRuns, ConfigurationsRunNoCodeThatTheyName) {
   make_run();
   const std::string planted = kPlugins + "planted.so", at_data = " --data " + at("data"),
@@ -125,7 +125,7 @@ TEST_F(ForeignRuns, ConfigurationsRunNoCodeThatTheyName) {
                 AllOf(HasSubstr("c.toml: " + key + ": "), HasSubstr("on the command line: --" + key)));
     EXPECT_FALSE(marked()) << command;
   }
-  // What is data may stand there, and what the command line names is loaded whatever the file says.
+  // A configuration may name data. A library from the command line is loaded, whatever the file says.
   write_file(folder_ / "c.toml", model + "detector = \"lidar\"\nframes = 1\n");
   EXPECT_EQ(mirage("detect" + at_data + to), 2);
   EXPECT_THAT(said(), AllOf(HasSubstr("model.pt"), Not(HasSubstr("c.toml"))));
@@ -180,7 +180,7 @@ TEST_F(ForeignRuns, AnOutputFolderInUseNamesItsHolder) {
   EXPECT_TRUE(exists("o/result.json"));
   EXPECT_FALSE(exists("o/.mirage-lock"));
   EXPECT_FALSE(exists("o/cut.png.mirage-999999999.tmp"));
-  // A page is written into a folder that holds other things: what lies deeper there is not the page's.
+  // A page is written into a folder with other files; it does not clean up files deeper in that folder.
   write_file(folder_ / ".mirage-lock", "process 4242 on elsewhere since yesterday\n");
   const std::string view = "view --quiet --data " + at("o") + " --out " + at("page.html");
   const int beside = open(at(".mirage-lock").c_str(), O_RDWR | O_CLOEXEC);
@@ -218,7 +218,7 @@ TEST_F(ForeignRuns, AnEditedRigDoesNotJoinAnOldSet) {
   EXPECT_FALSE(exists("d/training/velodyne/000001.bin"));
   write_file(folder_ / "mine.toml", "# a comment is no other rig\n" + rig);
   EXPECT_EQ(generate("2"), 0) << said();
-  // A set without its rig has lost it; one that was stopped before dataset.json goes on.
+  // A set without its rig file is damaged; one that was stopped before dataset.json resumes.
   fs::rename(folder_ / "d/rig.toml", folder_ / "kept.toml");
   write_file(folder_ / "mine.toml", edited);
   EXPECT_EQ(generate("3"), 2);
@@ -233,7 +233,7 @@ TEST_F(ForeignRuns, AnEditedRigDoesNotJoinAnOldSet) {
   EXPECT_TRUE(exists("d/dataset.json"));
 }
 
-// By its signal the limit would end the process without a word.
+// SIGXFSZ would end the process without a message.
 TEST_F(ForeignRuns, ALimitOnTheSizeOfFilesIsOneLine) {
   EXPECT_EQ(shell("ulimit -f 8; " + command(kSmall + "1 --quiet --out " + at("o"))), 1);
   expect_line("generate");
@@ -256,7 +256,7 @@ TEST_F(ForeignRuns, NamesOfAnyBytesAreShownEscaped) {
   EXPECT_THAT(read_file(fs::path(odd) / "page.html"), HasSubstr(R"("frames":["\\xe8"])"));
   ASSERT_EQ(mirage("simulate --frame missing --mesh m.glb --data '" + odd + "' --out '" + odd + "/o'"), 2);
   expect_line("simulate");
-  // Blender is told of its files in JSON.
+  // Blender gets its file names in JSON.
   for (const char* command : {"tradeoff --cycles --data ", "tradeoff --cycles --run none --data "}) {
     EXPECT_EQ(mirage(command + at("none") + " --out '" + odd + "'"), 2);
     expect_line(command);
@@ -267,7 +267,7 @@ TEST_F(ForeignRuns, NamesOfAnyBytesAreShownEscaped) {
   EXPECT_THAT(said(), HasSubstr("\\xff\\x1b[31m/none"));
 }
 
-// libpng would print a line of its own.
+// libpng would print its own line.
 TEST_F(ForeignRuns, ADamagedPictureIsOneLine) {
   ASSERT_EQ(mirage(kSmall + "1 --quiet --out " + at("data")), 0) << said();
   const fs::path picture = folder_ / "data/training/image_2/000000.png";

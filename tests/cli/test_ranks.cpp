@@ -1,5 +1,5 @@
-// `mpirun -n N mirage attack`: the same bits for any number of processes, and what is left when one dies;
-// commands that share frames and vehicles, and `mirage reproduce`, whose steps they take side by side.
+// `mpirun -n N mirage attack`: the same bits for any number of processes, and the files that remain when one
+// dies. Commands that share frames and vehicles, and the parallel steps of `mirage reproduce`.
 #include <atomic>
 #include <chrono>
 #include <thread>
@@ -20,8 +20,7 @@ class Ranks : public test::Program {
     if (shell("mpirun --version") != 0) GTEST_SKIP() << "mpirun is not installed (openmpi-bin)";
     ASSERT_TRUE(fs::exists(frames_)) << "ctest makes them (frames.generated)";
   }
-  /// Open MPI refuses root and more processes than cores unless told otherwise, and leaves memory of its own
-  /// behind, which is no leak of ours.
+  /// Open MPI refuses root and more processes than cores by default, and leaks memory of its own.
   std::string on_ranks(int ranks, const std::string& arguments) const {
     const char* sanitizer = std::getenv("ASAN_OPTIONS");
     return "OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 ASAN_OPTIONS=" +
@@ -33,8 +32,8 @@ class Ranks : public test::Program {
     return "attack --batch 4 --expect all --threads 1 --data " + frames_ + " --iterations " +
            std::to_string(iterations) + " --out " + at(out);
   }
-  /// Attacks with the same options on one process and on two; their meshes and what result.json says under
-  /// `report` are the same, and this is it.
+  /// Attacks with the same options on one process and on two, and expects equal meshes and an equal `report`
+  /// in result.json, which it returns.
   nlohmann::json learn_on_one_and_two(int iterations, const std::string& options,
                                       const std::string& report) const {
     EXPECT_EQ(mirage(attack("one", iterations) + options), 0) << said();
@@ -51,7 +50,7 @@ class Ranks : public test::Program {
       if (part.is_structured()) part = without_times(std::move(part));
     return of;
   }
-  /// result.json but for its times and where it comes from.
+  /// result.json without its times and provenance.
   nlohmann::json result(const std::string& out) const {
     nlohmann::json read = json(out + "/result.json");
     read.erase("provenance");
@@ -60,7 +59,7 @@ class Ranks : public test::Program {
   int with_cache(const std::string& line) const {
     return shell("export MIRAGE_CACHE=" + at("cache") + "; " + line);
   }
-  /// How many answers of a kind the cache keeps.
+  /// Number of cached answers of a kind.
   std::size_t kept(const std::string& kind) const {
     const fs::path folder = folder_ / "cache" / kind;
     return fs::exists(folder) ? as_size(std::distance(fs::directory_iterator(folder), {})) : 0;
@@ -97,7 +96,7 @@ TEST_F(Ranks, OneTwoAndFourProcessesLearnTheSameBits) {
     ASSERT_EQ(mirage_on(ranks, attack(out, 3)), 0) << said();
     EXPECT_EQ(text(out + "/adversary.glb"), text("one/adversary.glb"));
     EXPECT_EQ(text(out + "/loss.csv"), text("one/loss.csv"));
-    // The first rank alone speaks and writes.
+    // Only the first rank prints and writes.
     const std::string told = said(), row = "training vehicles  ";
     EXPECT_NE(told.find(row), std::string::npos) << told;
     EXPECT_EQ(told.find(row, told.find(row) + 1), std::string::npos) << told;
@@ -123,7 +122,7 @@ TEST_F(Ranks, ADeadRankEndsTheRunAndTheCheckpointGoesOn) {
   std::atomic<bool> ended = false;
   std::thread killer([&] {
     while (!ended && !fs::exists(checkpoint)) std::this_thread::sleep_for(std::chrono::milliseconds(50));
-    // The youngest is one of the ranks; the brackets keep the pattern from matching this shell itself.
+    // The newest process is a rank; the brackets keep the pattern from matching this shell.
     shell("pkill -9 -n -f '[m]irage attack.*" + at("run") + "'");
   });
   const int code = std::system((on_ranks(2, attack("run", 5000)) + " > /dev/null 2>&1").c_str());
@@ -140,7 +139,7 @@ TEST_F(Ranks, ADeadRankEndsTheRunAndTheCheckpointGoesOn) {
 
 TEST_F(Ranks, StepsOfAReproductionAreTakenSideBySide) {
   ASSERT_EQ(mirage(reproduce("one")), 0) << said();
-  // What cannot be run fails on every process, and nobody waits for it.
+  // A step that cannot run fails on every process, and no process waits for it.
   write_file(folder_ / "two/runs/kitti64-fusion-lidar", "no folder");
   ASSERT_EQ(mirage_on(2, reproduce("two")), 1) << said();
   EXPECT_THAT(said(), HasSubstr("steps failed; runs/kitti64-fusion-lidar: "));
@@ -152,7 +151,7 @@ TEST_F(Ranks, StepsOfAReproductionAreTakenSideBySide) {
   const auto read = [&](const fs::path& file) { return read_file(folder_ / "two" / file); };
   const std::string mesh = "runs/kitti64-lidar-lidar/adversary.glb";
   const auto made = fs::last_write_time(folder_ / "two" / mesh);
-  // Run again: what is done is kept, the rest is made as one process makes it.
+  // Run again: finished steps are kept, and the others are made as on one process.
   fs::remove(folder_ / "two/runs/kitti64-fusion-lidar");
   ASSERT_EQ(mirage_on(2, reproduce("two")), 0) << said();
   EXPECT_EQ(fs::last_write_time(folder_ / "two" / mesh), made);
@@ -166,9 +165,9 @@ TEST_F(Ranks, AnEvaluationIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
   ASSERT_EQ(mirage(attack("run", 2) + " --detector lidar"), 0);
   const std::string judge = "evaluate --hosts all --random-meshes 1 --run " + at("run");
   const nlohmann::json alone = same_on_one_and_three(judge, "attacked");
-  // Each mesh on each host, once.
+  // One answer for each mesh on each host.
   EXPECT_EQ(kept("attacked"), alone.at("hosts").get<std::size_t>() * alone.at("arms").size());
-  // They share their work through the cache alone.
+  // They share their work only through the cache.
   EXPECT_EQ(mirage_on(2, judge + " --out " + at("none")), 2);
   EXPECT_THAT(said(), HasSubstr("set MIRAGE_CACHE"));
 }
@@ -223,7 +222,7 @@ TEST_F(Ranks, FitsAreTheSameOnAnyNumberOfProcessesAndGoOn) {
     EXPECT_EQ(text("two/meshes" / meshes.back()), read_file(entry.path())) << entry.path();
   }
   ASSERT_FALSE(meshes.empty());
-  // What is there is read again, its times too; what is missing is made.
+  // Existing files are read again, with their times; missing ones are made.
   const std::string kept = text("two/frames/000000.json");
   fs::remove(folder_ / "two/frames/000001.json");
   for (const fs::path& mesh : meshes)

@@ -1,4 +1,4 @@
-// Adversarial training with the real network on tiny frames: it resumes, resists, and says what is wrong.
+// Adversarial training with the real network on tiny frames: it resumes, hardens, and reports errors.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -99,7 +99,7 @@ TEST(Defense, PartsOfAnImageBranchThatTheDetectorLacksAreOneLine) {
           "method: denoising: needs a detector that sees the picture, and lidar does not; use adversarial"));
 }
 
-/// Fresh weights, and a few steps from them.
+/// A few steps from fresh weights.
 DefenseSettings tiny(const TemporaryFolder& folder, const std::string& out) {
   if (!std::filesystem::exists(folder / "data")) {
     test::write_tiny_data(folder / "data", 3, true);
@@ -177,7 +177,7 @@ TEST(Defense, OtherFramesOrAnotherUnitAreAnotherRun) {
   };
   const auto sweep = folder / "data/training/velodyne/000001.bin";
   const std::string bytes = read_file(sweep);
-  write_file(sweep, bytes.substr(16));  // a return less
+  write_file(sweep, bytes.substr(16));  // one return less
   expect_refused();
   write_file(sweep, bytes);
   std::string unit = read_file(shipped_file("scenes/rigs/kitti64.toml"));
@@ -205,7 +205,7 @@ TEST(Defense, RandomMeshesTeachTheModelAndNothingElseLearns) {
   DefenseSettings clean = tiny(folder, "clean");
   clean.adversary_updates = 0;
   train_defended(clean);
-  // What it saw was not the frames alone.
+  // It was trained on more than the plain frames.
   EXPECT_NE(read_file(folder / "random/fusion.weights"), read_file(folder / "clean/fusion.weights"));
 }
 

@@ -1,4 +1,4 @@
-// Masks that hide all an object can change, and the certificates that rest on them.
+// Masks that cover everything an object can change, and the certificates that rest on them.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -60,7 +60,7 @@ TEST(RoofMask, TakesEveryRayThatMeetsTheBoxAndFewOthers) {
       ++met;
       EXPECT_TRUE(through) << "trial " << trial;
     }
-    // No beam comes nearer than the sampled ones by more than the whole spread and the sampling's step.
+    // No beam is nearer than the sampled ones by more than twice the spread and the sampling step.
     if (closest > 2 * margin.beam_origin + margin.metres + 0.2) {
       ++near_miss;
       EXPECT_FALSE(through) << "trial " << trial;
@@ -92,7 +92,7 @@ TEST(RoofMask, HidesAllThatAnyObjectChanges) {
     EXPECT_EQ(shares.objects, shares.adversaries > 0 ? 78u : 75u);
     EXPECT_EQ(shares.violations, 0u) << shares.size;
   }
-  // The check sees what sticks out: objects of one size under the mask of a smaller one.
+  // The check notices what a mask leaves uncovered: objects of one size under the mask of a smaller size.
   const auto held = store.get("000000");
   const Placement roof = store.placement(hosts[0]);
   const Box3 small = object_box(roof.velo_from_adversary, limits_of_size(0.2));
@@ -134,7 +134,7 @@ TEST(Lattice, CoversEveryRoof) {
   }
 }
 
-/// Finds the first frame's car as long as enough returns are where it looks, and none where it must not.
+/// Finds the first frame's car while one region has enough returns, and another has none.
 class ReturnsDetector : public test::StandInDetector {
  public:
   enum class Looks { at_body, at_roof, at_low_roof };
@@ -247,12 +247,12 @@ TEST(Certificate, IsTheLowerEndOfABracketWhoseUpperEndIsUnderKnownObjects) {
     EXPECT_EQ(far.hosts, 0);
     EXPECT_EQ(near.known50.certified.value, certified);
     EXPECT_EQ(near.known50.attacked.value, attacked);
-    // The smallest box does not hold the object: nothing is known to hide the car there.
+    // The smallest box does not contain the object: no attack there is known to hide the car.
     EXPECT_EQ(small.bands.at(1).known50.attacked.value, 1);
     EXPECT_EQ(near.lattice50.certified.value, certified);
     EXPECT_GE(near.lattice50.attacked.value, attacked);
 
-    // The evaluation's outcomes say the same.
+    // The evaluation's outcomes give the same result.
     EvaluationSettings by = settings.evaluation;
     const Evaluation evaluation =
         evaluate(detectors, store, {{"000000", 0}}, settings.adversaries.front(), settings.simulation, by);

@@ -1,4 +1,4 @@
-// What the answers of a detector are kept under.
+// The cache keys of a detector's answers.
 #include <gtest/gtest.h>
 
 #include "base/files.h"

@@ -1,5 +1,5 @@
-// The audit: planted detectors that look at one input, and networks mixed from a real one that look at their
-// picture always, in half of the frames, or never.
+// The audit: planted detectors that read one input, and networks mixed from a real one that use their picture
+// always, in half of the frames, or never.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -38,7 +38,7 @@ Audit audit_of(Detector& detector, const fs::path& data, const std::vector<Audit
   return run_audit(only, data, list_frames(data), changes, lidar);
 }
 
-/// Answers what a function says, and nothing else.
+/// Returns a given function's detections.
 class Answering : public Planted {
  public:
   using Answer = std::function<std::vector<Detection>(const SensorView&)>;
@@ -130,8 +130,8 @@ TEST(Audit, LeavesAsManyBeamsAsAsked) {
   audit_of(detector, folder.path(), {{Kind::thinned_sweep, 8}, {Kind::thinned_sweep, 2}}, rig.lidar);
   ASSERT_EQ(beams[8].size(), 3u);
   ASSERT_EQ(beams[2].size(), 3u);
-  EXPECT_NE(beams[8][0], beams[8][1]);  // other beams in another frame
-  for (std::size_t f = 0; f < 3; ++f)   // fewer are some of more
+  EXPECT_NE(beams[8][0], beams[8][1]);  // other beams in each frame
+  for (std::size_t f = 0; f < 3; ++f)   // a smaller set is part of a larger one
     EXPECT_TRUE(
         std::includes(beams[8][f].begin(), beams[8][f].end(), beams[2][f].begin(), beams[2][f].end()));
   const auto first = beams;
@@ -139,7 +139,7 @@ TEST(Audit, LeavesAsManyBeamsAsAsked) {
   audit_of(detector, folder.path(), {{Kind::thinned_sweep, 8}, {Kind::thinned_sweep, 2}}, rig.lidar);
   EXPECT_EQ(beams, first);
   EXPECT_TRUE(
-      audit_of(detector, folder.path(), {{Kind::thinned_sweep, 8}}).rows.empty());  // of no known unit
+      audit_of(detector, folder.path(), {{Kind::thinned_sweep, 8}}).rows.empty());  // the unit is unknown
 }
 
 TEST(Audit, BlursInLinearLightAndKeepsTheMean) {
@@ -171,7 +171,7 @@ TEST(Audit, ALatePictureIsThatOfAnEarlierFrame) {
   Planted eyes(Eyes::sees);
   const Audit audit = audit_of(eyes, folder.path(),
                                {{Kind::late_picture, 1}, {Kind::late_picture, 2}, {Kind::late_picture, 5}});
-  ASSERT_EQ(audit.rows.size(), 2u);  // no frame has one that is five earlier
+  ASSERT_EQ(audit.rows.size(), 2u);  // no frame has one five frames earlier
   EXPECT_EQ(audit.rows[0].frames, 4);
   EXPECT_EQ(audit.rows[1].frames, 3);
   EXPECT_DOUBLE_EQ(audit.rows[0].right70, 1);
@@ -219,15 +219,15 @@ TEST(Audit, FramesAreSpreadEvenly) {
 
 #ifdef MIRAGE_HAS_FUSION
 
-/// What `fusion` says of each picture beside each sweep, asked once.
+/// Caches the answers of `fusion` for each picture with each sweep.
 class Remembered {
  public:
   explicit Remembered(Detector& detector) : detector_(detector) {}
   struct Sight {
     std::vector<Detection> right, shown;
-    bool wrong;  ///< the picture is not the sweep's own
+    bool wrong;  ///< the picture is another frame's
   };
-  /// The first picture beside a sweep is its own.
+  /// A sweep's first picture is its own.
   Sight look(const SensorView& view) {
     const auto sweep = std::make_pair(view.points.size(), view.points.front().x);
     double picture = 0;
@@ -245,7 +245,7 @@ class Remembered {
   std::map<std::pair<Sweep, double>, std::vector<Detection>> said_;
 };
 
-/// `fusion` that looks at its picture in a share of the frames; its logits tremble with the picture.
+/// `fusion` that uses its picture in a share of the frames; its logits vary slightly with the picture.
 class Mixed : public Planted {
  public:
   Mixed(Remembered& memory, std::array<double, 4> region, double share, std::uint64_t seed)
@@ -275,7 +275,7 @@ TEST(Audit, TellsTwentyPlantedNetworksApart) {
   generate_dataset(rig, 78, 0, 30, data, [](std::size_t) {});
   const auto fusion = load_detector({});
   Remembered memory(*fusion);
-  int told = 0;  // one that looks in few frames may be left open
+  int told = 0;  // use in only a few frames may stay undecided
   for (std::uint64_t network = 0; network < 20; ++network) {
     const double share = std::array{1.0, 0.5, 0.0}[network % 3];
     Mixed mixed(memory, fusion->region(), share, network);

@@ -1,4 +1,4 @@
-// AP, suppression and the rule for which labels count, against cases worked out by hand.
+// AP, suppression and the rule for labels that count, against cases worked out by hand.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
@@ -57,7 +57,7 @@ TEST(AveragePrecision, PerfectDetectionsScoreOne) {
 }
 
 TEST(AveragePrecision, AFalseAlarmAboveAHitLowersThePrecisionFromThere) {
-  // By score: hit (P 1, R 1/2), alarm (P 1/2), hit (P 2/3, R 1). 20 recalls at 1 and 20 at 2/3.
+  // By score: hit (P 1, R 1/2), false alarm (P 1/2), hit (P 2/3, R 1). 20 recalls at 1 and 20 at 2/3.
   const std::vector<ScoredFrame> frames = {
       {{found(car(10), 3), found(car(40), 2), found(car(20), 1)}, {{car(10), car(20)}, {}, {}}}};
   EXPECT_NEAR(average_precision(frames, 0.5).average_precision, 0.5 + 0.5 * 2 / 3, 1e-12);
@@ -72,7 +72,7 @@ TEST(AveragePrecision, MissedBoxesLimitTheRecall) {
 }
 
 TEST(AveragePrecision, ItsIntervalIsThatOfTheFrames) {
-  // One car a frame, found in 70 of 100: AP is the share of the frames drawn that find it, binomial.
+  // One car per frame, found in 70 of 100: AP is the share of drawn frames with a hit, which is binomial.
   std::vector<ScoredFrame> frames(100, {{}, {{car(10)}, {}, {}}});
   for (std::size_t i = 0; i < 70; ++i) frames[i].detections = {found(car(10), 1)};
   const Interval interval = average_precision_interval(frames, 0.5);
@@ -90,7 +90,7 @@ std::vector<ScoredFrame> seventy_found() {
 }
 
 TEST(AveragePrecision, BoxesOfOneVehicleAreDrawnTogether) {
-  // The same hundred boxes, but of ten vehicles, seven of which are always found: as uncertain as ten trials.
+  // The same hundred boxes of ten vehicles, seven of which are always found: as uncertain as ten trials.
   std::vector<ScoredFrame> frames = seventy_found();
   const Interval apart = average_precision_interval(frames, 0.5);
   EXPECT_EQ(clusters_of(frames).count, 100);
@@ -102,13 +102,13 @@ TEST(AveragePrecision, BoxesOfOneVehicleAreDrawnTogether) {
   EXPECT_GT(together.high - together.low, 2.5 * (apart.high - apart.low));
   EXPECT_EQ(clusters_of(frames).count, 10);
   EXPECT_EQ(clusters_of(frames).by, "vehicle");
-  // Without an identity a box stays with its frame.
+  // A box without an identity stays with its frame.
   for (std::size_t i = 0; i < frames.size(); ++i) frames[i].truth.boxes[0].track = -1;
   EXPECT_DOUBLE_EQ(average_precision_interval(frames, 0.5).low, apart.low);
 }
 
-/// Frames of 1 to 6 cars, each found with its frame's own probability (beta, of mean `recall` and correlation
-/// `within`), scored above most of the false alarms, one a frame on average.
+/// Frames with 1 to 6 cars, each found with its frame's own probability (beta, mean `recall`, correlation
+/// `within`). Scores lie above most of the false alarms, of which there is one per frame on average.
 std::vector<ScoredFrame> drawn_frames(std::mt19937_64& random, int count, double recall, double within) {
   std::vector<ScoredFrame> frames;
   for (int f = 0; f < count; ++f) {
@@ -137,7 +137,7 @@ TEST(AveragePrecision, ItsIntervalCoversAsOftenAsSaid) {
   constexpr std::array<double, 3> kRecalls = {0.5, 0.75, 0.9};
   for (const double within : {0.0, 0.3}) {
     std::mt19937_64 random(within > 0 ? 7 : 8);
-    std::array<double, 3> truth{};  // of very many frames
+    std::array<double, 3> truth{};  // over very many frames
     for (std::size_t r = 0; r < kRecalls.size(); ++r)
       truth[r] = average_precision(drawn_frames(random, 5000, kRecalls[r], within), 0.7).average_precision;
     for (const int clusters : {5, 7, 20, 100}) {
@@ -157,8 +157,8 @@ TEST(AveragePrecision, ItsIntervalCoversAsOftenAsSaid) {
 }
 
 TEST(AveragePrecision, FalseAlarmsAreDrawnWithTheirFrame) {
-  // Ten vehicles, always found, under a better scored alarm in half of the frames: what varies is how many
-  // frames with an alarm are drawn beside them.
+  // Ten vehicles, always found, below a higher-scored false alarm in half of the frames: only the number of
+  // drawn frames with an alarm varies.
   std::vector<ScoredFrame> frames(40, {{found(car(10), 1)}, {{car(10)}, {}, {}}});
   for (std::size_t i = 0; i < frames.size(); ++i) {
     frames[i].truth.boxes[0].track = static_cast<int>(i % 10);
@@ -175,7 +175,7 @@ TEST(AveragePrecision, FalseAlarmsAreDrawnWithTheirFrame) {
 }
 
 TEST(AveragePrecision, ADifferenceIsPaired) {
-  // The second misses ten cars more than the first, out of the same hundred.
+  // The second detector misses ten more cars than the first, of the same hundred.
   const std::vector<ScoredFrame> first = seventy_found();
   std::vector<ScoredFrame> second = first;
   for (std::size_t i = 0; i < 10; ++i) second[i].detections.clear();
@@ -185,7 +185,7 @@ TEST(AveragePrecision, ADifferenceIsPaired) {
   EXPECT_LT(difference.high, 0.2);
   const Interval none = average_precision_difference(first, first, 0.5);
   EXPECT_EQ(none.value, 0);
-  EXPECT_NEAR(none.high, 0.02, 0.002);  // what a hundred clusters may have missed
+  EXPECT_NEAR(none.high, 0.02, 0.002);  // the allowance for a hundred clusters
   EXPECT_EQ(none.low, -none.high);
   EXPECT_EQ(average_precision_difference({}, {}, 0.5).low, -1);
 }
@@ -234,13 +234,13 @@ TEST(Suppress, InThePictureCarsBehindEachOtherStay) {
   const auto kept = suppress(found, kInPicture);
   ASSERT_EQ(kept.size(), 2u);
   EXPECT_EQ(kept[1].picture.left, 40);
-  EXPECT_THROW(suppress(found, kFromAbove), InputError);  // no boxes there
+  EXPECT_THROW(suppress(found, kFromAbove), InputError);  // no boxes from above
 }
 
 /// Cars in the picture: easy at 10 m (0 …), moderate at 30 m (200 …), hard at 60 m (400 …), DontCare (600 …).
 ScoredFrame picture_frame(std::vector<Detection> detections) {
   GroundTruth truth;
-  truth.space.boxes = {car(10)};  // of no consequence
+  truth.space.boxes = {car(10)};  // unused
   truth.picture.boxes = {at_level(in_picture(0, 110), Difficulty::easy, 10),
                          at_level(in_picture(200, 37), Difficulty::moderate, 30),
                          at_level(in_picture(400, 26), Difficulty::hard, 60)};
@@ -285,7 +285,7 @@ TEST(AveragePrecisionInThePicture, StrataByDifficultyAndDistance) {
                                                                                : 1;
     EXPECT_EQ(part.boxes, boxes) << stratum.name;
   }
-  // An alarm 100 pixels high is one of 720 · 1.53 / 100 = 11 m; one of 30 is not seen at level "easy".
+  // A false alarm 100 pixels high is at 720 · 1.53 / 100 = 11 m; one of 30 does not count as "easy".
   const std::vector<ScoredFrame> near = {picture_frame({seen_at(in_picture(900, 100), 4)})},
                                  low = {picture_frame({seen_at(in_picture(900, 30), 4)})};
   const auto curve = [](const std::vector<ScoredFrame>& of, const Stratum& stratum) {
@@ -393,7 +393,7 @@ TEST(PictureTruth, LabelsOfThePictureAloneCountThereAlone) {
   EXPECT_TRUE(truth.space.boxes.empty());
   ASSERT_EQ(truth.picture.boxes.size(), 1u);
   const std::vector<ScoredFrame> frames = {scored({}, truth, 700, kInPicture)};
-  EXPECT_EQ(average_precision(frames, 0.7, {"", 0, 20}).boxes, 0);  // nobody knows how far it is
+  EXPECT_EQ(average_precision(frames, 0.7, {"", 0, 20}).boxes, 0);  // their distance is unknown
   EXPECT_EQ(average_precision(frames, 0.7, {"", 0, 1e9}).boxes, 1);
 }
 
@@ -416,7 +416,7 @@ TEST(PictureTruth, IsOfTheCamerasThatTheDetectorLooksAt) {
   EXPECT_EQ(both.boxes[0].camera, 0);
   EXPECT_EQ(both.boxes[1].picture.right, 40);
   ASSERT_EQ(both.ignore.size(), 1u);
-  // As a detector numbers the camera of a box.
+  // By the detector's number of the box's camera.
   const auto all = sensors(view_of(frame), can, "detector");
   EXPECT_EQ(all.at(static_cast<std::size_t>(both.boxes[1].camera)).name, "BACK");
   EXPECT_EQ(both.ignore[0].camera, both.boxes[1].camera);
@@ -432,7 +432,7 @@ TEST(Difficulty, FollowsKittisLimits) {
   EXPECT_EQ(easiest_level(seen(60, 0, 0.5)), Difficulty::hard);
 }
 
-/// Three cars, one a level, at 10, 30 and 50 m.
+/// Three cars, one for each level, at 10, 30 and 50 m.
 std::vector<ScoredFrame> three_levels(std::vector<Detection> detections) {
   const TruthBoxes truth{{at_level(car(10), Difficulty::easy), at_level(car(30), Difficulty::moderate),
                           at_level(car(50), Difficulty::hard)},
@@ -452,7 +452,7 @@ TEST(Strata, HarderCarsAreIgnoredNotMissed) {
 }
 
 TEST(Strata, RangesSplitBoxesAndFalseAlarms) {
-  // The alarm at 41 m scores highest: it counts where it stands and nowhere else.
+  // The false alarm at 41 m has the highest score: it counts in its own range and in no other.
   const auto frames =
       three_levels({found(car(41), 9), found(car(10), 3), found(car(30), 3), found(car(50), 2)});
   EXPECT_DOUBLE_EQ(average_precision(frames, 0.7, {"", 0, 20}).average_precision, 1);

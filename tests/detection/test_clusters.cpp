@@ -1,4 +1,4 @@
-// The detector that learned nothing (--detector clusters), on sweeps cast by units that there are.
+// The detector without training (--detector clusters), on sweeps of existing LiDAR units.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -27,14 +27,14 @@ using ::testing::Not;
 
 constexpr int kCarType = 0, kMiscType = 1;
 
-/// As it comes from the plugin, with what is no car.
+/// The plugin's detector, with objects that are not cars.
 std::unique_ptr<Detector> any_things() {
   DetectorOptions options;
   options.detector = "clusters";
   return open_detector(plugin_file(options), "clusters", "{}", {});
 }
 
-/// A thing may be told as a car and as none: here what is likelier of the two.
+/// A thing may be both a car and not a car; this keeps the likelier of the two.
 std::vector<Detection> found_in(const std::vector<LidarPoint>& sweep, double score = 0.05) {
   auto all = any_things()->forward({nullptr, sweep, nullptr}, score, false);
   std::stable_sort(all.begin(), all.end(),
@@ -55,7 +55,7 @@ LidarModel unit_of(const std::string& rig) {
   return read_lidar_model(MIRAGE_SOURCE "/scenes/rigs/" + rig + ".toml");
 }
 
-/// What a unit sees of a road and of boxes on it, with 2 cm of noise.
+/// A unit's returns from a road and boxes on it, with 2 cm of noise.
 class BoxWorld {
  public:
   using Road = std::function<double(double, double)>;
@@ -81,7 +81,7 @@ class BoxWorld {
     meshes_.push_back(std::move(ground));
   }
 
-  /// Stands on the road.
+  /// Adds a box that stands on the road.
   BoxWorld& with(const BevBox& box, double height, double lift = 0) {
     Transform place = velo_from_box({box, road_(box.x, box.y) + lift, height});
     place.translate(Vec3d(0, 0, height / 2));
@@ -114,7 +114,7 @@ class BoxWorld {
   std::vector<Mesh> meshes_;
 };
 
-/// The one whose box holds the place.
+/// The detection whose box holds the place.
 const Detection* at(const std::vector<Detection>& found, double x, double y) {
   const auto one = std::find_if(found.begin(), found.end(), [&](const Detection& detection) {
     Box3 around = detection.box;
@@ -191,7 +191,7 @@ TEST(Clusters, ObjectsOnTheRoadAreFoundFarAway) {
     ASSERT_EQ(found.size(), 1u) << distance;
     EXPECT_LT(std::hypot(found[0].box.bev.x - distance, found[0].box.bev.y - 1), 0.75);
   }
-  // What is seen of it says how surely it is there.
+  // The score depends on how much of it is visible.
   const auto score = [](double side, double distance) {
     return found_in(BoxWorld().with({distance, 1, side, side, 0.3}, side).sweep())[0].score();
   };
@@ -209,7 +209,7 @@ TEST(Clusters, ThingsWithAGapAreTwo) {
         .size();
   };
   EXPECT_EQ(count(0.6), 2u);
-  EXPECT_EQ(count(0.2), 1u);  // nearer than what parts the returns of one thing
+  EXPECT_EQ(count(0.2), 1u);  // closer than the clustering distance
 }
 
 TEST(Clusters, APolesShadowLeavesOneThingAndAWideOneParts) {
@@ -220,7 +220,7 @@ TEST(Clusters, APolesShadowLeavesOneThingAndAWideOneParts) {
     return std::count_if(found.begin(), found.end(), [](const Detection& one) { return one.box.bev.x > 13; });
   };
   EXPECT_EQ(pieces(0.15), 1);  // 0.27 m of shadow
-  EXPECT_EQ(pieces(0.6), 2);   // 1.1 m: nothing shows that both parts are of one thing
+  EXPECT_EQ(pieces(0.6), 2);   // 1.1 m: nothing shows that both parts belong together
 }
 
 TEST(Clusters, ACarSeenFromItsCornerKeepsHeadingAndSize) {

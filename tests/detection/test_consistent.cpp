@@ -1,4 +1,4 @@
-// A fusion detector held against what each sensor says alone.
+// A fusion detector compared with the detections of each sensor alone.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -23,14 +23,14 @@ using test::Scripted;
 const Capabilities kFuses{true, true, true, false}, kLidar{false, true, true, false},
     kCamera{true, false, false, true};
 
-/// Of the members' logits: what is found under a cap, and what two votes agree on.
+/// A combined logit: the deciding member's, with a share kVoteLeak of the other's.
 double soft(double decides, double other) {
   return (1 - kVoteLeak) * decides + kVoteLeak * other;
 }
 
 constexpr int kWidth = 124, kHeight = 38;
 
-/// A tenth of KITTI's camera, that looks along x, at 1.7 m over the ground.
+/// A tenth of KITTI's camera: it looks along x from 1.7 m above the ground.
 struct Crossing {
   Crossing() {
     calibration.camera = {72, 72, 60, 18, kWidth, kHeight};
@@ -40,7 +40,7 @@ struct Crossing {
     image.data[0] = 0.5f;
   }
   SensorView view() const { return {&image, points, &calibration}; }
-  /// Where its picture shows a car on the ground.
+  /// The rectangle of a car on the ground in its picture.
   PictureBox seen(const BevBox& box) const {
     return *car_in_picture(box, -1.7, pixel_from_velo(calibration), kWidth, kHeight);
   }
@@ -64,11 +64,11 @@ TEST(Consistent, WhatNoSensorSeesAloneIsNoCar) {
   world.fused.lines = {{{kSeen, 6}}, {{kElsewhere, 6}}, {{kSeen, -5}}};
   world.lidar.lines = {{{kBeside, 1.5}}};
   const auto found = world.answers();
-  ASSERT_EQ(found.size(), 3u);  // LiDAR's own needs the camera
+  ASSERT_EQ(found.size(), 3u);  // the LiDAR's own box needs the camera's support
   EXPECT_DOUBLE_EQ(found[0].logit, soft(3.5, 6));
   EXPECT_DOUBLE_EQ(found[1].logit, soft(kNoDetectionLogit + kVoteMargin, 6));
   EXPECT_LT(found[1].score(), 0.01);
-  EXPECT_DOUBLE_EQ(found[2].logit, -5);  // too low to be changed
+  EXPECT_DOUBLE_EQ(found[2].logit, -5);  // too low to change
 }
 
 TEST(Consistent, WhatBothSensorsSeeIsFoundThoughTheFusionDoesNot) {
@@ -83,7 +83,7 @@ TEST(Consistent, WhatBothSensorsSeeIsFoundThoughTheFusionDoesNot) {
   EXPECT_DOUBLE_EQ(found[1].logit,
                    soft(1, 2));  // the camera is the less certain, of its two boxes the better
   EXPECT_DOUBLE_EQ(found[1].box.bev.x, kBeside.x);
-  // Without a picture the fusion and LiDAR are all there is.
+  // Without a picture only the fusion and the LiDAR vote.
   const auto blind = world.detector()->forward({nullptr, world.points, &world.calibration}, 0, false);
   ASSERT_EQ(blind.size(), 1u);
   EXPECT_DOUBLE_EQ(blind[0].logit, -7);
@@ -137,7 +137,7 @@ TEST(Consistent, GradientIsThatOfTheLogitThatDecides) {
       EXPECT_NEAR(pixel ? gradient.image.data[0] : gradient.points[0][0], (above - below) / (2 * step), 2e-3)
           << "trial " << trial;
     }
-    // Who decided the first answer, by what each of them says.
+    // Finds which member decided the first answer, from the logits of each.
     const auto said = [&](const Script& script, bool sees, bool measures) {
       const Script::Line& first = script.lines[0];
       return first.proposal.logit + (sees ? first.of_pixel * world.image.data[0] : 0) +
@@ -151,7 +151,7 @@ TEST(Consistent, GradientIsThatOfTheLogitThatDecides) {
   EXPECT_GT(std::min({by_fusion, by_camera, by_lidar}), 5);
 }
 
-/// Gives its camera beside the first a gradient, too.
+/// Returns a gradient for its second camera, too.
 class WithCameraBeside : public Scripted {
  public:
   using Scripted::Scripted;

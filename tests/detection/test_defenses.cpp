@@ -1,4 +1,4 @@
-// A ceiling before a detector: what stands above it is not seen, and has no gradient.
+// A ceiling before a detector: returns and pixels above it are removed and have no gradient.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -17,7 +17,7 @@
 namespace mirage {
 namespace {
 
-/// What the detector under the ceiling was given.
+/// The inputs of the detector under the ceiling.
 struct Given {
   ImageF image, clean_image;
   std::vector<LidarPoint> points, clean_points, watched;
@@ -97,7 +97,7 @@ struct CeilingScene {
   SensorView view() const { return {&image, points, &calibration}; }
 };
 
-/// Of the road's height in a scene: it is the lowest return within one to two metres, here on a slope.
+/// Error of the road's height in a scene: it is the lowest return within one to two metres, here on a slope.
 constexpr float kRoadError = 0.08f;
 
 TEST(Ceiling, LeavesOutWhatStandsHigherOverTheRoad) {
@@ -121,11 +121,11 @@ TEST(Ceiling, HidesPixelsThatSeeNothingBelowIt) {
   Given given;
   const auto detector = under_ceiling(std::make_unique<Witness>(given), kCeiling, kUnit);
   detector->forward(scene.view(), 0, false);
-  // The camera stands 5 cm over the ceiling: its horizon is row 30, and 5 cm at 70 m are a twentieth of a
+  // The camera stands 5 cm above the ceiling: its horizon is row 30, and 5 cm at 70 m are a twentieth of a
   // pixel.
   for (int v = 0; v < 60; ++v)
     for (int u = 0; u < 124; ++u) EXPECT_EQ(given.image.at(u, v, 1), v < 31 ? 0 : 0.5f) << v;
-  // Under one of 2.3 m all is seen that lies below it 70 m ahead: 0.65 m over the camera, 0.67 pixels.
+  // A ceiling of 2.3 m keeps everything below it 70 m ahead: 0.65 m above the camera, 0.67 pixels.
   const auto higher = under_ceiling(std::make_unique<Witness>(given), 2.3, kUnit);
   higher->forward(scene.view(), 0, false);
   for (int v = 0; v < 60; ++v) EXPECT_EQ(given.image.at(62, v, 1), v < 30 ? 0 : 0.5f) << v;
@@ -177,7 +177,7 @@ TEST(Ceiling, TheCleanFrameAndTrainingAreSeenAlike) {
   EXPECT_TRUE(given.points.empty());
 }
 
-/// A frame whose second camera, "back", looks the other way from the first's height.
+/// A frame whose second camera, "back", looks backwards from the first one's height.
 Frame with_camera_behind(const CeilingScene& scene) {
   Calibration behind = scene.calibration;
   behind.camera_from_velo.linear() << 0, 1, 0, 0, 0, -1, -1, 0, 0;
@@ -229,7 +229,7 @@ TEST(Jpeg, CompressesCamerasBesideTheFirst) {
 
 }  // namespace
 
-// A detector held against the solid bodies of the sweep.
+// A detector compared with the solid bodies in the sweep.
 
 namespace {
 
@@ -237,13 +237,13 @@ using test::error_text;
 using test::Script;
 using test::Scripted;
 
-/// A box that stops rays, or the `share` of them that is 1 at most.
+/// A box that stops all rays, or a `share` (at most 1) of them.
 struct ShadowBlock {
   Box3 box;
   double share = 1;
 };
 
-/// The sweep of 64 beams over a road that rises by 2 %, and of blocks on it.
+/// The sweep of 64 beams over a road with a slope of 2 %, with blocks on it.
 std::vector<LidarPoint> sweep_of(const std::vector<ShadowBlock>& blocks) {
   RandomStream random(3, "porous");
   std::vector<LidarPoint> points;
@@ -323,7 +323,7 @@ TEST(Bodies, RaysThatGoThroughAreCounted) {
   EXPECT_EQ(empty.stopped, 0);
   EXPECT_GT(car.stopped, 100);
   EXPECT_EQ(car.passed, 0);
-  EXPECT_EQ(evidence.rays({40, -2, 4, 1.7, 0}).passed, 0);  // behind a wall nobody knows
+  EXPECT_EQ(evidence.rays({40, -2, 4, 1.7, 0}).passed, 0);  // behind a wall there is no evidence
 }
 
 TEST(RoadSurface, IsAPlaneWhereTheRoadIsNotSeen) {
@@ -359,10 +359,10 @@ TEST(Shadows, ABodyIsFoundThoughTheDetectorDoesNotAndWhatRaysPassIsNoCar) {
   ASSERT_EQ(found.size(), 4u);
   EXPECT_NEAR(found[0].logit, kBodyLogit + kSaturatedSlope * (-3 - kBodyLogit), 1e-12);
   EXPECT_NEAR(found[1].logit, kThroughLogit + kSaturatedSlope * (5 - kThroughLogit), 1e-12);
-  EXPECT_EQ(found[2].logit, 5);  // nobody knows
+  EXPECT_EQ(found[2].logit, 5);  // without evidence it is unchanged
   EXPECT_GT(found[3].logit, found[0].logit);
   EXPECT_GT(iou(found[3].box.bev, kSide), 0.75);  // the body's own box comes first
-  // A car that is found needs nobody; one of which the detector says nothing is no car.
+  // A detected car needs no body; a body without a detection is no car.
   street.script.lines = {{{kSide, 2}}};
   ASSERT_EQ(street.answers().size(), 1u);
   EXPECT_EQ(street.answers()[0].logit, 2);

@@ -1,4 +1,4 @@
-// Detections on disk, and the height of a box of the bird's-eye view.
+// Detection files, and the height of bird's-eye-view boxes.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -168,7 +168,7 @@ TEST(DetectionFiles, NamesOfAnyBytesAreFoundAgain) {
 
 }  // namespace
 
-// AP by KITTI's development kit: each of its rules by hand.
+// AP by KITTI's development kit: each of its rules, worked out by hand.
 
 namespace {
 
@@ -181,7 +181,7 @@ Label label(double x, const char* type = "Car", double height = 50, int occluded
   return result;
 }
 
-/// On a label, `off` m and pixels beside it.
+/// A detection on a label, shifted by `off` m and pixels.
 KittiDetection on(const Label& of, double score, double off = 0) {
   KittiDetection result;
   result.score = score;
@@ -196,7 +196,7 @@ double ap(const std::vector<KittiFrame>& frames, Matching matching = kInPicture,
   return kitti_average_precision(frames, matching, level, iou).average_precision;
 }
 
-/// 40 cars that are all found but the last `missed`, scores falling.
+/// 40 cars, all found except the last `missed`, with falling scores.
 std::vector<KittiFrame> forty(int missed = 0) {
   std::vector<KittiFrame> frames;
   for (int i = 0; i < 40; ++i) {
@@ -235,7 +235,7 @@ TEST(KittiAp, WhatNobodyLabelledCountsNeitherWay) {
   EXPECT_NEAR(ap(frames), 39.0 / 40, 1e-12);
   frames.back().labelled = true;
   EXPECT_LT(ap(frames), 38.5 / 40);
-  // A label of the picture alone is no car from above.
+  // A label that is only in the picture is no car from above.
   frames = forty();
   for (KittiFrame& frame : frames) frame.labels[0].in_space = false;
   EXPECT_NEAR(ap(frames), 39.0 / 40, 1e-12);

@@ -19,7 +19,7 @@
 namespace mirage {
 namespace {
 
-/// The detector's proposals: one a cell of 0.5 m, 0…70 m × ±40 m.
+/// The detector's proposals: one per cell of 0.5 m, 0…70 m × ±40 m.
 constexpr std::size_t kRows = 140, kColumns = 160;
 constexpr double kCell = 0.5;
 
@@ -63,7 +63,7 @@ std::unique_ptr<Detector> fresh(const std::string& name = "fusion", std::uint64_
   return load_detector(options);
 }
 
-/// A few steps: at birth the head's weights are tiny and gradients with them.
+/// Trained for a few steps: after initialisation the head's weights are tiny, and so are the gradients.
 std::unique_ptr<Detector> trained(const Street& street, const std::string& name = "fusion") {
   auto detector = fresh(name);
   const std::vector<TrainingSample> samples = {street.sample()};
@@ -96,10 +96,9 @@ SensorGradient gradient_of(Detector& detector, const Street& street, std::vector
   return detector.backward(weights);
 }
 
-/// Central difference along the gradient itself, where the signal is largest against float rounding. Of the
-/// steps the one that agrees best counts: a long one may cross kinks (the network was trained in float, so
-/// that where they are differs between processors), a short one is lost in rounding; a gradient that is wrong
-/// agrees with none.
+/// Central difference along the gradient itself, where the signal is largest against float rounding. The step
+/// with the best agreement counts. A long step may cross kinks, whose places differ between processors; a
+/// short one is lost in rounding. A wrong gradient agrees with none.
 void check_along(Detector& detector, const Street& street, const std::vector<double>& weights,
                  const std::function<void(Street&, double)>& move, double expected, double step) {
   double best = HUGE_VAL;
@@ -192,7 +191,7 @@ TEST(Fusion, TheSameInputGivesTheSameOutput) {
   for (std::size_t i = 0; i < first.size(); ++i) ASSERT_EQ(first[i].logit, second[i].logit);
 }
 
-/// The text of what the work throws.
+/// The message of the exception that `work` throws.
 std::string problem_of(const std::function<void()>& work) {
   try {
     work();
@@ -283,7 +282,7 @@ TEST(Fusion, OverfitsOneFrameAndFindsItsCar) {
     const TrainingLoss loss = detector->train_step(samples, 3e-3);
     (i < 3 ? first : last) += i < 3 ? loss.total / 3 : i >= steps - 5 ? loss.total / 5 : 0;
   }
-  // At the end of a schedule norms are frozen: the network learns with what it will be used with.
+  // At the end of a schedule norms are frozen: the network then learns with the norms that it will use.
   for (int i = 0; i < 25; ++i) detector->train_step(samples, 6e-4);
   EXPECT_LT(last, first / 3);
   const auto found = suppress(detector->forward(street.view(), 0.1, false));
@@ -359,11 +358,11 @@ TEST(Fusion, StartsFromALidarDetectorWithAPictureThatSpeaksAtOnce) {
     const auto with = joined->forward(street.view(), -1, false);
     for (std::size_t i = 0; i < with.size(); ++i)
       together = std::max(together, std::abs(with[i].logit - expected[i].logit));
-    EXPECT_GT(together, 1e-3) << name;  // nothing is silenced
+    EXPECT_GT(together, 1e-3) << name;  // nothing is suppressed
     EXPECT_TRUE(std::isfinite(joined->train_step(samples, 1e-3).total)) << name;
   }
 
-  // A new training starts the optimiser anew; going on does not.
+  // A new training resets the optimiser; a resumed one does not.
   DetectorOptions options = {"lidar", file, false, 1, 1};
   const auto going_on = load_detector(options);
   options.start = true;
@@ -390,7 +389,7 @@ TEST(Fusion, BranchesThatAreTakenOverStayAsTheyAre) {
   const auto late = load_detector(options);
   const auto lidar = load_detector({"lidar", own + ".lidar", false, 1, 1});
   TrainingSample sample = street.sample();
-  sample.picture_key = 7;  // the second step reads what the first kept
+  sample.picture_key = 7;  // the second step reads the first one's cached features
   const std::vector<TrainingSample> samples = {sample};
   for (int i = 0; i < 3; ++i) late->train_step(samples, 1e-2);
   SensorView blind = street.view();
@@ -422,7 +421,7 @@ TEST(Fusion, ASecondStageLearnsAloneOnAFirstOne) {
     EXPECT_LE(apart, most);
     return apart;
   };
-  same(street.view(), 1e-4);  // it begins as the first stage is
+  same(street.view(), 1e-4);  // it starts as the first stage
   const std::vector<TrainingSample> samples = {street.sample()};
   double before = 0, after = 0;
   for (int i = 0; i < 40; ++i) (i == 0 ? before : after) = refined->train_step(samples, 3e-3).total;
@@ -430,9 +429,9 @@ TEST(Fusion, ASecondStageLearnsAloneOnAFirstOne) {
   EXPECT_GT(same(street.view(), 1e9), 1e-2);
   SensorView blind = street.view();
   blind.image = nullptr;
-  same(blind, 0);  // without a picture it is the first stage, which has not moved
+  same(blind, 0);  // without a picture it equals the first stage, which is unchanged
 
-  // Kept and read again it is the same, and goes on learning alone.
+  // Saved and loaded it is the same, and training continues on its own part only.
   const std::filesystem::path own = file.string() + ".refined";
   refined->save(own, false);
   const auto again = load_detector({"refined", own, false, 1, 1});
@@ -442,7 +441,7 @@ TEST(Fusion, ASecondStageLearnsAloneOnAFirstOne) {
   for (std::size_t i = 0; i < found.size(); ++i) ASSERT_EQ(found[i].logit, expected[i].logit);
   again->train_step(samples, 1e-3);
   EXPECT_EQ(again->forward(blind, -1, false)[7].logit, first->forward(blind, -1, false)[7].logit);
-  // Neither is the other's weights.
+  // Each refuses the other's weights.
   EXPECT_THROW(load_detector({"refined", file, false, 1, 1}), InputError);
   EXPECT_THROW(load_detector({"fusion", own, false, 1, 1}), InputError);
   std::filesystem::remove(file);
@@ -492,16 +491,16 @@ TEST(Fusion, LearnsInBfloat16WithWeightsInFloat) {
     const auto exact = load_detector(options);
     options.precision = "bfloat16";
     const auto rounded = load_detector(options);
-    // No boxes in the picture: which places answer for one is a choice that rounding may turn.
+    // No boxes in the picture: rounding may change which places are matched to a box.
     const std::vector<TrainingSample> samples = {street.sample()};
     for (int i = 0; i < 3; ++i) {
       const double a = exact->train_step(samples, 2e-4).total, b = rounded->train_step(samples, 2e-4).total;
-      // A fresh camera network, without norms, goes its own way after the first step.
+      // A fresh camera network, without norms, diverges after the first step.
       if (i == 0 || name == std::string("lidar")) {
         EXPECT_NEAR(a, b, 0.05 * a + 0.2) << name << ' ' << i;
       }
       EXPECT_TRUE(std::isfinite(b)) << name;
-      // Without such instructions both are in float, to the bit.
+      // Without bfloat16 instructions both are in float, equal to the bit.
       EXPECT_EQ(a != b, multiplies_bfloat16()) << name << ' ' << a << ' ' << b;
     }
   }
@@ -525,7 +524,7 @@ TEST(Fusion, PartsAreAddedAndStayWithTheWeights) {
   EXPECT_NE(logits(*denoising), logits(*plain));
   options.parts = {"denoising", "depth-gate"};
   const auto both = load_detector(options);
-  EXPECT_NE(logits(*both), logits(*plain));  // of this street's random returns many stand before others
+  EXPECT_NE(logits(*both), logits(*plain));  // many of this street's random returns lie in front of others
   const std::vector<TrainingSample> samples = {street.sample()};
   for (int i = 0; i < 3; ++i) both->train_step(samples, 1e-3);
   both->save(file, false);
@@ -567,7 +566,7 @@ TEST(Fusion, TellsHowStronglyTheImageFeaturesAnswer) {
   EXPECT_EQ(features.bev.height, static_cast<int>(kColumns));
   EXPECT_EQ(features.cell, kCell);
   EXPECT_GT(*std::max_element(features.map.data.begin(), features.map.data.end()), 0);
-  // Carried to where there are points: 5–45 m ahead, 4 m to each side, and the reach of 1.5 m.
+  // Projected to where there are points: 5–45 m ahead, 4 m to each side, and the reach of 1.5 m.
   for (int row = 0; row < features.bev.height; ++row)
     for (int column = 0; column < features.bev.width; ++column) {
       const double x = kCell * (column + 0.5), y = -40 + kCell * (row + 0.5);

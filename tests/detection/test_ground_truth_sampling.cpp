@@ -1,4 +1,4 @@
-// Cars pasted into other frames: against frames that were made with the car in them.
+// Cars pasted into other frames, against frames rendered with the car in them.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -98,7 +98,7 @@ class World {
     return made;
   }
 
-  /// Writes the frame made last, with what belongs to whom.
+  /// Writes the frame that was made last, with the owner of every point and pixel.
   void write(const std::filesystem::path& data, const Frame& made, bool points, bool pixels) const {
     write_frame(data, made);
     if (pixels) write_index_png(instance_file(data, made.id), instances_);
@@ -121,7 +121,7 @@ class World {
   }
 
  private:
-  /// k + 1 of the label of mesh `mesh` (0 is the road), 0 for none.
+  /// 1 + k for label k, that of mesh `mesh` (0 is the road); 0 without a label.
   static std::uint32_t number(const std::vector<Block>& blocks, int mesh) {
     if (mesh < 1 || blocks[as_size(mesh - 1)].type.empty()) return 0;
     std::uint32_t labels = 0;
@@ -143,7 +143,7 @@ std::multiset<Place> places(const std::vector<LidarPoint>& points) {
   return set;
 }
 
-/// Share of points that are in one set and not in the other, of those in `a`.
+/// Number of points in only one of the two sets, as a share of those in `a`.
 double difference(const std::vector<LidarPoint>& a, const std::vector<LidarPoint>& b) {
   const auto first = places(a), second = places(b);
   std::vector<Place> apart;
@@ -177,7 +177,7 @@ TEST_F(GroundTruthSampling, ACutOutIsTheCarAndNothingElse) {
   EXPECT_GT(exact.points.size(), 300u);
   const auto pixels = std::accumulate(exact.mask.data.begin(), exact.mask.data.end(), 0);
   EXPECT_GT(pixels, 0.5 * exact.rect.width() * exact.rect.height());
-  // Without the points' owners the box decides; only the lowest 0.1 m is missing.
+  // Without point owners the box decides; only the lowest 0.1 m is missing.
   const CutOut by_box = cut({wall(40, 0, 1, 60), block(15, 2)}, false);
   EXPECT_LE(by_box.points.size(), exact.points.size());
   EXPECT_GT(by_box.points.size(), 0.85 * static_cast<double>(exact.points.size()));
@@ -200,7 +200,7 @@ TEST_F(GroundTruthSampling, APastedCarIsAsIfItHadBeenThere) {
       apart += std::abs(made.srgb[i] - pasted.srgb[i]) > 1;
       changed += before.srgb[i] != pasted.srgb[i];
     }
-    // All but the outline, which is mixed, agrees.
+    // All pixels agree, except at the outline, where colours mix.
     EXPECT_LT(apart, 0.05 * changed + 12 * std::sqrt(changed)) << x;
     EXPECT_GT(changed, 50);
   }
@@ -250,7 +250,7 @@ TEST_F(GroundTruthSampling, ThePicturesTruthHasThePastedCar) {
   EXPECT_EQ(view.vehicle_mask.size(), pasted.vehicle_mask.size());
   EXPECT_EQ(view.picture_key, 0u);
 
-  // Only points: the picture stays as it was.
+  // Only points: the picture does not change.
   CompactFrame points_only = before;
   ASSERT_TRUE(paste(points_only, cut({block(20, 3)}, true, false), unit));
   EXPECT_EQ(points_only.picture_key, before.picture_key);
@@ -261,7 +261,7 @@ TEST_F(GroundTruthSampling, ThePicturesTruthHasThePastedCar) {
 }
 
 TEST_F(GroundTruthSampling, WhatIsNearerHides) {
-  // A post takes a strip out of the car's points and pixels.
+  // A post hides a strip of the car's points and pixels.
   const std::vector<Block> street = {wall(60, 0, 1, 80), wall(10, 1.6, 0.15, 0.15)};
   std::vector<Block> with_car = street;
   with_car.push_back(block(20, 3));
@@ -270,7 +270,7 @@ TEST_F(GroundTruthSampling, WhatIsNearerHides) {
   ASSERT_TRUE(paste(pasted, cut_out, unit));
   const CompactFrame made = scene(with_car);
   EXPECT_LT(difference(made.points, pasted.points), 0.03);
-  // A wall hides it altogether.
+  // A wall hides all of it.
   CompactFrame walled = scene({wall(12, 3, 0.5, 8)});
   const CompactFrame untouched = walled;
   EXPECT_FALSE(paste(walled, cut_out, unit));
@@ -284,7 +284,7 @@ TEST_F(GroundTruthSampling, TakenPlacesAreRefused) {
   EXPECT_FALSE(paste(taken, cut_out, unit));
   CompactFrame bush = scene({wall(20.5, 3, 0.6, 0.6)});
   EXPECT_FALSE(paste(bush, cut_out, unit));
-  CompactFrame behind = scene({block(27, 4.5)});  // it would vanish behind the car that is pasted
+  CompactFrame behind = scene({block(27, 4.5)});  // it would vanish behind the pasted car
   EXPECT_EQ(behind.truth.space.boxes.size(), 1u);
   EXPECT_FALSE(paste(behind, cut_out, unit));
 }

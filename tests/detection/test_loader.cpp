@@ -1,4 +1,4 @@
-// Every way a plugin can be wrong gives one clear line.
+// Every error of a plugin gives one clear line.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -83,7 +83,7 @@ TEST(Loader, BoxesEndAtThePicturesBorder) {
   EXPECT_EQ(box.bottom, 39);
 }
 
-// A plugin that gives all its boxes, whatever their scores, is judged as one that keeps to the threshold.
+// A plugin that returns boxes below the threshold is judged like one that keeps to it.
 TEST(Loader, AnswersUnderTheThresholdAreDropped) {
   Scene scene;
   const auto version3 = load_detector(fake("works"));
@@ -112,7 +112,7 @@ TEST(Loader, HandsThePicturesTruthOn) {
   EXPECT_EQ(loss.box, 42);
 }
 
-/// What a plugin of version 4 that reads "camera", "lidar" and "back" is shown.
+/// The inputs of a plugin of version 4 that reads "camera", "lidar" and "back".
 struct NamedScene : Scene {
   ImageF behind{64, 8, 3};
   SensorData back;
@@ -139,7 +139,7 @@ TEST(Loader, Version4ReadsSensorsByNameAndAnswersIn3d) {
   const auto detector = load_detector(named());
   NamedScene scene;
   const auto found = detector->forward(scene.view(), 0.1, true);
-  ASSERT_EQ(found.size(), 1u);  // the pedestrian is none of the classes looked for
+  ASSERT_EQ(found.size(), 1u);  // the pedestrian is not among the classes
   const Detection& car = found[0];
   EXPECT_EQ(car.box.bev.x, -13);  // three sensors
   EXPECT_DOUBLE_EQ(car.box.bottom, -1.75);
@@ -160,7 +160,7 @@ TEST(Loader, Version4IsAskedForGradientsOfWhatIsOverTheThreshold) {
   options.classes = kEveryClass;
   const auto detector = load_detector(options);
   NamedScene scene;
-  scene.points[0].x = 5;  // the car's logit is 5.25 then, and that of the pedestrian before it 4
+  scene.points[0].x = 5;  // the car's logit is then 5.25, after the pedestrian's 4
   const double pedestrian = Detection({5, 0, 1, 1, 0}, 4).score();
   const auto found = detector->forward(scene.view(), pedestrian, true);
   ASSERT_EQ(found.size(), 1u);
@@ -184,8 +184,8 @@ TEST(Loader, OfSeveralClassesThoseThatAreSoughtAreLookedAt) {
   EXPECT_EQ(found("Car"), std::vector<std::string>{"Car"});
   EXPECT_EQ(found("Pedestrian"), std::vector<std::string>{"Pedestrian"});
   EXPECT_EQ(found("Car,human.pedestrian.child"), (std::vector<std::string>{"Pedestrian", "Car"}));
-  EXPECT_EQ(found("Van,Truck"), std::vector<std::string>{"Car"});  // its word for vehicles
-  // The gradient goes to the answer that was given.
+  EXPECT_EQ(found("Van,Truck"), std::vector<std::string>{"Car"});  // its name for vehicles
+  // The gradient goes to the returned answer.
   options.classes = "Pedestrian";
   const auto detector = load_detector(options);
   detector->forward(scene.view(), 0.1, true);
@@ -195,7 +195,7 @@ TEST(Loader, OfSeveralClassesThoseThatAreSoughtAreLookedAt) {
 TEST(Loader, WhatADetectorHasNoWordForIsAskedByAnother) {
   using Words = std::vector<std::string>;
   EXPECT_EQ(answering_types({"Car"}, {"Car"}), Words{"Car"});
-  EXPECT_EQ(answering_types({"Car"}, {"Pedestrian"}), Words{"Car"});  // of a network of one class
+  EXPECT_EQ(answering_types({"Car"}, {"Pedestrian"}), Words{"Car"});  // by a network of one class
   EXPECT_EQ(answering_types({"Car", "Misc"}, {"Pedestrian"}), Words{"Misc"});
   EXPECT_EQ(answering_types({"Car", "Misc"}, {"Truck", "Car"}), Words{"Car"});
   EXPECT_EQ(answering_types({"Car", "Misc"}, {"Misc", "Car"}), (Words{"Misc", "Car"}));
@@ -244,8 +244,8 @@ TEST(Loader, Version4LearnsFromBoxesInSpaceAndInThePicture) {
   EXPECT_EQ(detector->weights_version(), 1u);
 }
 
-// A frame with several cameras gives the recorded pictures of those that the detector names, and reads no
-// others.
+// A frame with several cameras gives the recorded pictures of the cameras that the detector names, and reads
+// no others.
 TEST(Loader, ACameraOfTheFrameIsReadByItsName) {
   const auto detector = load_detector(named());
   NamedScene scene;
@@ -260,12 +260,12 @@ TEST(Loader, ACameraOfTheFrameIsReadByItsName) {
   SensorView view = scene.Scene::view();
   view.frame = &frame;
   const Detection recorded = detector->forward(view, 0.1, true).at(0);
-  EXPECT_TRUE(detector->backward(std::vector<double>{0.5}).others.empty());  // nobody asked for one
+  EXPECT_TRUE(detector->backward(std::vector<double>{0.5}).others.empty());  // none is in the view
   const Detection shown = detector->forward(scene.view(), 0.1, false).at(0);
   EXPECT_EQ(recorded.logit, shown.logit);
   EXPECT_EQ(recorded.velocity, shown.velocity);
   EXPECT_EQ(recorded.camera, 2);
-  // What the view shows stands in the place of what was recorded.
+  // A picture in the view replaces the recorded one.
   ImageF attacked = scene.behind;
   attacked.data[0] = 0.75f;
   scene.back.image = &attacked;
@@ -366,7 +366,7 @@ TEST(Loader, PluginThatThrowsOrFailsLater) {
               AllOf(HasSubstr("fake_not_finite.so: box 0 of 1: "), HasSubstr("not finite")));
 }
 
-/// A plugin of the user's, in a folder of its own.
+/// The user's own plugin, in its own folder.
 DetectorOptions copied_to(const test::TemporaryFolder& folder) {
   DetectorOptions options;
   options.detector = folder / "fake_works.so";
@@ -401,7 +401,7 @@ TEST(Loader, MissingWeights) {
   EXPECT_THAT(load_error(options), HasSubstr("fine-tuned on real frames"));
   options.defense = "adversarial";
   EXPECT_THAT(load_error(options), HasSubstr("give one of the two"));
-  options.defense = "real";  // the family is no defence
+  options.defense = "real";  // the family alone is no defence
   EXPECT_THAT(load_error(options), HasSubstr("is not a defence"));
   options.defense = "none";
   options.weights = "/nowhere/my.weights";
@@ -462,7 +462,7 @@ TEST(DefenseWords, WhatIsNone) {
 
 }  // namespace
 
-// How boxes are compared, against cases worked out by hand.
+// Comparisons of boxes, against cases worked out by hand.
 
 namespace {
 
@@ -505,7 +505,7 @@ TEST(Matching, NamesItselfAsTheOptionHasIt) {
 TEST(Matching, DecidesWhatIsSuppressedAndWhatIsAHit) {
   Detection low({10, 0, 4, 2, 0}, 3), high = low;
   low.box.height = high.box.height = 1.5;
-  high.box.bottom = 2, high.logit = 2;  // one over the other
+  high.box.bottom = 2, high.logit = 2;  // one above the other
   EXPECT_EQ(suppress({low, high}, kFromAbove).size(), 1u);
   EXPECT_EQ(suppress({low, high}, kInSpace).size(), 2u);
   Detection other = low;
@@ -515,7 +515,7 @@ TEST(Matching, DecidesWhatIsSuppressedAndWhatIsAHit) {
   flat.box.height = 0;
   EXPECT_THROW(suppress({flat}, kInSpace), InputError);
 
-  // Turned by 90°: IoU 1/3 from above, and the centre where it was.
+  // Turned by 90°: IoU 1/3 from above, with the same centre.
   const Detection turned({10, 0, 2, 4, 0}, 3);
   TruthBoxes truth;
   truth.boxes = {BevBox{10, 0, 4, 2, 0}};

@@ -1,5 +1,5 @@
-// Networks as ONNX files: values of some that work, and one clear line for each that is wrong. Without ONNX
-// Runtime there is nothing to test.
+// Networks as ONNX files: values of valid models, and one clear line for each error. Skipped without ONNX
+// Runtime.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -21,7 +21,7 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-/// What a program of the sources writes, by Debian's Python.
+/// Runs a Python program of the sources, with Debian's Python.
 void run_python(const std::string& words) {
   ASSERT_EQ(std::system(("/usr/bin/python3 -B " MIRAGE_SOURCE "/" + words).c_str()), 0) << words;
 }
@@ -157,7 +157,7 @@ TEST(Onnx, NeedsAModelAndDoesNotTrain) {
               HasSubstr("is not trained here"));
 }
 
-// One network in both of its files: what PyTorch exports means the same to both plugins.
+// One network in both formats: PyTorch's exports mean the same to both plugins.
 TEST(Onnx, AnswersAsTheSameNetworkInTorchScript) {
   const test::TemporaryFolder folder;
   const auto exported = [&](const char* name) {
@@ -179,7 +179,7 @@ TEST(Onnx, AnswersAsTheSameNetworkInTorchScript) {
     ASSERT_NEAR(first[i].box.bev.yaw, second[i].box.bev.yaw, 1e-4);
     most = std::max(most, first[i].logit), least = std::min(least, first[i].logit);
   }
-  EXPECT_GT(most - least, 0.1);  // and says something
+  EXPECT_GT(most - least, 0.1);  // the answers are not all alike
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// A detector in a process of its own: what it is told, what it answers, and every way in which it is lost.
+// A detector in its own process: its inputs, its answers, and every way to lose it.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -86,7 +86,7 @@ TEST_F(ProcessTest, EightBitPicturesCarryTheCurvesSlope) {
   image_.data[0] = linear_level(100);
   EXPECT_FLOAT_EQ(static_cast<float>(detector->forward(view(), 1e-9, true)[0].logit), 2 * 100 + 1.5f);
   const float slope = detector->backward(std::vector<double>{1, 0}).image.data[0];
-  // From the middle of ten levels below to that of ten above: rounding has no slope of its own.
+  // From the middle of a level ten below to that of one ten above: rounding adds no slope.
   image_.data[0] = linear_level(110);
   const double above = detector->forward(view(), 1e-9, true)[0].logit;
   image_.data[0] = linear_level(90);
@@ -148,8 +148,8 @@ TEST_F(ProcessTest, OtherSensorsTravelByName) {
   frame.id = "000007";
   frame.moment = Moment{"drive", 7, 0.75, Transform::Identity()};
   all.frame = &frame;
-  // The first value of LEFT, three times, the second point's y of rear, radar's last value, the frame's
-  // number and its time.
+  // Three times the first value of LEFT, the second point's y of rear, radar's last value, the frame's number
+  // and its time.
   EXPECT_FLOAT_EQ(static_cast<float>(detector->forward(all, 0.1, true)[0].logit),
                   3 * 0.5f + 5 + 11 + 7 + 0.75f);
   const SensorGradient gradient = detector->backward(std::vector<double>{2, 0});
@@ -270,7 +270,7 @@ TEST_F(ProcessTest, ACommandThatDoesNotServeIsALine) {
               HasSubstr("ended before it served (exit code 1)"));
 }
 
-// Nothing is waited for, and nothing is started again: the next answer would be the same.
+// It does not wait and does not restart the process: the next answer would be the same.
 TEST_F(ProcessTest, AnAnswerAgainstTheProtocolIsALineAtOnce) {
   const auto run = [&](const std::string& hello, const std::string& detections) {
     write_file(folder_ / "answers.sh",
@@ -314,7 +314,7 @@ TEST(Description, WhatIsOfAnotherKindIsALine) {
   EXPECT_FALSE(read_external_description({{"remembers", nullptr}}, "exec:my_detector").can.remembers);
 }
 
-/// Whether an answer of arrays that are none is refused, by a program that tells them.
+/// Arrays outside the shared memory are refused.
 TEST_F(ProcessTest, ArraysOutsideOfTheirRoomAreRefused) {
   const auto text = [&](const std::string& boxes, const std::string& logits) {
     write_file(folder_ / "answers.sh",
@@ -361,17 +361,17 @@ TEST_F(ProcessTest, SeveralRunAtOnce) {
 TEST_F(ProcessTest, TheContentIsTheCommandsAndItsFiles) {
   const std::string file = folder_ / "a.py", command = "exec:python3 '" + file + "' --size 3";
   write_file(file, "1");
-  const std::string before = program_content(command);
-  EXPECT_NE(program_content("exec:python3 '" + file + "' --size 4"), before);
-  write_file(folder_ / "b.py", "1");  // where it lies does not matter
-  EXPECT_EQ(program_content("exec:python3 '" + (folder_ / "b.py").string() + "' --size 3"), before);
+  const std::string before = program_hash(command);
+  EXPECT_NE(program_hash("exec:python3 '" + file + "' --size 4"), before);
+  write_file(folder_ / "b.py", "1");  // its path does not matter
+  EXPECT_EQ(program_hash("exec:python3 '" + (folder_ / "b.py").string() + "' --size 3"), before);
   write_file(file, "2");
-  EXPECT_NE(program_content(command), before);
+  EXPECT_NE(program_hash(command), before);
 }
 
 TEST_F(ProcessTest, AFileBehindAnEqualsSignCounts) {
   const std::string file = folder_ / "a.pt", moved = folder_ / "b.pt";
-  const auto content = [](const std::string& word) { return program_content("exec:python3 f.py " + word); };
+  const auto content = [](const std::string& word) { return program_hash("exec:python3 f.py " + word); };
   for (const char* start : {"--weights=", "WEIGHTS=", "--set=weights="}) {
     write_file(file, "1");
     write_file(moved, "1");
@@ -381,16 +381,16 @@ TEST_F(ProcessTest, AFileBehindAnEqualsSignCounts) {
     write_file(file, "2");
     EXPECT_NE(content(start + file), before) << start;
   }
-  EXPECT_NE(content(std::string(5000, 'a')), content(std::string(5000, 'b')));  // longer than any file's name
+  EXPECT_NE(content(std::string(5000, 'a')), content(std::string(5000, 'b')));  // too long for a file name
 }
 
 TEST_F(ProcessTest, WhatDoesNotCountIsSaidOnce) {
   const test::Heard heard;
   const std::string folder = folder_.path().string(),
                     command = "exec:/usr/bin/python3 -m my_detector --model=" + folder;
-  const std::string before = program_content(command);
+  const std::string before = program_hash(command);
   write_file(folder_ / "weights.pt", "1");
-  EXPECT_EQ(program_content(command), before);
+  EXPECT_EQ(program_hash(command), before);
   EXPECT_EQ(heard.warnings(), 1);
   EXPECT_THAT(heard.text(), HasSubstr("what my_detector, " + folder + " holds does not count"));
 }

@@ -1,5 +1,5 @@
-// The gate: planted detectors that see, that ignore their picture and that glance at it; what each shipped
-// detector with a camera claims, against what is measured here.
+// The gate: planted detectors that use, ignore or barely use their picture. The claim of each shipped
+// detector with a camera, against a measurement.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -40,7 +40,7 @@ TEST(Reliance, TellsPlantedDetectorsApart) {
   EXPECT_EQ(sees.vehicles, kPlaces);
   EXPECT_DOUBLE_EQ(sees.ap70, 1);
   EXPECT_EQ(sees.ap70_swapped, 0);
-  EXPECT_LT(sees.ap70_black, 0.1);  // the car of the darkest frame stands where black says
+  EXPECT_LT(sees.ap70_black, 0.1);  // black means the place of the darkest frame's car
   EXPECT_EQ(sees.ap70_none, 0);
   EXPECT_DOUBLE_EQ(sees.drop.value, 1);
   EXPECT_GT(sees.drop.low, 0.5);
@@ -64,7 +64,7 @@ TEST(Reliance, AGlanceIsNotEnough) {
   EXPECT_NEAR(glances.mean_delta_logit, 0.15, 0.01);  // half of the range of brightness
   EXPECT_FALSE(glances.uses_picture());
   EXPECT_TRUE(glances.ignores_picture());
-  Reliance steady = glances;  // moved logits without a drop, and a drop with hardly moved logits
+  Reliance steady = glances;  // logits that move without a drop, and a drop with hardly moved logits
   steady.mean_delta_logit = 1;
   EXPECT_FALSE(steady.uses_picture());
   steady.drop = {0.1, 0.02, 0.2};
@@ -81,7 +81,7 @@ TEST(Reliance, SaysWhatItCannotMeasure) {
   EXPECT_FALSE(none.reads_picture);
   EXPECT_EQ(none.frames, 0);  // nothing was run
   EXPECT_THAT(picture_note(none), HasSubstr("has no picture"));
-  // Two cars: AP falls from 1 to 0, and yet two frames cannot tell.
+  // Two cars: AP falls from 1 to 0, but two frames are too few to tell.
   test::TemporaryFolder pair;
   for (const int k : {0, 6}) write_frame(pair.path(), planted_frame(k));
   const Reliance few = measured(Planted(Eyes::sees), pair.path());
@@ -160,7 +160,7 @@ TEST(Reliance, ADamagedOneIsNamedByFileAndField) {
 
 #ifdef MIRAGE_HAS_FUSION
 
-/// A few generated frames of the rig, kept beside the build.
+/// A few generated frames of the rig, stored beside the build.
 fs::path generated(const std::string& rig) {
   const fs::path data =
       fs::path(MIRAGE_BUILD) / "test_reliance" / (rig + "-" + std::to_string(kGeneratorVersion));
@@ -169,9 +169,9 @@ fs::path generated(const std::string& rig) {
   return data;
 }
 
-// weights/reliance.json holds what `mirage audit --gate --claim` measured on a whole data set; weights
-// that it does not name claim nothing. Four frames are too few for the interval, but what claims to see must
-// lose by another frame's picture, and its cars' logits must move.
+// weights/reliance.json holds the results of `mirage audit --gate --claim` on a whole data set; weights that
+// it does not name claim nothing. Four frames are too few for the interval. A detector that claims to use its
+// picture must still lose AP with another frame's picture, and its cars' logits must move.
 TEST(Reliance, ShippedDetectorsSeeWhatTheyClaim) {
   const fs::path weights = fs::path(MIRAGE_SOURCE) / "plugins" / "detectors" / "fusion" / "weights";
   const nlohmann::json claims = read_json(weights / "reliance.json");

@@ -1,4 +1,4 @@
-// Things held against a picture network's boxes (detection/roi_fusion.h).
+// Things compared with a picture network's boxes (detection/roi_fusion.h).
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -31,7 +31,7 @@ struct FusedScene {
     calibration.camera_from_velo.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
   }
   SensorView view() const { return {&image, points, &calibration}; }
-  /// A thing at that place, which the plugin calls so.
+  /// A thing at that place, with the plugin's type.
   Detection& add(const BevBox& box, int type, double logit) {
     Detection thing(box, logit);
     thing.box.bottom = -1.7, thing.box.height = 1.5;
@@ -39,7 +39,7 @@ struct FusedScene {
     things.lines.push_back({thing});
     return things.lines.back().proposal;
   }
-  /// The picture network's box around a place in space.
+  /// Adds the picture network's box around a box in space.
   void see(const Box3& box, double logit) {
     picture.lines.push_back({Detection({}, logit, projected(box, calibration).value())});
   }
@@ -62,7 +62,7 @@ TEST(RoiFusion, WhatThePictureShowsRaisesACarAndElseItSinks) {
   EXPECT_DOUBLE_EQ(scene.found()[0].logit, 0.5 + kUnseenLogit);
   scene.see(car, 1.5);
   EXPECT_DOUBLE_EQ(scene.found()[0].logit, 2.0);
-  scene.picture.lines[0].proposal.logit = -5;  // seen, but hardly: as if it were not
+  scene.picture.lines[0].proposal.logit = -5;  // seen, but with too low a score to count
   EXPECT_DOUBLE_EQ(scene.found()[0].logit, 0.5 + kUnseenLogit);
   EXPECT_TRUE(scene.found(0.5).empty());
   scene.picture.lines[0].proposal.logit = 3;
@@ -86,12 +86,12 @@ TEST(RoiFusion, AThingThatThePictureCallsACarIsOne) {
   const Box3 van = scene.add(kAhead, kOtherType, 2).box;
   scene.add(kBeside, kOtherType, 1);
   auto found = scene.found();
-  ASSERT_EQ(found.size(), 2u);  // nobody says so
+  ASSERT_EQ(found.size(), 2u);  // neither has support
   EXPECT_EQ(found[0].logit, 2);
   scene.see(van, 1);
   found = scene.found();
   ASSERT_EQ(found.size(), 3u);
-  EXPECT_EQ(found[1].logit, 1);  // a cone is as it was
+  EXPECT_EQ(found[1].logit, 1);  // a cone is unchanged
   EXPECT_EQ(found[2].type, kFirstType);
   EXPECT_EQ(found[2].logit, 1);
   EXPECT_EQ(found[2].box.bev.x, kAhead.x);

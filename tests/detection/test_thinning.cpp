@@ -1,4 +1,4 @@
-// JPEG before a detector: compresses forward, passes gradients straight through.
+// JPEG before a detector: compresses forward, and passes gradients straight through.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -17,7 +17,7 @@
 namespace mirage {
 namespace {
 
-/// Its one logit is the picture's sum; it remembers the picture.
+/// Its one logit is the picture's sum; it stores the picture.
 class SumDetector : public Detector {
  public:
   explicit SumDetector(ImageF& seen) : seen_(seen) {}
@@ -117,13 +117,13 @@ TEST(Jpeg, ADefenceThatIsNoneIsOneLine) {
 
 }  // namespace
 
-// Samples that lose beams, or returns of cars.
+// Training samples that lose beams, or returns of cars.
 
 namespace {
 
 const BevBox kThinnedCar{12, 2, 4, 1.8, 0.3}, kOther{20, -4, 4, 1.8, 0};
 
-/// A car and something that looks like one on level ground, as kitti64's unit sees them.
+/// A car and a look-alike on level ground, in kitti64's returns.
 CompactFrame sample(const LidarModel& lidar) {
   std::vector<Mesh> meshes(1);
   append(meshes[0], box_mesh({300, 300, 2}), Transform(Eigen::Translation3d(0, 0, -2.73)));
@@ -149,7 +149,7 @@ CompactFrame sample(const LidarModel& lidar) {
   return frame;
 }
 
-/// Returns of the thing itself: 0.2 m over the road and more.
+/// Returns on the thing itself: 0.2 m above the road and higher.
 std::size_t on(const BevBox& box, const CompactFrame& frame) {
   std::size_t count = 0;
   for (const LidarPoint& p : frame.points) {

@@ -1,5 +1,4 @@
-// Detectors exported from PyTorch: values and gradients of one that works, and one clear line for each that
-// is wrong.
+// Detectors exported from PyTorch: values and gradients of a valid one, and one clear line for each error.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -51,7 +50,7 @@ struct SmallScene {
   SmallScene() {
     RandomStream random(3, "torchscript scene");
     for (float& value : image.data) value = static_cast<float>(random.uniform());
-    // Bilinear look-ups have a kink at whole pixels, where a difference quotient says nothing.
+    // Bilinear look-ups have a kink at whole pixels, where central differences are meaningless.
     const auto off_kink = [](double pixel) { return std::abs(pixel - std::round(pixel)) > 0.05; };
     while (points.size() < 12) {
       const double x = random.uniform(8, 22), y = random.uniform(-0.2, 0.2) * x,
@@ -231,7 +230,7 @@ TEST(TorchScript, BoxesOfNoSizeAreRefusedWithTheBox) {
   EXPECT_THAT(refusal("picture_centres"), HasSubstr("not a centre and a size"));
 }
 
-// A weights file is data: one that LibTorch would run while it reads it is refused unread.
+// A weights file is data: one with code that LibTorch would run on loading is refused unread.
 TEST(TorchScript, IsCodeAndWeightsAreNot) {
   const auto mark = models() / "mark", file = models() / "planted.pt";
   EXPECT_THROW(load("planted"), InputError);

@@ -1,4 +1,4 @@
-// The host's side of training: augmentation, order, schedule, and going on after a stop.
+// The host's side of training: augmentation, order, schedule, and resuming after a stop.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -20,7 +20,7 @@
 namespace mirage {
 namespace {
 
-/// Generated frames of a small rig, the same each time.
+/// The same generated frames of a small rig at each call.
 void write_frames(const std::filesystem::path& data, int count) {
   const Rig rig = read_rig(std::filesystem::path(MIRAGE_SOURCE) / "tests/faults/small-rig.toml");
   generate_dataset(rig, 1, 0, count, data, [](std::size_t) {});
@@ -31,7 +31,7 @@ TEST(Training, APoseMovesBoxesWithTheirPoints) {
   for (std::uint64_t i = 0; i < 50; ++i) {
     const Eigen::Affine3d pose = random_pose(7, i);
     const BevBox there = moved(box, pose);
-    // A mirrored box has its corners in another order: compare as sets.
+    // Mirroring changes the order of a box's corners: compares them as sets.
     for (const Vec2d& corner : corners(box)) {
       const Vec3d p = pose * Vec3d(corner.x(), corner.y(), 0);
       double nearest = 1e9;
@@ -176,7 +176,7 @@ TEST(Training, AStoppedRunGoesOnToTheSameWeights) {
   options.out = base / "whole";
   const TrainingResult whole = train_detector(options);
 
-  // The run as it was after two steps: its state and its checkpoint, copied before it went on.
+  // The run after two steps: its state and its checkpoint, copied before it continued.
   options.out = base / "parts";
   options.steps = 4;
   make_output_folder(options.out);
@@ -200,7 +200,7 @@ TEST(Training, AStoppedRunGoesOnToTheSameWeights) {
   const TrainingResult parts = train_detector(options);
   EXPECT_EQ(parts.steps, 4);
   EXPECT_EQ(read_file(whole.weights), read_file(parts.weights));
-  // Each step in the log once, although steps 3 and 4 were there before the stop.
+  // Each step is in the log once, although steps 3 and 4 were there before the stop.
   const std::string log = read_file(options.out / "training.jsonl");
   EXPECT_EQ(log.find("\"step\":2"), log.rfind("\"step\":2"));
   EXPECT_NE(log.find("\"ap50\""), std::string::npos);

@@ -1,4 +1,4 @@
-// Small glTF documents to be spoilt.
+// Small glTF documents that tests damage.
 #pragma once
 
 #include <filesystem>
@@ -16,7 +16,7 @@ inline std::string triangle_bytes() {
   return {reinterpret_cast<const char*>(values), sizeof values};
 }
 
-/// A triangle whose buffer is named by `uri`.
+/// A triangle whose buffer has the given `uri`.
 inline nlohmann::json triangle_document(const nlohmann::json& uri) {
   return {{"asset", {{"version", "2.0"}}},
           {"buffers", {{{"byteLength", 36}, {"uri", uri}}}},

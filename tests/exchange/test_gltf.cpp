@@ -1,4 +1,4 @@
-// glTF: lossless way back, exact colours in every viewer, Khronos' validator, malformed files.
+// glTF: lossless round trip, exact colours in every viewer, Khronos' validator, malformed files.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -62,7 +62,7 @@ ExportScene scene(bool fitted = false) {
   return host_scene(frame, on_roof(carrier), noisy_adversary(), "test scene");
 }
 
-/// A .glb's JSON, and where its data begin.
+/// A .glb's JSON, and the offset of its binary data.
 std::pair<nlohmann::json, std::size_t> parts_of(const std::string& bytes) {
   std::uint32_t length = 0;
   std::memcpy(&length, bytes.data() + 12, sizeof(length));
@@ -131,7 +131,7 @@ void edit(const fs::path& file, const std::function<void(nlohmann::json&)>& chan
   write_file(file, head + text + rest);
 }
 
-// Editors move, scale and extend a file, and some keep the extras.
+// Editors move, scale and extend a file, and some of them preserve the extras.
 TEST(Gltf, AnEditedAdversaryIsReadAsItIsEdited) {
   const TexturedMesh adversary = noisy_adversary();
   const fs::path file = scratch("edited.glb");
@@ -170,12 +170,12 @@ TEST(Gltf, AnEditedAdversaryIsReadAsItIsEdited) {
               testing::AllOf(HasSubstr("other triangles"), HasSubstr("extras.mirage")));
 }
 
-/// What stands in the way of reading the file as an object.
+/// The error of reading the file as an object.
 std::string complaint(const fs::path& file) {
   return test::error_text<InputError>([&] { read_adversary(file); });
 }
 
-// What viewers draw is compared corner by corner: a bounding box stays what it is where an editor smooths.
+// The visible corners are compared one by one: smoothing in an editor can leave the bounding box unchanged.
 TEST(Gltf, AnEditInsideTheBoundsIsNotOverlooked) {
   const fs::path file = scratch("smoothed.glb");
   write_adversary(file, noisy_adversary());
@@ -211,7 +211,7 @@ TEST(Gltf, OtherColoursThanItsTexelsAreNotOverlooked) {
     json["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = {1, 0.2, 0.2, 1};
   });
   EXPECT_THAT(complaint(file), HasSubstr("other colours"));
-  // The same size of a picture, other pixels: the exact texels are exchanged under it.
+  // A picture of the same size with other pixels: the file's exact texels are replaced.
   write_adversary(file, adversary);
   std::string bytes = read_file(file);
   const auto [json, data] = parts_of(bytes);
@@ -318,7 +318,7 @@ TEST(HostScene, HoldsTheFittedVehicleAndSaysSo) {
     write_scene(scratch("host.glb"), source);
     const Part host = part_of(scratch("host.glb"), "host");
     EXPECT_EQ(host.node.at("extras").at("mirage_shape"), shape);
-    // Shared corners: what was watertight stays so.
+    // Shared corners: a watertight mesh stays watertight.
     const auto count = [&](const nlohmann::json& accessor) {
       return host.accessors.at(accessor.get<std::size_t>()).at("count").get<std::size_t>();
     };
@@ -328,7 +328,7 @@ TEST(HostScene, HoldsTheFittedVehicleAndSaysSo) {
   }
 }
 
-/// Runs Khronos' validator on the files; skips when node or the package cannot be had.
+/// Runs Khronos' validator on the files; skips without node or the package.
 TEST(Gltf, ValidatorFindsNothing) {
   const std::string folder = MIRAGE_BUILD "/gltf-validator";
   if (!fs::exists(folder + "/node_modules/gltf-validator")) {

@@ -1,4 +1,4 @@
-// Scenes and meshes from anybody: how deep they may nest, and what is no scene at all.
+// Hostile scenes and meshes: nesting depth, and files that are no scenes at all.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -31,7 +31,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::Not;
 
-/// The error of reading `document` as an adversary and as a mesh, .glb and .gltf; all must name `field`.
+/// Reads `document` as an adversary and as a mesh, .glb and .gltf; all errors must name `field`.
 void expect_refused(const json& document, const std::string& field) {
   const test::TemporaryFolder folder;
   write_glb(folder / "bad.glb", document);
@@ -62,7 +62,7 @@ TEST(GltfDepth, DeeplyNestedJsonIsRefusedBeforeAnyReader) {
     EXPECT_THAT(error_text<InputError>([&] { read_adversary(folder / "deep.glb"); }),
                 HasSubstr("deeper than 128"));
   }
-  // Brackets in texts do not count.
+  // Brackets in strings do not count.
   json document = triangle_document("a.bin");
   document["extras"] = std::string(1000, '[') + "\\\"" + std::string(1000, '{');
   write_file(folder / "a.bin", triangle_bytes());
@@ -81,7 +81,7 @@ json changed(const Change& change) {
 
 TEST(GltfNodes, EachHasOneParentAndTheTreeIsBounded) {
   EXPECT_EQ(changed([](json&) {}).at("nodes").size(), 1u);
-  // 60 nodes that name the next twice: 2^60 visits.
+  // 60 nodes that each name the next one twice: 2^60 visits.
   expect_refused(changed([](json& d) {
                    d["nodes"] = json::array();
                    for (int n = 0; n < 60; ++n) d["nodes"].push_back({{"children", {n + 1, n + 1}}});
@@ -102,7 +102,7 @@ TEST(GltfNodes, EachHasOneParentAndTheTreeIsBounded) {
   expect_refused(changed([](json& d) { d["scenes"][0]["nodes"] = {0, 0}; }), "scenes[0].nodes[1]");
   expect_refused(changed([](json& d) { d["nodes"][0]["children"] = {7}; }), "nodes[0].children[0]");
   expect_refused(changed([](json& d) { d["nodes"][0]["children"] = {-1}; }), "nodes[0].children[0]");
-  // A mesh at many nodes.
+  // One mesh at many nodes.
   expect_refused(changed([](json& d) {
                    d["accessors"][0]["count"] = 1 << 20;
                    d["nodes"] = json::array();
@@ -350,7 +350,7 @@ TEST(GltfScenes, APhotographIsJudgedByItsHeader) {
               AllOf(HasSubstr("photograph"), HasSubstr("65×32"), HasSubstr("64×32")));
 }
 
-// Loading looks at the flag that Ctrl-C sets.
+// Loading polls the flag that Ctrl-C sets.
 TEST(GltfInterruptDeathTest, ASignalEndsTheLoading) {
   const test::TemporaryFolder folder;
   write_glb(folder / "scene.glb", lit_scene());

@@ -174,7 +174,7 @@ TEST(MeshFiles, ErrorsNameFileAndFix) {
               HasSubstr("not an axis"));
 }
 
-/// A PLY of one triangle, or of what its counts say.
+/// A PLY of one triangle, with the given counts.
 std::string ply_of(const std::string& vertices, const std::string& faces, const std::string& body) {
   return "ply\nformat ascii 1.0\nelement vertex " + vertices +
          "\nproperty float x\nproperty float y\nproperty float z\nelement face " + faces +
@@ -190,7 +190,7 @@ TEST(HostileMeshes, PlyFilesThatClaimMoreThanTheyHoldAreRefused) {
   const std::string corners = "0 0 0\n1 0 0\n0 1 0\n";
   write_file(folder / "good.ply", ply_of("3", "1", corners + "3 0 1 2\n"));
   EXPECT_EQ(read_mesh(folder / "good.ply").faces.size(), 1u);
-  // The first ended the program in another reader; the others took gigabytes, or minutes.
+  // The first one crashed another reader; the others took gigabytes, or minutes.
   EXPECT_THAT(refusal(ply_of("3", "1", "0 0 0\n")), HasSubstr("cannot hold"));
   EXPECT_THAT(refusal(ply_of("100000000", "100000000", corners)),
               HasSubstr("claims 100000000 of \"vertex\""));
@@ -206,7 +206,7 @@ TEST(HostileMeshes, PlyFilesThatClaimMoreThanTheyHoldAreRefused) {
   EXPECT_THAT(refusal("ply\nelement vertex 0\nend_header\n"), HasSubstr("names no known format"));
   EXPECT_THAT(refusal("ply\nformat ascii 1.0\nelement vertex 3\nproperty colour x\nend_header\n"),
               HasSubstr("property line"));
-  // Faces without corners, of vertices that are not there, and lists that end too early.
+  // Faces without corners, with vertex indices out of range, and lists that end too early.
   for (const char* faces : {"0 0 0 0\n", "3 0 1 7\n", "3 0 1 -2\n", "3 0 1\n", "200 0 1\n", "3 0 1 x\n"})
     EXPECT_THAT(refusal(ply_of("3", "1", corners + faces)), HasSubstr("a.ply")) << faces;
 }
@@ -274,7 +274,7 @@ Vec3d through_bytes(const Vec3d& colour) {
   return {linear_level(bytes[0]), linear_level(bytes[1]), linear_level(bytes[2])};
 }
 
-/// Each face's corners and the colour at the middle of its UVs, read by the letter of the format.
+/// Each face's corners and the colour at the centre of its UVs, read strictly by the format.
 struct Shown {
   std::vector<std::array<Vec3d, 3>> corners;
   std::vector<Vec3d> colours;

@@ -1,4 +1,4 @@
-// Which files a scene or mesh may name.
+// The files that a scene or mesh may name.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
@@ -23,7 +23,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::Not;
 
-/// Another working directory for as long as it lives.
+/// Changes the working directory for its lifetime.
 class InFolder {
  public:
   explicit InFolder(const fs::path& folder) { fs::current_path(folder); }

@@ -6,7 +6,7 @@ import stat
 
 from program import HERE, NO_SPACE, demand, demand_one_line, fresh
 
-# What stands in for Blender: dies while it starts; answers the first question and dies at the next job; talks
+# Stand-ins for Blender: one dies at its start, one answers the first question and dies at the next job, one talks
 # nonsense for ever.
 STAND_INS = {"dead": "exit 3",
              "dies at a job": """while read -r line; do case "$line" in *'"ping"'*)

@@ -184,7 +184,7 @@ size_t fread(void* bytes, size_t size, size_t count, FILE* stream) {
   return fails("read", path_of(fileno(stream))) ? 0 : real(bytes, size, count, stream);
 }
 
-// What the same functions are called in programs with files of 64 bits, Python's for one.
+// The names of the same functions in programs with 64-bit file offsets, such as Python.
 #define SAME(name) __attribute__((alias(#name)))
 int open64(const char* path, int flags, ...) SAME(open);
 int openat64(int folder, const char* path, int flags, ...) SAME(openat);

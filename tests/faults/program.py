@@ -14,7 +14,7 @@ VOLATILE = ("result.json", ".log")  # times and paths are in them
 
 
 class Wrong(Exception):
-    """What was promised is not so."""
+    """A promise of the program does not hold."""
 
 
 def demand(good, said):
@@ -50,7 +50,7 @@ class Program:
             raise Wrong(f"hangs for more than {timeout} s") from None
 
     def demand_done(self, command):
-        """Runs what must succeed, without a fault."""
+        """Runs a command that must succeed, without a fault."""
         code, said = self.run(command)
         demand(code == 0, f"{command[0]} fails without a fault: {said}")
 
@@ -77,7 +77,7 @@ def volatile(name):
 
 
 def timeless(name, bytes_):
-    """A file without what was measured of time ("seconds" and their like in JSON), and without the date of its making."""
+    """A file without measured times ("seconds" and similar keys in JSON), and without the date of its making."""
     if name.endswith(".html"):
         return DATE.sub(b"", bytes_)
     if not name.endswith(".json"):
@@ -102,10 +102,10 @@ def demand_same(out, reference):
 
 
 def demand_whole(out, reference, growing=("checkpoint.json", "loss.csv")):
-    """What is there under its final name is finished."""
+    """Every file under its final name is complete."""
     for name, bytes_ in contents(out).items():
         if name.startswith(".mirage-scratch/"):
-            continue  # what is worked with, and removed at the end
+            continue  # working files, which are removed at the end
         if name not in reference:
             demand(name.endswith((".tmp", ".part")) or "/." in "/" + name, f"{name} is no file of the command")
         elif name.endswith(".json"):

@@ -115,7 +115,7 @@ class Refusals:
             return process.returncode, said.read().decode(errors="replace"), 1024 * usage.ru_maxrss
 
     def strangers(self, command, given):
-        """What it opened, and which of that it was not given."""
+        """The paths that it opened, and those of them outside the given folders."""
         fresh(self.out)
         log = self.folder / "strace.log"
         subprocess.run([self.trace, "-f", "-qq", "-y", "-e", "trace=open,openat,openat2,creat", "-s", "4096", "-o", log,
@@ -165,7 +165,7 @@ class Refusals:
             print(f"WRONG: {self.wrong[-1]}", flush=True)
 
     def kind(self, kind, place, command, given, bad, taken=True, empty=b""):
-        """Every bad file in the place of a good one; `bad`: (name, bytes), `empty`: what is refused at once."""
+        """Every bad file in the place of a good one; `bad`: (name, bytes), `empty`: refused at once."""
         if self.only and self.only not in kind:
             return
         good = place.read_bytes() if place.exists() else None

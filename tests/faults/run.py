@@ -27,7 +27,7 @@ class Suite:
     def __init__(self, program, quick, only):
         self.program, self.quick, self.only = program, quick, only
         self.done, self.wrong = {}, []
-        self.left_out = ""  # what this machine cannot do
+        self.left_out = ""  # parts that this machine cannot run
         self.process = ""  # the only one that the faults are in; empty: each process, by itself
         self.out = program.folder / "out"
 

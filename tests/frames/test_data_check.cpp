@@ -1,4 +1,4 @@
-// What is said of a data set that is not what is assumed of it.
+// Warnings about a data set that contradicts the assumptions about it.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -22,7 +22,7 @@ using test::TemporaryFolder;
 using testing::AllOf;
 using testing::HasSubstr;
 
-/// A frame with a small picture, walls and ten cars; `shift`: of the labels, m.
+/// A frame with a small picture, walls and ten cars. `shift`: error of the labels, m.
 Frame walled_frame(const std::string& rig, double shift = 0) {
   const Rig recorder = read_rig(rig_file(rig));
   Frame frame;
@@ -50,7 +50,7 @@ TEST(DataCheck, OwnUnitsAreSilentAndOthersAreNot) {
   check_data(data, "", UnitUse::casts_rays);
   EXPECT_EQ(heard.warnings(), 0) << heard.text();
   EXPECT_GT(data_statistics(data, "").on_rays, 0.99);
-  check_data(data, "nuscenes", UnitUse::casts_rays);  // the user says so: a warning
+  check_data(data, "nuscenes", UnitUse::casts_rays);  // named by the user: a warning
   EXPECT_THAT(heard.text(),
               AllOf(HasSubstr("rig nuscenes"), HasSubstr("mirage rig --data"), HasSubstr("--rig")));
   check_data(data, "nuscenes", UnitUse::casts_rays);
@@ -68,13 +68,13 @@ TEST(DataCheck, AUnitThatIsOnlyAssumedIsRefusedWhereRaysAreCast) {
   EXPECT_EQ(heard.warnings(), 1) << heard.text();
   check_data(data, "nuscenes", UnitUse::casts_rays);
   EXPECT_EQ(heard.warnings(), 1) << heard.text();
-  write_file(data / "dataset.json", R"({"rig": "kitti64"})");  // the set says so: a warning
+  write_file(data / "dataset.json", R"({"rig": "kitti64"})");  // named by the data set: a warning
   std::filesystem::rename(data, folder / "told");
   check_data(folder / "told", "", UnitUse::casts_rays);
   EXPECT_EQ(heard.warnings(), 2) << heard.text();
 }
 
-// Half of its beams left out: all returns lie on rays, and an object would get twice those that it can.
+// With half of the beams left out, all returns lie on rays, but an object gets twice as many as it can.
 TEST(DataCheck, BeamsWithoutReturnsAreSaid) {
   const TemporaryFolder folder;
   Frame frame = walled_frame("kitti64");

@@ -1,4 +1,4 @@
-// Streaming of frames, and what of them is kept on disk.
+// Streaming of frames, and the parts of them that are cached on disk.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
@@ -43,7 +43,7 @@ class CacheIn {
   ~CacheIn() { setenv("MIRAGE_CACHE", "off", 1); }
 };
 
-/// Everything of a store's frames that could differ, by bits.
+/// All results of a store's frames that could differ, bit by bit.
 std::string classify(FrameStore& store, const std::vector<std::string>& ids) {
   std::string text;
   const auto add = [&](const void* bytes, std::size_t size) {
@@ -157,7 +157,7 @@ TEST_F(FrameStoreTest, TheDiskCacheChangesNoBitAndSparesTheWork) {
   EXPECT_EQ(entries(cache_, "views").size(), 3u);
   FrameStore warm = store();
   EXPECT_EQ(all(warm), bits);
-  // Hosts are found without a frame being read at all.
+  // Finding hosts reads no frame.
   FrameStore hosts = store();
   const auto found =
       find_all_hosts(hosts, {"000000", "000001", "000002"}, {0, 50, -25, 25}, SimulationSettings(), 0.7);
@@ -179,7 +179,7 @@ TEST_F(FrameStoreTest, TheObjectIsWhereTheSourceSays) {
   EXPECT_EQ(placement.support, Support::free);
   EXPECT_NE(placement.carrier->shape, nullptr);
   EXPECT_NE(behind.views("000000", {0, 50, -25, 25}, {}).at(0).share, on_roof);
-  EXPECT_EQ(entries(cache_, "rooftops").size(), 1u);  // of the vehicle, wherever the object is
+  EXPECT_EQ(entries(cache_, "rooftops").size(), 1u);  // of the vehicle, wherever the object is placed
   EXPECT_EQ(entries(cache_, "views").size(), 2u);
 }
 
@@ -190,12 +190,12 @@ TEST_F(FrameStoreTest, KeysAreContentAndSettings) {
   const auto depths = [&] { return entries(cache_, "depth").size(); };
   const auto views = [&] { return entries(cache_, "views").size(); };
   ASSERT_EQ(depths(), 3u);
-  // The same files elsewhere are the same frames.
+  // The same files in another folder are the same frames.
   fs::copy(data_, folder_ / "copy", fs::copy_options::recursive);
   FrameStore copy(FrameSource{folder_ / "copy", "ip-basic", "shape"});
   all(copy);
   EXPECT_EQ(depths(), 3u);
-  // Another finder, region, camera: other results.
+  // Another roof finder, region or camera gives other results.
   FrameStore box(FrameSource{data_, "ip-basic", "box"});
   box.views("000000", {0, 50, -25, 25}, {});
   EXPECT_EQ(entries(cache_, "rooftops").size(), 4u);
@@ -209,7 +209,7 @@ TEST_F(FrameStoreTest, KeysAreContentAndSettings) {
   FrameStore multiscale(FrameSource{data_, "ip-basic-multiscale", "box"});
   multiscale.get("000000");
   EXPECT_EQ(depths(), 4u);
-  // A changed file is another frame.
+  // A changed file makes another frame.
   const fs::path sweep = data_ / "training/velodyne/000000.bin";
   std::string bytes = read_file(sweep);
   write_file(sweep, bytes.substr(16));
@@ -281,7 +281,7 @@ TEST_F(FrameStoreTest, AFolderThatCannotBeWrittenCostsOneWarning) {
   EXPECT_THAT(heard.text(), HasSubstr("nothing more is cached"));
 }
 
-/// Whether a cache of its own still has what another one was asked for first.
+/// Whether a cache folder has the entry for the given inputs; stores it if not.
 class Entries {
  public:
   explicit Entries(const fs::path& folder) : folder_(folder) {}
@@ -311,7 +311,7 @@ TEST(FrameCache, AnEntryIsOfOneFrameModelAndSetting) {
   test::for_each_field(settings,
                        [&](SimulationSettings& other, const Field& field, auto& value, bool, const char*) {
                          test::change(field, value);
-                         // What lens, sensor and unit do to the object changes no silhouette.
+                         // Lens, sensor and LiDAR effects change no silhouette.
                          SimulationSettings plain = other;
                          plain.lidar_effects = {};
                          plain.camera_effects = {};
@@ -370,7 +370,7 @@ TEST_F(FrameStoreTest, CleanDetectionsAreKeptByDetectorAndThreshold) {
   cached_detections(later, "000001", "one", 0.2, detect);
   cached_detections(later, "000002", "one", 0.3, detect);
   EXPECT_EQ(asked, 4);
-  cached_detections(later, "000001", "", 0.3, detect);  // cannot be told apart
+  cached_detections(later, "000001", "", 0.3, detect);  // without a version nothing is stored
   cached_detections(later, "000001", "", 0.3, detect);
   EXPECT_EQ(asked, 6);
 }
@@ -477,7 +477,7 @@ TEST(AttackCache, RunsWithAndWithoutItLearnTheSameBits) {
       EXPECT_EQ(read_file(folder / out / file), read_file(folder / "plain" / file)) << out << " " << file;
 }
 
-// Hosts and truth are of the classes that are asked for, a car's by default.
+// Hosts and truth have the requested classes, by default a car's.
 TEST(Classes, AreHostsAndHaveToBeFoundAsAsked) {
   const test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 1);
@@ -521,7 +521,7 @@ TEST(Classes, AreHostsAndHaveToBeFoundAsAsked) {
   EXPECT_THROW(classes_of(" ,"), FieldError);
 }
 
-// Of a set with all cameras: the sweep is whole, and the other cameras' depths are kept by their names.
+// In a set with all cameras the sweep is whole, and the other cameras' depths are cached by name.
 TEST(SurroundFrames, DepthsOfOtherCamerasAreKept) {
   const test::TemporaryFolder folder;
   test::write_nuscenes(folder / "data", {test::surround_frame(test::small_rig(), 5, 0)});
@@ -552,7 +552,7 @@ TEST(SurroundFrames, DepthsOfOtherCamerasAreKept) {
   }
 }
 
-/// Reads the camera behind: how sure it is of the host depends on that camera's mean brightness.
+/// Reads the rear camera: its confidence in the host depends on that camera's mean brightness.
 class LooksBack : public Detector {
  public:
   explicit LooksBack(const BevBox& host) : host_(host) {}
@@ -576,13 +576,13 @@ class LooksBack : public Detector {
   TrainingLoss train_step(std::span<const TrainingSample>, double) override { return {}; }
   void save(const std::filesystem::path&, bool) override {}
 
-  std::vector<double> seen;  ///< the camera's mean brightness, by pass; −1: it saw nothing
+  std::vector<double> seen;  ///< the camera's mean brightness by pass; −1: no picture
 
  private:
   BevBox host_;
 };
 
-// What an evaluation shows of an object is in every camera that the detector reads, not in the first alone.
+// An evaluation draws the object in every camera that the detector reads, not only in the first.
 TEST(SurroundFrames, AnEvaluationShowsTheObjectInTheCamerasThatTheDetectorReads) {
   const test::TemporaryFolder folder;
   test::write_nuscenes(folder / "data", {test::surround_frame(test::small_rig(), 5, 0)});
@@ -633,7 +633,7 @@ TEST(SurroundFrames, TheGateChangesThePicturesOfTheCamerasThatTheDetectorReads) 
   }
 }
 
-// Whom the first camera does not see can carry the object, where another shows enough of it.
+// A vehicle outside the first camera's view can be a host if another camera shows enough of the object.
 TEST(SurroundFrames, HostsAreThoseThatAnyCameraSees) {
   if (test::real_surround().empty())
     GTEST_SKIP() << "no real frames: set MIRAGE_NUSCENES to a nuScenes folder";

@@ -1,5 +1,5 @@
-// Sensors beside cameras and LiDAR: the shipped example, a radar, and the way from an object through it to a
-// detector that reads it by name, and back.
+// Sensors beside cameras and LiDAR: the shipped example, a radar. Covers the path from an object through it
+// to a detector that reads it by name, and the gradient back.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -80,7 +80,7 @@ class Sensors : public testing::Test {
   std::array<std::size_t, 3> shape_ = {};
 };
 
-/// Random weights, one a value.
+/// One random weight per value.
 std::vector<double> weights_of(std::size_t count, std::uint64_t seed) {
   RandomStream random(seed, "weights of a measurement");
   std::vector<double> weights(count);
@@ -88,7 +88,7 @@ std::vector<double> weights_of(std::size_t count, std::uint64_t seed) {
   return weights;
 }
 
-/// Where a car has returns, and how fast it drives along x.
+/// Returns on a car, and its speed along x.
 struct Echoes {
   Echoes(double range, double azimuth, double speed) {
     const auto x = static_cast<float>(2 + range * std::cos(azimuth)),
@@ -129,7 +129,7 @@ TEST_F(Sensors, TheRadarsVjpIsTheSlopeOfItsMeasurement) {
     test::crumple(mesh, random);
     for (Vec3d& v : mesh.vertices)
       v = 0.5 * v + Vec3d(2 + 12 * std::cos(azimuth), 12 * std::sin(azimuth), 0.4);
-    // Degenerate: a sliver, and a face whose plane the radar lies in but for a hair.
+    // Degenerate: a sliver, and a face whose plane almost contains the radar.
     const auto first = static_cast<int>(mesh.vertices.size());
     for (const Vec3d& v : {Vec3d(12, 0, 0), Vec3d(12, 1e-3, 0), Vec3d(12, 1, 1e-3), Vec3d(14, 1e-3, -1.19)})
       mesh.vertices.push_back(v);
@@ -157,7 +157,7 @@ TEST_F(Sensors, TheRadarsVjpIsTheSlopeOfItsMeasurement) {
   EXPECT_GT(checked, 200);
 }
 
-/// A world with the radar, whose car drives.
+/// A world with the radar and a moving car.
 test::World with_radar() {
   test::World world = test::make_world(1, {{14, 1.5f, -1, 0.5f}, {30, -4, -1, 0.3f}});
   world.prepared.frame.labels[0].velocity = Vec3d(6, 0, 0);
@@ -166,7 +166,7 @@ test::World with_radar() {
   return world;
 }
 
-/// Finds the car as well as the radar hears it: a logit of weights · radar.
+/// Detects the car by the radar: the logit is weights · radar.
 class RadarDetector : public Detector {
  public:
   explicit RadarDetector(const Label& car) : car_(car) {}
@@ -219,14 +219,14 @@ TEST_F(Sensors, AnAttackFollowsTheGradientThroughASensorThatOnlyItsPluginKnows) 
       moved.mesh.vertices[i] = Vec3d::Map(x.data() + 3 * i);
     return attack_host(detector, host, moved, settings, false).hide;
   };
-  // Measurements are floats: a step over their rounding.
+  // Measurements are floats: the step is larger than their rounding.
   const auto result = test::check_gradient(hide, test::flat(world.adversary.mesh.vertices),
                                            test::flat(step.gradient.vertices), 1e-3, 3e-2, 0.1);
   EXPECT_GT(result.checked, 100);
   double length = 0;
   for (const Vec3d& d : step.gradient.vertices) length += d.norm();
   EXPECT_GT(length, 0.1);
-  settings.target = AttackTarget::lidar;  // the radar is no input of it
+  settings.target = AttackTarget::lidar;  // it does not include the radar
   for (const Vec3d& d : attack_host(detector, host, world.adversary, settings).gradient.vertices)
     EXPECT_EQ(d, Vec3d(0, 0, 0));
 }
@@ -244,7 +244,7 @@ TEST_F(Sensors, AFrameAsRecordedAndOneWithAnObjectDifferInTheRadarOnlyWhereTheOb
   }
   EXPECT_GT(changed, 5u);
   EXPECT_LT(changed, with.size() / 20);
-  // Who does not name it is shown nothing of it.
+  // A detector that does not name it does not get it.
   EXPECT_TRUE(view_of(world.prepared, seen, {}).others.empty());
 }
 

@@ -37,7 +37,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kWidth = 1242, kHeight = 375;
-/// What a picture, a rig or a mesh may ask for at most: above it the program would be killed, not refused.
+/// Upper limits for a picture, a rig or a mesh: above them the program would be killed instead of refusing.
 constexpr double kMaxPixels = 1 << 26, kMaxRays = 1 << 23;
 
 constexpr auto kReplaceBadUtf8 = nlohmann::json::error_handler_t::replace;
@@ -122,10 +122,10 @@ void tracklets(const fs::path& file) {
   check(read_tracklets(file, 0, 0, known));
 }
 
-/// The bytes are a JSON merge patch on all tables of a set of one sample: {"sample_data": …, …}. Tables that
-/// it leaves alone stay as they lie on disk.
+/// The bytes are a JSON merge patch on all tables of a set of one sample: {"sample_data": …, …}. Tables
+/// without a patch stay as they are on disk.
 void nuscenes(const fs::path& file) {
-  static std::map<std::string, std::string> patched;  // by the table's name, as dumped; empty: as in the seed
+  static std::map<std::string, std::string> patched;  // by table name, as dumped; empty: as in the seed
   const nlohmann::json patch = read_json(file);
   const fs::path folder = scratch() / "nuscenes/v1.0-fuzz";
   if (!patch.is_object()) return;
@@ -144,7 +144,7 @@ void nuscenes(const fs::path& file) {
     const std::string wanted = change == patch.end() ? "" : change->dump(-1, ' ', false, kReplaceBadUtf8);
     const auto [before, first] = patched.try_emplace(name);
     if (!first && before->second == wanted) continue;
-    // Another file, not the same one at the same moment: tables are read again once they have changed.
+    // A new file, not the same one with the same time stamp: changed tables are read again.
     fs::remove(folder / (name + ".json"));
     nlohmann::json table = rows;
     if (change != patch.end()) table.merge_patch(*change);
@@ -186,7 +186,7 @@ void lighting(const fs::path& file) {
   demand((light.sun + light.ambient + light.hemisphere).allFinite(), "a light is not finite");
 }
 
-/// Both readings of one picture, so that a refusal by the first does not hide the second.
+/// Reads the picture in both ways, so that a refusal by the first does not hide the second.
 void png(const fs::path& file) {
   try {
     check(read_depth_png(file));
@@ -207,14 +207,14 @@ void gltf(const fs::path& file) {
   for (const RenderScene::Thing& thing : scene.things) check(thing.textured);
 }
 
-/// Other programs' meshes.
+/// Meshes of other programs.
 void mesh(const fs::path& file) {
   check_mesh({read_mesh(file), {}}, "what was read");
 }
 
 void toml(const fs::path& file) {
   const nlohmann::json once = read_toml(file);
-  // Dates are read as nothing, which no TOML holds.
+  // Dates are read as null, which TOML cannot express.
   if (once.dump(-1, ' ', false, kReplaceBadUtf8).find("null") != std::string::npos) return;
   demand(parse_toml(toml_text(once), "written") == once, "what is written reads as something else");
 }
@@ -293,8 +293,8 @@ void checkpoint(const fs::path& file) {
   check(read_checkpoint(file, seed_identity(), seed_settings(), seed_start()));
 }
 
-/// The bytes are a JSON merge patch (RFC 7386) on a whole checkpoint: fields that a mutation of its text
-/// would cut at once.
+/// The bytes are a JSON merge patch (RFC 7386) on a whole checkpoint: mutations of its text would cut most
+/// fields at once.
 void checkpoint_fields(const fs::path& file) {
   static const nlohmann::json whole = nlohmann::json::parse(seed_checkpoint(2));
   nlohmann::json patched = whole;
@@ -304,7 +304,7 @@ void checkpoint_fields(const fs::path& file) {
   check(read_checkpoint(place, seed_identity(), seed_settings(), seed_start()));
 }
 
-/// A weights file, but for the files that it names.
+/// A weights file without the files that it names.
 void weights(const fs::path& file) {
   const std::string bytes = read_file(file);
   TensorFile read;

@@ -1,5 +1,4 @@
-// Every parser of files that the program takes from others, as a function of bytes, for the fuzzer and for
-// the replay of what it found.
+// Every parser of foreign files, as a function of bytes, for the fuzzer and for the replay of its findings.
 #pragma once
 
 #include <filesystem>
@@ -11,25 +10,25 @@ namespace mirage::fuzz {
 
 struct Parser {
   const char* name;
-  const char* file;  ///< where the bytes are while they are read: parsers go by extensions and folders
-  /// Reads the file and looks at what came out: std::logic_error for what no parser may hand on (numbers that
-  /// are not finite, indices past their end, sizes that no machine holds).
+  const char* file;  ///< the file's path while it is read: parsers go by extensions and folders
+  /// Reads the file and checks the result: std::logic_error for values that no parser may pass on (numbers
+  /// that are not finite, indices out of range, sizes too large for any machine).
   void (*read)(const std::filesystem::path& file);
 };
 
 std::span<const Parser> parsers();
-/// std::invalid_argument, naming those there are, for another word.
+/// Throws std::invalid_argument, with the existing names, for an unknown name.
 const Parser& parser_named(const std::string& name);
 
-/// Puts the bytes into a file of this process's own folder and reads it. The line with which they were
-/// refused; empty if they were taken. Every other exception than InputError goes through, and a refusal of
-/// more than one line, or of 2000 characters more than the file has, is a std::logic_error.
+/// Writes the bytes into a file of this process's own folder and reads it. Returns the one-line refusal;
+/// empty if the file was accepted. Exceptions other than InputError pass through. A refusal of more than one
+/// line, or more than 2000 characters longer than the file, is a std::logic_error.
 std::string read_bytes(const Parser& parser, std::string_view bytes);
 
-/// This process's folder for files, in memory where the machine has such; gone when the process ends.
+/// This process's folder for files, in memory if the machine supports it; removed when the process ends.
 const std::filesystem::path& scratch();
 
-/// std::logic_error if not.
+/// Throws std::logic_error if not `good`.
 void demand(bool good, const char* what);
 
 }  // namespace mirage::fuzz

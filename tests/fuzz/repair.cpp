@@ -36,7 +36,7 @@ std::string word(std::size_t value) {
 
 std::string mutate_png(std::string file, std::size_t most, unsigned seed, const Mutate& mutate) {
   file = mutated(std::move(file), most, mutate);
-  constexpr std::size_t kSignature = 8, kFrame = 12;  // length, name and check sum
+  constexpr std::size_t kSignature = 8, kFrame = 12;  // length, name and checksum
   constexpr std::size_t kWidth = kSignature + 8, kHeight = kWidth + 4;
   if (seed % 16 != 0 && file.size() >= kHeight + 4)
     for (const std::size_t side : {kWidth, kHeight}) file.replace(side, 3, 3, '\0');

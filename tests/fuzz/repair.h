@@ -1,5 +1,5 @@
-// Containers whose sizes and check sums are set right after a mutation: a blind one would be refused at the
-// first look, and nothing behind it reached.
+// Mutations of containers that set sizes and checksums right: after a blind mutation the first check would
+// refuse the file, and no later code would be reached.
 #pragma once
 
 #include <cstddef>
@@ -9,13 +9,13 @@
 
 namespace mirage::fuzz {
 
-/// Changes `size` bytes in place, up to `most`; the new size.
+/// Changes `size` bytes in place, up to `most`; returns the new size.
 using Mutate = std::function<std::size_t(std::uint8_t* bytes, std::size_t size, std::size_t most)>;
 
-/// Mutates a PNG and writes the check sum of every chunk anew. In 15 of 16 its header claims at most 255 ×
-/// 255 pixels: setting aside millions took nine tenths of the time.
+/// Mutates a PNG and rewrites the checksum of every chunk. In 15 of 16 its header claims at most 255 × 255
+/// pixels: allocating millions took nine tenths of the time.
 std::string mutate_png(std::string file, std::size_t most, unsigned seed, const Mutate& mutate);
-/// Mutates either the JSON or the binary chunk of a .glb and writes the lengths anew.
+/// Mutates either the JSON or the binary chunk of a .glb and rewrites the lengths.
 std::string mutate_glb(std::string file, std::size_t most, unsigned seed, const Mutate& mutate);
 
 }  // namespace mirage::fuzz

@@ -25,7 +25,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// What `write` writes to a file of this name.
+/// The bytes that `write` writes to a file of this name.
 template <class Write>
 std::string written(const char* name, const Write& write) {
   const fs::path file = scratch() / name;
@@ -56,7 +56,7 @@ Frame seed_frame() {
   return frame;
 }
 
-/// A unit of two lasers; `more` goes into its table.
+/// A unit of two lasers; `more` is added to its table.
 std::string rig(const char* head, const char* more) {
   return std::string(head) +
          "[camera]\nwidth = 62\nheight = 19\nfx = 36\nfy = 36\ncx = 31\ncy = 9\n"
@@ -124,7 +124,7 @@ std::string foreign() {
          text + word(binary.size()) + std::string("BIN\0", 4) + binary;
 }
 
-/// Three tensors, and two files whose tensors count, too, with `parts`.
+/// Three tensors, and with `parts` two files whose tensors count, too.
 std::string weights(bool parts) {
   constexpr float kKernel[] = {0.5f, -1, 2, 0, 1e-3f, 8};
   constexpr std::uint16_t kHalves[] = {0x3c00, 0x8000};
@@ -292,7 +292,7 @@ std::vector<Seed> seeds() {
 }
 
 void write_bytes(const fs::path& file, std::string_view bytes) {
-  static std::map<std::string, int> open_files;  // until the process ends: opening costs what reading does
+  static std::map<std::string, int> open_files;  // until the process ends: opening costs as much as reading
   auto found = open_files.find(file.native());
   if (found == open_files.end()) {
     fs::create_directories(file.parent_path());

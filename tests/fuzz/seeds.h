@@ -1,4 +1,4 @@
-// Small whole files for every parser, written by the program's own writers: where the fuzzer begins.
+// Small complete files for every parser, written by the program's own writers: the fuzzer's start corpus.
 #pragma once
 
 #include <filesystem>
@@ -16,27 +16,27 @@ namespace mirage::fuzz {
 struct Seed {
   std::string parser, name, bytes;
 };
-/// At least one for every parser; all are taken by it.
+/// At least one for every parser; each parser accepts its own.
 std::vector<Seed> seeds();
 
-/// A tetrahedron with one texel a face.
+/// A tetrahedron with one texel per face.
 TexturedMesh seed_mesh();
 /// KITTI's camera, 1242×375.
 Calibration seed_calibration();
 /// nuScenes' tables of one sample with one car.
 const nlohmann::json& seed_tables();
-/// What a checkpoint is asked to agree with.
+/// The identity that a checkpoint must match.
 nlohmann::json seed_identity();
-/// Of the run that it tells of.
+/// The settings of that run.
 AttackSettings seed_settings();
-/// The mesh that its run starts from: a real one has forty thousand numbers, and all of the fuzzer's time
-/// goes into reading them.
+/// The mesh that its run starts from. A real one has forty thousand numbers, and reading them would take all
+/// of the fuzzer's time.
 TexturedMesh seed_start();
-/// A checkpoint after so many steps of a run from seed_start(); with what it held out after the first.
+/// A checkpoint after `steps` steps of a run from seed_start(); after the first step with its held-out part.
 std::string seed_checkpoint(long steps);
 
-/// Makes the file, and its folder, or writes it anew: thousands of times a second, without the care for full
-/// disks and killed processes that base/files.h takes. Nobody else may replace it.
+/// Writes the file, and makes its folder: thousands of times a second, without the protection from full disks
+/// and killed processes of base/files.h. No other process may replace it.
 void write_bytes(const std::filesystem::path& file, std::string_view bytes);
 
 }  // namespace mirage::fuzz

@@ -1,4 +1,4 @@
-// What the fuzzer found once, every parser's seeds, and a few thousand mutations of them: no clang needed.
+// Earlier findings of the fuzzer, every parser's seeds, and a few thousand mutations of them: needs no clang.
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>
 
@@ -35,8 +35,8 @@ TEST_F(Parsers, EachTakesItsSeeds) {
     EXPECT_EQ(read_bytes(parser_named(seed.parser), seed.bytes), "") << seed.parser << '/' << seed.name;
 }
 
-// Every file of regressions/PARSER was a crash, a hang, or something wrong that was accepted: now it is
-// refused in one line. Names say what it was.
+// Every file of regressions/PARSER was a crash, a hang, or invalid data that was accepted. Now it is refused
+// in one line. Its name describes the error.
 TEST_F(Parsers, WhatWasFoundIsRefused) {
   int files = 0;
   for (const auto& entry :
@@ -51,7 +51,7 @@ TEST_F(Parsers, WhatWasFoundIsRefused) {
   EXPECT_GE(files, 1);
 }
 
-/// A few changes of bytes, cuts, doublings or moves.
+/// A few byte changes, cuts, duplications or moves.
 std::size_t mutate(RandomStream& random, std::uint8_t* bytes, std::size_t size, std::size_t most) {
   const auto below = [&](std::size_t n) {
     return std::min(n - 1, static_cast<std::size_t>(random.uniform() * static_cast<double>(n)));

@@ -1,4 +1,4 @@
-// Streets that move, and drives on disk.
+// Moving streets, and drives on disk.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -86,7 +86,7 @@ TEST(MovingStreet, WaysAreSmoothAndDoWhatTheyAreCalled) {
   }
 }
 
-/// The sweep's points of a thing lie in its box, also where both have moved on by then.
+/// A thing's returns lie in its box, although both have moved by then.
 TEST(MovingStreet, ReturnsLieOnWhatMoves) {
   const Rig rig = small_rig();
   const MovingStreet street = make_moving_street(5, 1, rig.lidar.height, Look::european, 2);
@@ -147,7 +147,7 @@ TEST(GenerateDrives, AreReadAsDrivesWithTheirPosesAndIdentities) {
   };
   EXPECT_GT(rows("label_02/0001.txt"), 4);
   EXPECT_EQ(rows("motion_02/0001.txt"), rows("label_02/0001.txt"));
-  // What is as it was written stays; the files of the sequence come out the same.
+  // Files that are as they were written stay; the files of the sequence come out the same.
   const std::string labels = read_file(out / "training/label_02/0001.txt"),
                     picture = read_file(out / "training/image_02/0001/000002.png");
   write_file(out / "training/image_02/0001/000002.png", "cut");

@@ -1,5 +1,5 @@
-// A generated frame is taken for whole by what was recorded of its content; a full disk leaves no frame that
-// is not.
+// A generated frame counts as complete if its content matches its record; a full disk leaves no incomplete
+// frame.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/mount.h>
@@ -43,7 +43,7 @@ std::map<std::string, std::string> contents(const fs::path& out) {
   return files;
 }
 
-// A frame with several cameras: all of it comes back, and all of it is recorded.
+// A frame with several cameras: everything is read back, and everything is in the record.
 TEST(FrameRecord, SeveralCamerasComeBackAsTheyWereWritten) {
   const TemporaryFolder folder;
   const Rig rig = test::surround_rig();
@@ -110,7 +110,7 @@ TEST(FrameRecord, SeveralCamerasComeBackAsTheyWereWritten) {
       testing::AllOf(testing::HasSubstr("000000.json"), testing::HasSubstr("others[0].camera_from_velo")));
 }
 
-// A car between two cameras is in the pictures of both, and is labelled once.
+// A car between two cameras is in the pictures of both, and has one label.
 TEST(FrameRecord, ACarOnTheSeamIsInBothCameras) {
   const auto nearest = [](const Frame& frame) {
     const Label* car = nullptr;
@@ -211,7 +211,7 @@ class SmallDisk {
   bool mounted_ = false;
 };
 
-// Frames are made side by side: what the others were at when one failed must not be written half done.
+// Frames are made in parallel: when one fails, the others must not be written half done.
 TEST(FrameRecord, AFullDiskIsSaidAndWhatIsThereIsWhole) {
   const TemporaryFolder folder, elsewhere;
   const SmallDisk disk(folder.path(), "size=192k");

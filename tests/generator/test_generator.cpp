@@ -66,7 +66,7 @@ PictureBox around_box(const Label& label, const Calibration& calibration) {
   return around;
 }
 
-// What generated labels claim to follow: boxes around bodies' outlines would overlap KITTI's by 0.93.
+// The convention of generated labels: boxes around the bodies' outlines would overlap KITTI's by 0.93.
 TEST(Generator, RealBoxesInThePictureAreThoseAroundTheBoxesInSpace) {
   MIRAGE_NEED_REAL_FRAMES();
   const std::filesystem::path kitti = test::real_frames();
@@ -199,7 +199,7 @@ TEST(Generator, RigFilesAreReadStrictly) {
   std::filesystem::remove(bad);
 }
 
-// Points on a car must neither stick out of its box nor leave a side of it bare.
+// Returns on a car must neither stick out of its box nor leave a side of it without returns.
 TEST(Generator, CarsFillTheirBoxes) {
   RandomStream random(5, "test cars");
   Vec3d mean = Vec3d::Zero();
@@ -213,7 +213,7 @@ TEST(Generator, CarsFillTheirBoxes) {
     mean += car.size / count;
     Eigen::AlignedBox3d box;  // all surfaces but the mirrors, which come last
     for (std::size_t s = 0; s + 1 < car.surfaces.size(); ++s) box.extend(bounds(car.surfaces[s].mesh));
-    if (box.max().z() > car.size.z() + 1e-6) {  // something on its roof, which is not part of the box
+    if (box.max().z() > car.size.z() + 1e-6) {  // a roof load, which is not part of the box
       ++loaded;
       continue;
     }
@@ -246,13 +246,13 @@ TEST(Generator, HullsAreClosedAndWoundOutwards) {
 
 }  // namespace
 
-// Look-alikes and what is on roofs: what the camera and the LiDAR make of them.
+// Look-alikes and roof loads, in the camera and in the LiDAR.
 
 namespace {
 
 using generator::Actor;
 
-/// The sweep of one thing that stands 12 m ahead on open ground.
+/// The sweep of one thing 12 m ahead on open ground.
 Sweep seen_by_lidar(Actor actor, std::vector<int>* objects) {
   std::vector<Surface> surfaces;
   Mesh ground;
@@ -266,8 +266,8 @@ Sweep seen_by_lidar(Actor actor, std::vector<int>* objects) {
   return simulate_sweep(RayScene(surfaces), test::small_rig().lidar, 5, generated_sweep_effects(), objects);
 }
 
-// The same mesh with the same panes and reflectivities: the LiDAR gets the same returns, but for the pattern
-// of a car's grille. To the camera nothing of a car is left: no pane, no gloss, no light.
+// The same mesh with the same panes and reflectivities: the LiDAR gets the same returns, except on the
+// pattern of a car's grille. The camera sees no part of a car: no pane, no gloss, no light.
 TEST(LookAlikes, DifferFromCarsInPixelsOnly) {
   int covered = 0;
   for (std::uint64_t i = 0; i < 12; ++i) {
@@ -294,7 +294,7 @@ TEST(LookAlikes, DifferFromCarsInPixelsOnly) {
     EXPECT_NEAR(hits(of_alike), hits(of_car), 0.02 * hits(of_car) + 2);
     ASSERT_NEAR(static_cast<double>(a.size()), static_cast<double>(b.size()), 6);
     std::size_t same = 0, j = 0;
-    for (const LidarPoint& p : a) {  // both in the order of firing
+    for (const LidarPoint& p : a) {  // both in firing order
       std::size_t k = j;
       while (k < std::min(b.size(), j + 8) && b[k].position() != p.position()) ++k;
       if (k == std::min(b.size(), j + 8)) continue;
@@ -306,7 +306,7 @@ TEST(LookAlikes, DifferFromCarsInPixelsOnly) {
   EXPECT_GE(covered, 6);
 }
 
-// They stand where cars stand, at any distance, and come with labels of their own.
+// They stand where cars stand, at any distance, and have their own labels.
 TEST(LookAlikes, AreInEveryStreet) {
   for (Look look : {Look::european, Look::american}) {
     int cars = 0, alikes = 0, far_cars = 0, far_alikes = 0;
@@ -337,7 +337,7 @@ TEST(LookAlikes, AreInEveryStreet) {
   EXPECT_GE(labelled, 1);
 }
 
-// One car in ten carries something. The box stays the car's own, and so does its true shape.
+// One car in ten carries a load. Box and true shape remain those of the car alone.
 TEST(RoofLoads, BelongToTheCarButNotToItsBox) {
   int loaded = 0;
   constexpr int count = 300;

@@ -106,7 +106,7 @@ TEST(Looks, AnUnknownOneIsAClearError) {
   EXPECT_EQ(read_rig(folder / "rig.toml").look, Look::american);
 }
 
-// Makers' lengths in North America: longer than Europe's, pick-ups among them.
+// Manufacturers' lengths in North America: longer than in Europe, with pick-ups.
 TEST(Looks, AmericanCarsAreLarger) {
   RandomStream random(1, "american cars");
   double length = 0, longest = 0;
@@ -125,7 +125,7 @@ TEST(Looks, AmericanCarsAreLarger) {
 
 constexpr double kRoof = 0.6;  // m that a load stands out of a car's box, upwards and at the ends
 
-/// The box, and over its roof the room of a load.
+/// The box with the space above and beside its roof that a load may take.
 Box3 with_roof(Box3 box, const Vec3d& p) {
   if (p.z() < box.bottom + box.height - 0.05) return box;
   box.height += kRoof;
@@ -135,8 +135,8 @@ Box3 with_roof(Box3 box, const Vec3d& p) {
 
 class FrameTruthTest : public testing::TestWithParam<Look> {};
 
-// What is said to show thing k lies on thing k: pixels, at their true depth, and returns, but for the range
-// noise. Mirrors stand out of the label box by 0.15 m.
+// Pixels, at their true depth, and returns that are marked as thing k lie on thing k, except for range noise.
+// Mirrors stand out of the label box by 0.15 m.
 TEST_P(FrameTruthTest, PixelsAndReturnsLieInTheirBoxes) {
   const Rig rig = rig_with(GetParam());
   const Transform velo_from_camera = rig.calibration.camera_from_velo.inverse();
@@ -155,11 +155,11 @@ TEST_P(FrameTruthTest, PixelsAndReturnsLieInTheirBoxes) {
         const Label& label = frame.labels[as_size(k)];
         ++shown[as_size(k)], ++pixels;
         const double z = truth.depth.at(u, v);
-        // What is on a roof stands out of both boxes.
+        // Roof loads stand out of both boxes.
         const double roof = kRoof * rig.calibration.camera.fx / z;
         EXPECT_TRUE(u >= label.left - 1 - roof && u <= label.right + 1 + roof && v >= label.top - 1 - roof &&
                     v <= label.bottom + 1);
-        // A ray somewhere in the pixel: half a pixel either way, more where the surface is grazed.
+        // A ray somewhere in the pixel: within half a pixel, or more on surfaces at grazing angles.
         const Vec3d p = velo_from_camera * rig.calibration.camera.unproject(u, v, z);
         EXPECT_TRUE(contains(with_roof(label.box, p), p, 0.2 + 1.5 * z / rig.calibration.camera.fx))
             << label.type << " of frame " << index << " at " << u << ", " << v;
@@ -210,7 +210,7 @@ TEST(GeneratedTruth, CanBeAddedLaterAndIsResumed) {
   EXPECT_THAT(test::error_text<InputError>(
                   [&] { read_point_labels(point_label_file(out, "000001"), frame.sweep.size() + 1); }),
               testing::AllOf(HasSubstr("000001.label"), HasSubstr("mirage generate --truth")));
-  // The look belongs to the set: another one is refused, and the source says which it was.
+  // The look belongs to the set: another one is refused, and source_of() says which it was.
   EXPECT_THAT(
       test::error_text<InputError>([&] { generate_dataset(rig_with(Look::european), 3, 0, 1, out, silent); }),
       HasSubstr("look"));

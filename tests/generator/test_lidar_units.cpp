@@ -1,4 +1,4 @@
-// The shipped units, on generated streets: tables, rig files and the way back from points to rays.
+// The shipped units on generated streets: tables, rig files, and the rays recovered from points.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -46,7 +46,7 @@ TEST(LidarUnits, TablesAreThoseOfTheDataSheets) {
   for (std::size_t b = 1; b < 128; ++b)
     dense += vls128.beams[b - 1].elevation - vls128.beams[b].elevation < 0.121 * kDegree;
   EXPECT_GT(dense, 90);
-  // A clockwise unit is further to the right by the time its later lasers fire.
+  // A clockwise unit has turned further right when its later lasers fire.
   EXPECT_EQ(vlp16.rotation, -1);
   EXPECT_NEAR(vlp16.beams[0].time, 34.56e-6, 1e-12);
   EXPECT_NEAR(vlp16.beams[0].azimuth_offset / kDegree, -360 * 10 * 34.56e-6, 1e-9);
@@ -95,7 +95,7 @@ TEST(LidarUnits, AUnitThatNamesAnotherIsRefused) {
   EXPECT_THAT(said, testing::HasSubstr("names another unit"));
 }
 
-// A rig file comes with a data set, and that from anybody.
+// A rig file comes with a data set, so its author may be anybody.
 TEST(LidarUnits, ARigFileReachesNoOtherFile) {
   test::TemporaryFolder folder;
   write_file(folder / "own.toml", read_file(unit_file("vlp16")));
@@ -144,7 +144,7 @@ TEST(LidarUnits, GeneratedSweepsGoBackToTheirRays) {
     std::printf("%s: %zu points, %.4f %% assigned\n", lidar.name.c_str(), sweep.size(),
                 100 * index.assigned_share());
     EXPECT_GT(index.assigned_share(), 0.99) << lidar.name;
-    // The firing and the beam that made each point, without noise.
+    // The true firing and beam of each point, without noise.
     const Firings exact = simulate_firings(scene, lidar, 1, {});
     Sweep points;
     std::vector<std::pair<int, int>> made;

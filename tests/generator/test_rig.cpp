@@ -27,7 +27,7 @@ TEST(Rig, ShippedRigIsKittisCar) {
   EXPECT_EQ(rig.name, "kitti64");
   EXPECT_EQ(rig.lidar.beams.size(), 64u);
   EXPECT_EQ(rig.calibration.camera.width, 1242);
-  // A point straight ahead is near the principal point.
+  // The image of a point straight ahead is near the principal point.
   const Vec2d pixel =
       rig.calibration.camera.project<double>(rig.calibration.camera_from_velo * Vec3d(50, 0, 0));
   EXPECT_NEAR(pixel.x(), 609.6, 10);
@@ -112,11 +112,11 @@ TEST(Rig, AUnitOfTooManyRaysIsRefusedBeforeAnyIsMade) {
 
 }  // namespace
 
-// What is said of the fits of a data set, and how files hold it.
+// The report on the fits of a data set, and its files.
 
 namespace {
 
-/// At `range` m; `points` returns, of which a fit is made from 20 on. The truth is known up to 20 m.
+/// A vehicle at `range` m with `points` returns; 20 or more give a fit. Its true shape is known up to 20 m.
 FittedVehicle vehicle(double range, int points) {
   FittedVehicle v;
   v.range = range;

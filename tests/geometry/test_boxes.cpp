@@ -45,9 +45,9 @@ TEST(BoxIou, ByHand) {
 TEST(Box3Iou, ByHand) {
   const Box3 a{{0, 0, 4, 2, 0}, 0, 2};
   EXPECT_DOUBLE_EQ(iou(a, a), 1);
-  EXPECT_NEAR(iou(a, Box3{{0, 0, 4, 2, 0}, 1, 2}), 1.0 / 3, 1e-12);         // one over the other by half
+  EXPECT_NEAR(iou(a, Box3{{0, 0, 4, 2, 0}, 1, 2}), 1.0 / 3, 1e-12);         // half of the height in common
   EXPECT_NEAR(iou(a, Box3{{2, 0, 4, 2, 0}, 1, 2}), 4.0 / (32 - 4), 1e-12);  // a quarter in common
-  EXPECT_EQ(iou(a, Box3{{0, 0, 4, 2, 0}, 2, 2}), 0);                        // on top of it
+  EXPECT_EQ(iou(a, Box3{{0, 0, 4, 2, 0}, 2, 2}), 0);                        // stacked
   EXPECT_EQ(iou(a, Box3{{10, 0, 4, 2, 0}, 0, 2}), 0);
   for (const Box3& none :
        {Box3{{0, 0, 4, 2, 0}, 0, 0}, Box3{{0, 0, 4, 2, 0}, 2, -2}, Box3{{0, 0, -4, 2, 0}, 0, 2}}) {
@@ -184,8 +184,8 @@ Vec3d area(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
   return (b - a).cross(c - a) / 2;
 }
 
-/// Every triangle is wound as the polygon, and together they have its area: neither overlaps nor gaps, where
-/// none is turned the other way.
+/// Expects every triangle to be wound as the polygon, and their areas to sum to the polygon's: no overlaps or
+/// gaps.
 void expect_covers(const std::vector<Vec3d>& polygon, const Vec3d& whole) {
   const auto triangles = triangulate_polygon(polygon);
   ASSERT_EQ(triangles.size(), polygon.size() - 2);

@@ -80,7 +80,7 @@ TEST(ConvexPolytope, TheBoxCutsOffWhatIsOutside) {
   EXPECT_FALSE(solid->within({Vec3d(3, 3, 3), Vec3d(4, 4, 4)}));
   EXPECT_EQ(solid->within({Vec3d(-9, -9, -9), Vec3d(9, 9, 9)})->corners(), solid->corners());
 
-  // Of any hull: the nearest point of the part within is in both, and no point of both is nearer.
+  // For any hull: the nearest point of the clipped part is in both hulls, and no point of both is nearer.
   RandomStream random(8, "points of a hull", 1);
   std::vector<Vec3d> points;
   for (int i = 0; i < 30; ++i) points.push_back(drawn(random, -0.5, 1.5));

@@ -1,4 +1,4 @@
-// Rectangles around what is seen of a thing.
+// Rectangles around the visible part of a thing.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -10,7 +10,7 @@
 namespace mirage {
 namespace {
 
-/// Places 5 cm apart on the two sides of a box that the unit sees.
+/// Points 5 cm apart on the two sides of a box that face the unit.
 std::vector<Vec2d> seen_sides(const BevBox& box) {
   std::vector<Vec2d> places;
   const auto all = corners(box);
@@ -45,7 +45,7 @@ TEST(SeenRectangle, GrowsAwayFromTheUnit) {
 }
 
 TEST(SeenRectangle, ShowsACarOrNone) {
-  const auto rear = car_seen_as({0, {20, 20.1}, {-0.8, 0.8}});  // its length lies behind it
+  const auto rear = car_seen_as({0, {20, 20.1}, {-0.8, 0.8}});  // the car's length extends behind the points
   ASSERT_TRUE(rear);
   EXPECT_NEAR(rear->x, 20 + 3.9 / 2, 1e-9);
   EXPECT_NEAR(rear->length, 3.9, 1e-9);

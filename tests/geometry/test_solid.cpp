@@ -38,7 +38,7 @@ TEST(SelfIntersection, TwoSpheresCutEachOtherWhereTheyOverlapOnly) {
     EXPECT_GE(pair[1], faces);
   }
   EXPECT_TRUE(intersecting_faces(joined(sphere, moved(sphere, {2.1, 0, 0}))).empty());
-  // One inside the other touches nothing.
+  // A solid inside another touches nothing.
   Mesh small = sphere;
   for (Vec3d& v : small.vertices) v *= 0.5;
   EXPECT_TRUE(intersecting_faces(joined(sphere, small)).empty());
@@ -101,7 +101,7 @@ TEST(Walls, OfASphereAreItsDiameterAndOfASlabItsHeight) {
 }
 
 TEST(Walls, AnEdgeIsNoWall) {
-  // A prism with a sharp edge along y: its two sides meet there, and are thin only beside it.
+  // A prism with a sharp edge along y: its two sides meet there, and count as thin only next to it.
   const double angle = 0.2, tip = std::tan(angle);
   Mesh wedge;
   wedge.vertices = {{0, 0, 0}, {0, 1, 0}, {1, 0, 0}, {1, 1, 0}, {1, 0, tip}, {1, 1, tip}};

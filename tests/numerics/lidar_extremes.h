@@ -1,4 +1,4 @@
-// An insertion with its VJP, and what must hold for any input.
+// An insertion with its VJP, and the properties that must hold for any input.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -9,11 +9,11 @@ namespace mirage::test {
 
 inline constexpr double kGrazing = 0.05;
 
-/// Runs an insertion and its VJP; checks what holds for any input.
+/// Runs an insertion and its VJP, and checks the properties that hold for any input.
 struct Outcome {
   Simulated simulated;
   LidarTape tape;
-  double steepest = 0;  ///< largest gradient of a vertex over the number of returns
+  double steepest = 0;  ///< largest gradient of a vertex per return
 };
 inline Outcome insert(const PreparedFrame& prepared, const TexturedMesh& object,
                       const LidarEffects& effects = {}) {

@@ -3,7 +3,7 @@
 // No NaN or Inf may come out of either, images stay in the range of what was blended, and the float image and
 // gradient must be those of a scene whose corners lie within kShift samples and kDepth (relative) of the
 // given ones: where the definition jumps (an edge under a sample, two faces at one depth, a texel's border)
-// no float program can be closer. What is left beyond that is bounded.
+// no float program can be closer. The error beyond that is bounded.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -19,7 +19,7 @@ namespace mirage::test {
 inline constexpr double kShift = 5e-5;  ///< samples
 inline constexpr double kDepth = 1e-6;
 inline constexpr std::size_t kPerturbations = 80;  ///< at most, the last ones four times as large
-/// A value that such a perturbation changes by more has none in float arithmetic; it only has to be finite.
+/// A value that a perturbation changes by more is undefined in float arithmetic; it must only be finite.
 inline constexpr double kUndefined = 0.01;
 
 struct Extreme {
@@ -38,21 +38,21 @@ struct Bounds {
   double color_rounding = 2e-7;
 };
 
-/// What of the gradient is compared. A face thinner than a sample's rounding has no well-defined nearest
-/// edge: which of its corners is pulled is chance, the pull on the face as a whole is not. `none`: finite is
-/// all.
+/// The compared parts of the gradient. A face thinner than a sample's rounding has no well-defined nearest
+/// edge. The gradient's split among its corners is then arbitrary, but its sum over the face is not. `none`:
+/// only finite.
 enum class Compare { corners, faces, none };
 
 struct Measured {
   bool finite = true;
-  double image = 0, image_beyond = 0;  ///< largest difference; what the perturbations don't explain of it
-  double gradient = 0, gradient_beyond = 0;  ///< likewise, relative
-  double excess = 0;                         ///< largest share of its bound that anything takes
+  double image = 0, image_beyond = 0;  ///< largest difference, and its part that perturbations do not explain
+  double gradient = 0, gradient_beyond = 0;  ///< the same, relative
+  double excess = 0;                         ///< largest ratio of an error to its bound
   double largest_gradient = 0;               ///< of the double path
-  double values = 0, undefined = 0;          ///< how many were compared, and had no value in float
+  double values = 0, undefined = 0;          ///< number of compared values, and of those undefined in float
 };
 
-/// Window = what the mesh touches (of `clip`), random background and upstream gradient.
+/// Sets the window to the mesh's pixels within `clip`; random background and upstream gradient.
 inline void fit_window(int width, int height, const PixelRect& clip, RandomStream& random, Extreme& extreme) {
   RasterTarget<float>& target = extreme.target;
   target.width = width;
@@ -117,7 +117,7 @@ inline double smallest_altitude(const Extreme& extreme) {
   return std::max(smallest, extreme.settings.edge_on_altitude);
 }
 
-/// The mesh with every corner moved at random within `scale` times what float arithmetic cannot tell apart.
+/// The mesh with every corner moved at random, within `scale` times the resolution of float arithmetic.
 inline Extreme perturbed(const Extreme& extreme, int scale, RandomStream& random) {
   Extreme result = extreme;
   auto& [mesh, settings, target, upstream] = result;
@@ -126,7 +126,7 @@ inline Extreme perturbed(const Extreme& extreme, int scale, RandomStream& random
     for (Vec3d& v : face)
       v = Vec3d{v.x() + random.uniform(-shift, shift), v.y() + random.uniform(-shift, shift),
                 v.z() * (1 + scale * random.uniform(-kDepth, kDepth))};
-  // And the place in the texture, which on a large face moves by less than that.
+  // Moves the point in the texture, too: on a large face a corner's move changes it by less.
   if (mesh.texture == Texture::atlas && mesh.texel_face.empty()) {
     for (std::size_t f = 0; f < mesh.faces.size(); ++f) mesh.texel_face.push_back(static_cast<int>(f));
     mesh.corner_barycentrics.assign(mesh.faces.size(), {Vec3d::UnitX(), Vec3d::UnitY(), Vec3d::UnitZ()});
@@ -134,7 +134,7 @@ inline Extreme perturbed(const Extreme& extreme, int scale, RandomStream& random
   for (auto& corners : mesh.corner_barycentrics)
     for (Vec3d& b : corners)
       for (int c = 0; c < 3; ++c) b[c] += scale * random.uniform(-kShift, kShift);
-  // Near and far let a fragment pass that misses them by rounding.
+  // Moves near and far, too, so that a fragment that misses them by rounding may pass.
   const double slack = scale * kDepth * (settings.far - settings.near);
   settings.near = std::max(settings.near / 2, settings.near + random.uniform(-slack, slack));
   settings.far += random.uniform(-slack, slack);
@@ -215,7 +215,7 @@ inline Measured worse(const Measured& a, const Measured& b) {
           a.undefined + b.undefined};
 }
 
-/// Runs the scene, expects what the head of this file says, and returns what was measured.
+/// Runs the scene, checks the conditions at the head of this file, and returns the measured values.
 inline Measured expect_stable(const Extreme& extreme, Compare what = Compare::corners) {
   const Measured measured = measure(extreme, what);
   EXPECT_TRUE(measured.finite);

@@ -1,5 +1,5 @@
-// Exact areas at the extremes: no NaN or Inf, no crash, colours and coverage between 0 and 1, and where many
-// samples have an answer, theirs.
+// Exact areas at the extremes: no NaN or Inf, no crash, colours and coverage between 0 and 1, and agreement
+// with many samples where those converge.
 #include <gtest/gtest.h>
 
 #include <cstdio>
@@ -51,7 +51,7 @@ double log_spread(RandomStream& random, double low, double high) {
 }
 
 /// A face of one of ten kinds: plain, sliver, edge-on, point, repeated corner, huge, tiny, at one depth,
-/// partly behind the camera, or with its corners on the borders of pixels.
+/// partly behind the camera, or with corners on the borders of pixels.
 std::array<Vec3d, 3> odd_face(int kind, const PinholeCamera& size, RandomStream& random) {
   std::array<Vec3d, 3> face;
   for (Vec3d& v : face) v = Vec3d{random.uniform(-.8, .8), random.uniform(-.8, .8), random.uniform(3, 9)};
@@ -145,7 +145,7 @@ TEST(ExactExtremes, RandomFacesOfEveryKind) {
   EXPECT_LE(worst.beyond, 1e-6);
 }
 
-/// The ball of test_raster_extremes.cpp, as it hangs together.
+/// The ball of test_raster_extremes.cpp with shared vertices.
 RasterProblem exact_ball(const Vec3d& centre, double radius, int subdivisions = 2) {
   const PinholeCamera camera{144, 144, 122, 35, 248, 75};
   RandomStream random(1, "exact ball");

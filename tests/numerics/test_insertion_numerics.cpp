@@ -1,5 +1,5 @@
-// Extremes of a whole insertion, both sensors with occlusion and VJP: where the object is, and how large the
-// photograph and the coordinates are.
+// Extremes of a whole insertion, both sensors with occlusion and VJP: the object's position, and the
+// magnitudes of photograph and coordinates.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -15,7 +15,7 @@ namespace {
 using test::make_world;
 using test::World;
 
-/// Simulates, checks that nothing but numbers comes out of it and of its VJP, and returns it.
+/// Simulates, checks that the result and its VJP are finite, and returns the result.
 Simulated expect_finite(const World& world) {
   const Simulated s = simulate(world.prepared, world.placement, world.adversary);
   for (float value : s.image.data) {
@@ -115,7 +115,7 @@ TEST(InsertionExtremes, PhotographOf8192By4096) {
 
 TEST(InsertionExtremes, AnEmptySweep) {
   World world = make_world(1);
-  world.prepared = prepare(world.prepared.frame, world.prepared.lidar);  // as it is: no returns
+  world.prepared = prepare(world.prepared.frame, world.prepared.lidar);  // the frame without returns
   EXPECT_GT(expect_finite(world).adversary_points, 0);
 }
 
@@ -188,7 +188,7 @@ TEST(ObjectiveExtremes, IouExactlyZeroAndOne) {
     worst = std::max(worst, std::abs(same - 1));
     ASSERT_LE(same, 1);
     if (std::max(box.length, box.width) > 1000 || std::hypot(box.x, box.y) > 1e5)
-      continue;  // no box of a detector's
+      continue;  // not a box that a detector would return
     ASSERT_GT(objective(std::vector<Detection>{{box, 2}}, {box, {box}}, {}).hide, 0);
   }
   EXPECT_LE(worst, 1e-12);
@@ -214,12 +214,12 @@ TEST(ObjectiveExtremes, TenThousandProposals) {
   for (int i = 0; i < 40; ++i)
     truth.push_back(BevBox{random.uniform(0, 70), random.uniform(-40, 40), 4, 2, 0});
   ObjectiveSettings by_score;
-  by_score.fp_top_k = 0;  // which does not depend on the others
+  by_score.fp_top_k = 0;  // the loss per score does not depend on the others
   const ObjectiveValue value = objective(proposals, {kHost, truth}, by_score);
   EXPECT_TRUE(std::isfinite(value.hide + value.false_positive));
   EXPECT_GT(value.hide, 0);
   EXPECT_LT(value.false_positive, 0);
-  // One after the other gives the same.
+  // Processing them one after the other gives the same.
   double hide = 0;
   for (std::size_t i = 0; i < proposals.size(); ++i) {
     const auto one = objective({&proposals[i], 1}, {kHost, truth}, by_score);
@@ -230,7 +230,7 @@ TEST(ObjectiveExtremes, TenThousandProposals) {
   const auto kept = suppress(proposals, 0.1);
   EXPECT_GT(kept.size(), 100u);
   for (std::size_t i = 0; i + 1 < kept.size(); ++i) EXPECT_GE(kept[i].logit, kept[i + 1].logit);
-  // All on one spot: the best is left.
+  // All proposals at one place: the best remains.
   for (Detection& proposal : proposals) proposal.box.bev = kHost;
   EXPECT_EQ(suppress(proposals).size(), 1u);
 }

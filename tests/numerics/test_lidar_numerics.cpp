@@ -1,5 +1,5 @@
-// The LiDAR at its extremes. Everywhere: no NaN or Inf, no crash, a float result within a stated bound of
-// double, a bounded gradient.
+// The LiDAR at its extremes: no NaN or Inf, no crash, float results within a stated bound of double, and
+// bounded gradients.
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -33,7 +33,7 @@ std::array<Vec3d, 3> corners_of(const Mesh& mesh, int face) {
   return {mesh.vertices[as_size(f[0])], mesh.vertices[as_size(f[1])], mesh.vertices[as_size(f[2])]};
 }
 
-/// Bounds of the gradient of one return for a unit upstream gradient.
+/// Expects the gradient of one return to be bounded, for a unit upstream gradient.
 void expect_bounded(const std::array<Vec3d, 3>& d_face, const FaceReturn<double>& hit, double reflectivity) {
   for (int k = 0; k < 3; ++k) {
     const Vec3d& d = d_face[as_size(k)];
@@ -105,7 +105,7 @@ TEST(LidarExtremes, RaysInTheFacesPlaneAlongEdgesAndThroughVertices) {
          intersect_face_vjp<double>(towards, face, exact, 0.5, kGrazing, Vec3d(1, 1, 1), 1.0))
       EXPECT_TRUE(d.isZero());
   }
-  // Out of the plane by less and less.
+  // Out of the plane by ever smaller angles.
   for (double tilt = 1e-1; tilt > 1e-300; tilt *= 1e-3) {
     const Vec3d towards = Vec3d(1, 0.02, -tilt).normalized();
     const Vec3d from = Vec3d(5.2, 0.2, 0) - 5 * towards;
@@ -155,7 +155,7 @@ TEST(LidarExtremes, FacesWithoutAreaAndNeedles) {
     EXPECT_LE(one.steepest, kSteepest);
     for (const auto& back : one.tape.returns) {
       const Vec3d p = back.ray.origin + back.range * back.ray.direction;
-      EXPECT_LT((p - centre).norm(), 1.1);  // on the needle, whatever its plane says
+      EXPECT_LT((p - centre).norm(), 1.1);  // on the needle, however its plane is rounded
     }
   }
 }
@@ -169,8 +169,8 @@ TEST(LidarExtremes, ObjectsFromNearToFar) {
     const Outcome outcome = insert(prepared, object);
     EXPECT_GT(outcome.tape.returns.size(), 0u) << range;
     EXPECT_LE(outcome.steepest, kSteepest);
-    // Float tracing picks the face, double gives the point: within 1e-9 of the face, and within 1e-4 of what
-    // float alone would give.
+    // Float tracing selects the face, double computes the point: within 1e-9 of the face, and within 1e-4 of
+    // float alone.
     const RayCaster caster(std::span(&object.mesh, 1));
     for (const auto& back : outcome.tape.returns) {
       Vec3d on_face = Vec3d::Zero();
@@ -186,7 +186,7 @@ TEST(LidarExtremes, ObjectsFromNearToFar) {
 }
 
 TEST(LidarExtremes, CoordinatesFarFromTheOrigin) {
-  // The unit and the object 1e5 m away: the same returns as at the origin, to what double can hold there.
+  // The unit and the object 1e5 m away: the same returns as at the origin, within double precision there.
   const TexturedMesh near_object = dented_ball(Vec3d(9, 0.6, -0.4), 0.8, 1, 2);
   const Outcome near_outcome = insert(lidar_frame(lidar_of_32()), near_object);
   const Vec3d offset(1e5, -1e5, 1e5);
@@ -202,7 +202,7 @@ TEST(LidarExtremes, CoordinatesFarFromTheOrigin) {
     ASSERT_NEAR(a.hit.reflectance, b.hit.reflectance, 1e-6);
   }
   EXPECT_LE(outcome.steepest, kSteepest);
-  // A scene traced in float there keeps the float's own step of 1/128 m.
+  // A scene traced in float there has float's resolution of 1/128 m.
   const RayCaster shifted(std::span(&object.mesh, 1));
   const Vec3d from = offset, towards = (Vec3d(9, 0.6, -0.4)).normalized();
   const Hit rough = shifted.intersect({from.cast<float>(), towards.cast<float>()});

@@ -24,7 +24,7 @@ constexpr int kCases = 2000;
 constexpr int kCases = 100000;
 #endif
 
-/// A random face, often degenerate, at any distance and any place.
+/// A random face, often degenerate, at any distance and place.
 struct RandomCase {
   Vec3d origin, direction;
   std::array<Vec3d, 3> face;
@@ -92,8 +92,8 @@ TEST(LidarProperties, ReturnsAndGradientsOfRandomFacesAreFiniteAndBounded) {
           RC_ASSERT(d.allFinite());
           RC_ASSERT(d.norm() <= (b / kGrazing + 2 * 0.5 / kThinFace) * (1 + 1e-6));
         }
-        // Float against double where the ray meets the inside of a sound face near the origin of coordinates:
-        // the error is that of the coordinates over the cosine of the incidence.
+        // Float against double where the ray hits the inside of a well-shaped face near the origin: the error
+        // is that of the coordinates over the cosine of incidence.
         if (!(exact.barycentric.minCoeff() >= 0 && exact.range > 0)) return;
         const double scale = c.origin.cwiseAbs().maxCoeff() + exact.range;
         std::array<Vec3f, 3> face;

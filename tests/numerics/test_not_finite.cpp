@@ -1,4 +1,4 @@
-// A NaN or an Inf put into each input, in turn: one InputError that names it, and nothing computed from it.
+// A NaN or an Inf put into each input in turn: one InputError that names it, and no result.
 #include <gtest/gtest.h>
 
 #include <functional>
@@ -19,7 +19,7 @@ using test::World;
 const double kBad[] = {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(),
                        -std::numeric_limits<double>::infinity()};
 
-/// Everything that the simulation is given.
+/// All inputs of the simulation.
 struct Inputs {
   Frame frame;
   LidarModel lidar;
@@ -51,7 +51,7 @@ void run(const Inputs& inputs) {
     for (const Vec3d& d : *list) ASSERT_TRUE(d.allFinite());
 }
 
-/// `spoil` puts a bad value into one input; the error is one line that holds `name`.
+/// `spoil` puts a bad value into one input; expects an error of one line that contains `name`.
 template <class Error = InputError>
 void expect_reported(const std::string& name, const std::function<void(Inputs&, double)>& spoil) {
   for (double bad : kBad) {
@@ -89,7 +89,7 @@ TEST(NotFinite, PhotographOfAPreparedFrame) {
   });
 }
 
-/// An infinite depth is what is far away; a NaN is an error.
+/// An infinite depth means far away; a NaN is an error.
 TEST(NotFinite, Depth) {
   Inputs inputs = good_inputs();
   inputs.spoil_prepared = [](PreparedFrame& prepared) {
@@ -172,7 +172,7 @@ TEST(NotFinite, SettingsOfBothRasterisers) {
     }
 }
 
-/// A face that is not finite or not in front of the camera is skipped, as soft_rasterizer.h says, by both.
+/// Both rasterisers skip a face that is not finite or not in front of the camera, as soft_rasterizer.h says.
 TEST(NotFinite, FacesOnScreenAreSkipped) {
   for (double bad : kBad)
     for (int c = 0; c < 3; ++c) {

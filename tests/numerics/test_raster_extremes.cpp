@@ -1,4 +1,4 @@
-// One test an extreme of the soft rasteriser; src/guide/evidence.md cites them by name.
+// One test per extreme of the soft rasteriser; src/guide/evidence.md cites them by name.
 #include <sys/resource.h>
 
 #include "geometry/mesh.h"
@@ -17,7 +17,7 @@ using test::worse;
 
 constexpr double kNear = 0.1;  // m, where faces are clipped
 
-/// KITTI's camera at a fifth, so that the plain loop is quick.
+/// KITTI's camera at a fifth of its size, so that the plain loop is quick.
 const PinholeCamera kCamera{144, 144, 122, 35, 248, 75};
 
 /// A bumpy ball of 320 faces around `centre` (camera's frame, m), with near and far as an attack sets them.
@@ -39,7 +39,7 @@ Extreme ball(const Vec3d& centre, double radius, const PinholeCamera& camera = k
   return extreme;
 }
 
-/// The window again, after the settings or the mesh have changed.
+/// Fits the window again after a change of settings or mesh.
 void refit(Extreme& extreme) {
   RandomStream random(2, "extreme window");
   const int width = extreme.target.width, height = extreme.target.height;
@@ -137,8 +137,8 @@ Extreme with_face(const std::array<Vec3d, 3>& face, std::uint64_t seed = 3) {
   return extreme;
 }
 
-/// Every coverage, for σ sharp and soft. Barycentrics of a face thinner than a sample's rounding are noise,
-/// and so is what hangs on them in the gradient; euclidean coverage does not.
+/// Every coverage, for sharp and soft σ. Barycentrics of a face thinner than a sample's rounding are noise,
+/// and so are gradients through them; euclidean coverage does not use them.
 Measured expect_stable_face(const std::array<Vec3d, 3>& face) {
   Measured worst;
   for (Coverage coverage : {Coverage::euclidean, Coverage::barycentric, Coverage::hard})
@@ -208,7 +208,7 @@ TEST(RasterExtremes, CoordinatesOffsetBy1e5Metres) {
   const Mesh shape = icosphere(2);
   std::vector<Vec3d> here, there;
   for (const Vec3d& v : shape.vertices) here.push_back(.7 * random.uniform(.8, 1.2) * v + Vec3d(.3, -.4, 10));
-  for (const Vec3d& p : here) there.push_back((p + far_away) - far_away);  // what is left of it in double
+  for (const Vec3d& p : here) there.push_back((p + far_away) - far_away);  // rounded to double there
   const auto colors = test::random_colors(shape.faces.size(), random);
   Extreme extreme = ball({.3, -.4, 10}, .7);
   const auto screen = [&](const std::vector<Vec3d>& p) {

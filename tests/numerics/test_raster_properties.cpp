@@ -1,6 +1,6 @@
-// Random meshes under random settings, 1e5 and more (a twentieth under the sanitizers): whatever is drawn, no
-// NaN or Inf comes out, colours stay between those that were blended, and the fast float path is the plain
-// loop in double. RapidCheck shrinks a counterexample to the fewest faces and the simplest kinds.
+// Random meshes under random settings, 1e5 and more (a twentieth under the sanitizers): no NaN or Inf comes
+// out, colours stay between the blended ones, and the fast float path agrees with the plain loop in double.
+// RapidCheck shrinks a counterexample to the fewest faces and the simplest kinds.
 #include <rapidcheck.h>
 
 #include "raster_extremes.h"
@@ -18,7 +18,7 @@ constexpr int kShare = 1;
 
 enum class Kind { plain, sliver, edge_on, point, repeated, huge, tiny, at_one_depth, behind, offset };
 
-/// A case is a few small choices and a seed: quick to generate, and it shrinks to few faces of simple kinds.
+/// A case is a few small choices and a seed: quick to generate, and it shrinks to a few simple faces.
 struct Case {
   std::vector<Kind> kinds;
   std::uint64_t seed = 0;
@@ -143,7 +143,7 @@ Extreme scene_of(const Case& c) {
   return extreme;
 }
 
-/// As the kernel draws it, soft or hard; in one of four cases the options stay, which take the plain loop.
+/// A scene for the kernel, soft or hard; one case in four keeps its options, which need the plain loop.
 Extreme kernel_scene_of(const Case& c) {
   Extreme extreme = scene_of(c);
   RandomStream random(c.seed, "kernel");
@@ -183,8 +183,8 @@ TEST(RasterProperties, PlainLoopIsFiniteAndBlendsOnlyWhatIsThere) {
   });
 }
 
-/// The float image and gradient against the double ones; degenerate kinds have neighbours in float whose
-/// gradient is another one, so only ordinary faces are held to the gradient's bound.
+/// The float image and gradient against the double ones. Degenerate kinds have float neighbours with another
+/// gradient, so only ordinary faces must keep the gradient's bound.
 TEST(RasterProperties, FastPathIsFiniteAndThePlainLoop) {
   test::Measured worst;
   int ordinary = 0, drawn_by_kernel = 0;

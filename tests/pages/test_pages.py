@@ -1,4 +1,4 @@
-"""What the pages say against what is there: links and headings (cited in sources, too), files, options, names of tests. And how they
+"""Checks the pages against the repository: links and headings (cited in sources, too), files, options, names of tests. And how they
 say it: words a page, a sentence and a cell, and no history outside of CHANGELOG.md.
 
     python3 test_pages.py SOURCE BUILD
@@ -17,7 +17,7 @@ README_WORDS, README_CELL_WORDS = 1200, 15
 ALL_WORDS, SENTENCE_WORDS, CELL_WORDS = 20000, 25, 20
 # Made by programs, whose words are those of --help; and the one page that tells history.
 GENERATED, HISTORY = "src/guide/commands.md", "CHANGELOG.md"
-# Where a page's `folder/file.h` may stand.
+# The folders of a page's `folder/file.h`.
 ROOTS = ("", "src", "tests", "plugins", "validation", "src/scene", "plugins/detectors/fusion")
 
 
@@ -33,7 +33,7 @@ def read(path):
 
 
 def without_code(text):
-    """The text without blocks and spans of code: links in those are none."""
+    """The text without blocks and spans of code: links in code do not count."""
     text = re.sub(r"^(```.*?^```|(?:    |\t).*?)$", "", text, flags=re.M | re.S)
     return re.sub(r"`[^`\n]*`", lambda span: " " * len(span.group()), text)
 
@@ -81,7 +81,7 @@ def missing_files(source, page, text):
 
 
 class Options:
-    """Options of the program's commands, asked for once."""
+    """The options of the program's commands, cached."""
 
     def __init__(self, program):
         self.program, self.known = program, {}
@@ -134,7 +134,7 @@ def broken_citations(source, path):
 
 
 def too_long(readme):
-    """What of the user's page is longer than a stranger reads: the page, and cells of its tables."""
+    """Parts of the user's page that are too long for a new reader: the page, and cells of its tables."""
     words = len(readme.split())
     if words > README_WORDS:
         yield f"{words} words, more than {README_WORDS}; move some to a page of src/guide"
@@ -161,7 +161,7 @@ def long_cells(text, most):
 
 
 def sentences(text):
-    """Of paragraphs, headings and items of lists; not of code and tables."""
+    """The sentences of paragraphs, headings and list items, without code and tables."""
     text = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
     text = re.sub(r"(?:(?<=\n\n)|\A)(?: {4}.*\n+)+", "\n", text)
     for block in re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.|#+|\|) ?)", plain(text)):
@@ -176,7 +176,7 @@ def hard_to_read(text):
 
 
 def history(text):
-    """Words that tell what was: pages say what is."""
+    """Words about the past: pages describe the present."""
     text = plain(re.sub(r"(?m)^ {4}.*$", "", text))
     for word in re.findall(r"\b(of before|now|earlier|until|no longer|formerly|previously|as it was)\b", text, flags=re.I):
         yield f'"{word}" tells history, which belongs in {HISTORY}; say what is'
@@ -217,7 +217,7 @@ def main(source, build):
 
 
 def planted():
-    """The rules find what is planted; or they could find nothing."""
+    """The rules find planted errors; otherwise they might find nothing."""
     long = "word " * (SENTENCE_WORDS + 1)
     assert len(list(hard_to_read(f"Short. {long}. `{long}` [{long}]({long})"))) == 2
     assert len(list(hard_to_read("|" + "word " * (CELL_WORDS + 1) + "| short |\n"))) == 1

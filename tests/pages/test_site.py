@@ -1,7 +1,7 @@
 """The site of `make site` in headless Chromium: test_site.py SOURCE BUILD. Exit code 77: skipped, with why.
 
-It is built and served here. Its pages open without complaints of the console and ask for nothing but itself, at 1400 and at 420
-pixels nothing sticks out, pictures load, and the search finds a word and leads to its page."""
+It is built and served here. Its pages open without console errors and ask for nothing but itself, at 1400 and at 420 pixels
+nothing overflows, pictures load, and the search finds a word and leads to its page."""
 
 import functools
 import http.server

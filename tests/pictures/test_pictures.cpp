@@ -1,4 +1,4 @@
-// Pictures of others, as OpenImageIO itself writes them.
+// Pictures of other programs, as OpenImageIO itself writes them.
 #include <OpenImageIO/imageio.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

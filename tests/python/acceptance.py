@@ -1,4 +1,4 @@
-"""What a script does that knows the page alone: read a frame, gradcheck, 20 steps of Adam on texels and
+"""A script by somebody who knows only the page: read a frame, gradcheck, 20 steps of Adam on texels and
 vertices against its own torch function, then `mirage evaluate` from the command line on the run.
 
     python3 acceptance.py DATA FRAME OUT MIRAGE

@@ -1,4 +1,4 @@
-"""What the module's tests share: a data set of a few tiny frames, and a detector of a few lines."""
+"""Shared by the module's tests: a data set of a few tiny frames, and a detector of a few lines."""
 
 import importlib.util
 import os
@@ -76,7 +76,7 @@ class Folder:
 
 
 def anchors():
-    """Where the tests' detector looks, M×2."""
+    """The positions of the tests' detector, M×2."""
     import torch
 
     x, y = torch.meshgrid(torch.arange(8.0, 16.0, 0.5), torch.arange(-3.0, 4.0, 0.5), indexing="ij")

@@ -1,4 +1,4 @@
-"""A user's network through the door: as a callable, as a program, with wrong glue, and in other frameworks' clothes."""
+"""A user's network in Mirage: as a callable, as a program, with wrong glue code, and of other frameworks."""
 
 import contextlib
 import io
@@ -82,7 +82,7 @@ certify --data data
 
 
 class TheScript(unittest.TestCase):
-    """What a user does who has the first text alone; with three iterations, so that it takes seconds."""
+    """The steps of a user who has only the first text; with three iterations, so that they take seconds."""
 
     def setUp(self):
         self.few = dict(os.environ, MIRAGE_CACHE=place("cache"))
@@ -259,7 +259,7 @@ class Detect(unittest.TestCase):
 
 
 class Reads(unittest.TestCase):
-    """A detector says what it looks at, and is shown nothing else."""
+    """A detector declares its inputs, and gets no others."""
 
     def of_points(self, points):
         self.asked += 1
@@ -328,7 +328,7 @@ class Reads(unittest.TestCase):
 
 
 class Local(unittest.TestCase):
-    """A detector says that it knows what an object leaves as it was: the same answers for less."""
+    """A detector declares that it reuses results for unchanged data: the same answers at less cost."""
 
     def test_it_learns_the_same_mesh_by_fewer_points(self):
         runs, rows = [], []
@@ -370,7 +370,7 @@ class Local(unittest.TestCase):
 
 
 class Kept(unittest.TestCase):
-    """What a detector with a version has said is kept: an evaluation goes on, and another version asks anew."""
+    """Answers of a detector with a version are cached: an evaluation resumes, and another version asks anew."""
 
     def test_an_evaluation_goes_on(self):
         asked = []
@@ -562,7 +562,7 @@ BOUNDS, SIZE = [0.0, -8.0, -3.0, 25.6, 8.0, 1.0], [0.4, 0.4, 4.0]
 
 
 class PillarNet(torch.nn.Module):
-    """What both mock-ups share: PointPillars' first stage on hard voxels, and a box at each car."""
+    """Shared by both mock-ups: PointPillars' first stage on hard voxels, and a box at each car."""
 
     def __init__(self):
         super().__init__()

@@ -1,4 +1,4 @@
-"""The wheel: everything in it, and at home anywhere."""
+"""The wheel: it is complete, and works from any folder."""
 
 import glob
 import os

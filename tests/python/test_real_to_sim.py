@@ -1,5 +1,5 @@
-"""validation/studies/fitted_vehicle.py on a vehicle that is known: it is drawn into frames of bare ground, fitted from all but one, and
-put back into that one."""
+"""validation/studies/fitted_vehicle.py on a known vehicle: it is drawn into frames of bare ground, fitted from all but one, and
+inserted into that one."""
 
 import os
 import sys
@@ -24,7 +24,7 @@ CAMERA = np.array([[0, -1, 0, 0], [0, 0, -1, -0.08], [1, 0, 0, -0.27]], float)
 
 
 def bare_ground():
-    """What the unit sees of a plane."""
+    """The unit's returns from a plane."""
     beams = np.radians(fitted_vehicle.BEAMS * [1, 0, 0, 1]) + fitted_vehicle.BEAMS * [0, 1, 1, 0]
     firing = np.radians(np.round(np.arange(-280, 280) * 0.1671 / 0.09) * 0.09)
     down = beams[beams[:, 0] < -0.03]
@@ -37,7 +37,7 @@ def bare_ground():
 
 
 def true_car():
-    """No saloon: an egg with a waist; its colours change along it, and its reflectance with them."""
+    """Not a saloon: an egg with a waist; its colours and its reflectance change along it."""
     mesh = mirage.icosphere(4, half=SIZE / 2, resolution=1)
     v = mesh.vertices
     mesh.vertices = v * np.stack([np.ones(len(v)), 1 - 0.15 * np.cos(3 * v[:, 0]), 1 + 0.1 * np.cos(2 * v[:, 0])], 1)

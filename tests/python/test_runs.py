@@ -1,4 +1,4 @@
-"""mirage.attack and mirage.evaluate against a network of the caller's, and the run folder that they leave."""
+"""mirage.attack and mirage.evaluate against the caller's own network, and their run folder."""
 
 import csv
 import functools
@@ -168,7 +168,7 @@ class Attack(unittest.TestCase):
         contents = [content_of(one) for one in different]
         self.assertEqual(len(set(contents)), len(contents), contents)
         self.assertEqual([content_of(one) for one in different], contents)
-        # What changes from call to call is of no network: one with an underscore, or of one that says its version.
+        # Attributes that change from call to call do not count: with an underscore, or any beside a version.
         for same, changed in ((Listed(), Listed(_calls=3)), (Listed(version="1"), Listed(version="1", calls=3))):
             self.assertEqual(content_of(same), content_of(changed))
 

@@ -127,7 +127,7 @@ class Studies(unittest.TestCase):
         self.assertEqual((told["commit"], told["rows"][0]["vehicles"]), ("abc1234-dirty", 1))
         self.refused(self.light("--iterations", "2"), "another command", "--iterations 2")
         self.refused(self.light("--iterations", "4", "--", "--free"), "another command", "--free")
-        # Of an earlier validation a vehicle lies there that this one does not list.
+        # The folder has a vehicle of an earlier validation that this one does not list.
         hosts = self.folder / "out" / "fusion" / "plain-1" / "validate" / "hosts"
         (hosts / "000009_0.json").write_text("{}")
         self.finished(self.light("--iterations", "4"))

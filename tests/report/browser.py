@@ -23,7 +23,7 @@ class BrowserError(Exception):
 
 
 class Browser:
-    """One page. `errors`: what the console or a script complained about; `requests`: addresses asked for."""
+    """One page. `errors`: complaints of the console or a script; `requests`: the requested addresses."""
 
     def __init__(self, size=(1280, 900), timeout=120):
         self.timeout, self.errors, self.requests, self.number = timeout, [], [], 0
@@ -121,7 +121,7 @@ class Browser:
         self.wait_for("document.readyState === 'complete'")
 
     def run(self, expression):
-        """A JavaScript expression's value."""
+        """The value of a JavaScript expression."""
         answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         if "exceptionDetails" in answer:
             raise BrowserError(f"{expression}: {answer['exceptionDetails']}")
@@ -159,14 +159,14 @@ class Browser:
 
 
 def at(tree, place):
-    """What stands at a path such as "a.0.b"."""
+    """The value at a path such as "a.0.b"."""
     for part in place.split("."):
         tree = tree[int(part)] if isinstance(tree, list) else tree[part]
     return tree
 
 
 class PageChecks:
-    """What holds of every page; for a TestCase with its `browser` at the page."""
+    """Checks for every page; for a TestCase with its `browser` at the page."""
 
     def test_nothing_sticks_out(self):
         cut = ("(() => { const shut = [...document.querySelectorAll('details:not([open])')]; shut.forEach(d => { d.open = true });"
@@ -189,7 +189,7 @@ class PageChecks:
 
 
 class ReportChecks(PageChecks):
-    """What holds of every page of figures, too. `path`: the page; `least`: figures; `result`: the file beside it that has them; `cells`:
+    """Checks for every page of figures. `path`: the page; `least`: figures; `result`: the file beside it that has them; `cells`:
     selects those of tables that hold figures and no digits of their own."""
 
     least, result, cells = 30, "result.json", None

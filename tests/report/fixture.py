@@ -135,7 +135,7 @@ def budget():
 
 
 def make(folder, uses_picture=True, vacuous=False, **more):
-    """`more`: entries of result.json in place of these."""
+    """`more`: replaces entries of result.json."""
     validation, run = os.path.join(folder, "validation"), os.path.join(folder, "run")
     for path in (run, os.path.join(validation, "hosts"), os.path.join(validation, "pictures")):
         os.makedirs(path)

@@ -102,7 +102,7 @@ def findings():
     verdicts = ["holds", "does not hold", "cannot be told", "holds in part"]
     list_ = [{"name": f"f{k}", "claim": f"Made-up claim {k}", "verdict": verdict,
               "checks": [{"rig": "KITTI rig", "verdict": "holds" if k == 3 else verdict,
-                          "sentence": "ASR 28.4 % (20.1–37.0) and 10.1 % (5.2–16.0): +18.3 points (+9.9 to +26.0)",
+                          "sentence": "ASR 28.4 % (20.1–37.0) and 10.1 % (5.2–16.0): +18.3 (+9.9 to +26.0) points",
                           "why": "made-up evidence", "vehicles": 170, "comparisons": []}]}
              for k, verdict in enumerate(verdicts)]
     list_.append({"name": "f9", "claim": "Not measured here", "verdict": "not measured", "checks": []})

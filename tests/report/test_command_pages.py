@@ -1,7 +1,7 @@
 """The pages of `mirage audit`, compare, drive and score in headless Chromium: test_command_pages.py SOURCE. Exit code 77: skipped, with
 why.
 
-They open without console errors and without asking for anything but themselves, nothing sticks out at either width, and every
+They open without console errors and without asking for anything but themselves, nothing overflows at either width, and every
 figure stands in result.json. A drive's strip shows what was found when.
 """
 
@@ -140,7 +140,7 @@ def drive():
 
 
 class CommandPage(browser.ReportChecks):
-    """For a TestCase with `page` and `told`, which result.json holds."""
+    """For a TestCase with `page`, and `told`, the content of result.json."""
 
     @classmethod
     def setUpClass(cls):

@@ -58,7 +58,7 @@ def volume(corners):
 
 
 def distance(points, triangles):
-    """Of each point to the nearest triangle, m."""
+    """Distance of each point to the nearest triangle, m."""
     nearest = numpy.full(len(points), numpy.inf)
     for a, b, c in triangles:
         normal = numpy.cross(b - a, c - a)

@@ -23,7 +23,7 @@ VIEWER = os.path.join(BUILD, "report", "model-viewer.min.js")
 
 
 def write_report(folder, viewer, uses_picture=True, vacuous=False, change=None, **more):
-    """`change`: {file: what is done to its JSON}, of files in the folder."""
+    """`change`: {file: function that changes its JSON}, for files in the folder."""
     validation, run = fixture.make(folder, uses_picture, vacuous, **more)
     for name, edit in (change or {}).items():
         path = os.path.join(folder, name)
@@ -73,7 +73,7 @@ class Page(browser.ReportChecks, unittest.TestCase):
         self.assertTrue(self.browser.run(turned))
 
     def rect(self, index):
-        """Of the first vehicle's bar, in the window."""
+        """The bar of the first vehicle, in the window's pixels."""
         self.browser.run("document.querySelector('.swipe.wide').scrollIntoView({block: 'center'})")
         return self.browser.run("(() => { const bar = document.querySelectorAll('.swipe.wide input')[%d],"
                                 "r = bar.getBoundingClientRect(), w = 26;"
@@ -204,7 +204,7 @@ class WithoutViewer(unittest.TestCase):
 
 
 class OfADetectorThatDoesNotSee(unittest.TestCase):
-    """Its note stands in place of every statement about images."""
+    """A note replaces every statement about images."""
 
     NOTE = "his detector does not use its picture, so this says nothing about images"
 
@@ -234,7 +234,7 @@ class OfAnAttackWhoseObjectNobodySees(unittest.TestCase):
 
 
 class WhatSpeaksAgainst(unittest.TestCase):
-    """What takes from the figures stands in the report and on the page to sign."""
+    """Limitations of the figures are in the report and on the page to sign."""
 
     def test_is_on_both_pages(self):
         names, judged = ["000001_0", "000002_1"], fixture.verdict(["000001_0", "000002_1"], vacuous=True)
@@ -263,7 +263,7 @@ class WhatSpeaksAgainst(unittest.TestCase):
         self.assertIn("Mask IoU – to reach ≥ 0.9999: nothing measured", page)
 
     def both(self, **more):
-        """What the report and the page to sign say."""
+        """The texts of the report and of the page to sign."""
         with tempfile.TemporaryDirectory(prefix="mirage-report-") as folder, browser.Browser() as chromium:
             path, texts = write_report(folder, None, **more), []
             for page in (path, path.replace("report.html", "sign-off.html")):

@@ -1,4 +1,4 @@
-// A small shape model, learnt once for all tests of an executable.
+// A small shape model, learned once for all tests of an executable.
 #pragma once
 
 #include "generator/car_body.h"

@@ -1,4 +1,4 @@
-// The layouts beside KITTI's object benchmark, on generated frames written in each of them.
+// The layouts other than KITTI's object benchmark, on generated frames written in each of them.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -45,7 +45,7 @@ struct Layout {
   void (*write)(const std::filesystem::path&, const std::vector<Frame>&);
   std::vector<std::string> ids;
   const char* rig;
-  double accuracy;  // of places in space (m) and reflectances: what the layout's own numbers can hold
+  double accuracy;  // of positions (m) and reflectances: the resolution of the layout's numbers
 };
 
 const Layout kLayouts[] = {
@@ -63,7 +63,7 @@ class DataSets : public testing::TestWithParam<Layout> {
   TemporaryFolder folder_;
 };
 
-// A tag of four bytes takes 165 of memory.
+// A tag of four bytes takes 165 bytes of memory.
 TEST(Tracklets, MoreTagsThanAnyDriveHasAreRefused) {
   TemporaryFolder folder;
   std::string text = "<boost_serialization><tracklets>";
@@ -114,7 +114,7 @@ TEST_P(DataSets, GivesTheFrameThatWasWritten) {
               1e-9);
     EXPECT_DOUBLE_EQ(frame.calibration.camera.fx, meant.calibration.camera.fx);
     EXPECT_DOUBLE_EQ(frame.calibration.camera.cy, meant.calibration.camera.cy);
-    // Sets without boxes in the picture leave out what the camera does not see.
+    // Sets without boxes in the picture leave out labels that the camera does not see.
     std::vector<Label> seen;
     for (const Label& label : meant.labels)
       if (projected(label.box, meant.calibration)) seen.push_back(label);
@@ -134,7 +134,7 @@ TEST_P(DataSets, GivesTheFrameThatWasWritten) {
       cars += read.type == "Car";
     }
   }
-  EXPECT_GE(cars, 4);  // or the loop above saw nothing
+  EXPECT_GE(cars, 4);  // otherwise the loop above compares nothing
 }
 
 TEST_P(DataSets, TellsVehiclesApart) {
@@ -145,7 +145,7 @@ TEST_P(DataSets, TellsVehiclesApart) {
   }
   std::sort(all.begin(), all.end());
   const bool differ = std::adjacent_find(all.begin(), all.end()) == all.end();
-  // In the tracking benchmark a number names one vehicle of the whole sequence.
+  // In the tracking benchmark a number identifies one vehicle in the whole sequence.
   EXPECT_EQ(differ, std::string(GetParam().name) != "kitti-tracking");
 }
 
@@ -170,7 +170,7 @@ TEST_P(DataSets, MissingAndDamagedFilesAreNamed) {
   for (const DataSet::SourceFile& part : set->source_files(id)) {
     const std::string whole = read_file(part.file);
     std::filesystem::remove(part.file);
-    if (std::string(part.what) == "the labels") {  // a frame that nobody has labelled
+    if (std::string(part.what) == "the labels") {  // an unlabelled frame
       EXPECT_FALSE(set->read(id).labelled);
     } else
       EXPECT_THAT(error_text<InputError>([&] { set->read(id); }),
@@ -211,7 +211,7 @@ TEST(KittiTracking, TruncationIsTheObjectBenchmarks) {
   EXPECT_EQ(labels[2].truncated, 0.8);
 }
 
-// Vehicles of two sequences are not one, whatever these are called.
+// Vehicles of two sequences are different, whatever the sequences are called.
 TEST(KittiTracking, SequencesWithoutANumberHaveVehiclesOfTheirOwn) {
   const TemporaryFolder folder;
   test::write_tracking(folder.path(), frames());
@@ -335,7 +335,7 @@ TEST(NuScenes, AllCamerasWithTheLabelsThatOnlyTheySee) {
     write_srgb(written / "x.png", meant.image_of(k));
     EXPECT_EQ(all.image_of(k).data, read_srgb(written / "x.png").data);
   }
-  // The first camera's keep their numbers; what it does not see has its 2-D box in a picture that does.
+  // The first camera's labels keep their numbers; the others have their 2-D box in another camera's picture.
   ASSERT_GT(all.labels.size(), first.labels.size());
   for (std::size_t i = 0; i < all.labels.size(); ++i) {
     const Label& label = all.labels[i];
@@ -386,7 +386,7 @@ TEST(NuScenes, AVersionIsChosenByItsFolder) {
   EXPECT_THAT(error_text<InputError>([&] { list_frames(folder.path()); }), HasSubstr("2 versions"));
 }
 
-/// Archives come in parts: of the samples those are listed whose files are there.
+/// Archives come in parts: the set lists the samples whose files exist.
 TEST(NuScenes, APartOfTheArchiveWillDo) {
   const TemporaryFolder folder;
   test::write_nuscenes(folder.path(), frames());
@@ -445,7 +445,7 @@ TEST(NuScenes, SweepsBetweenKeyframesAreNotTaken) {
   test::write_nuscenes(folder.path(), frames());
   nlohmann::json table = read_json(folder / "v1.0-mini" / "sample_data.json");
   EXPECT_EQ(list_frames(folder.path()).size(), 2u);
-  // A sweep between keyframes and a camera that nobody asks for change nothing.
+  // A sweep between keyframes and a camera that is not selected change nothing.
   nlohmann::json between = table[0];
   between["is_key_frame"] = false, between["filename"] = "sweeps/LIDAR_TOP/x.pcd.bin";
   table.insert(table.begin(), between);

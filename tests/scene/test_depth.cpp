@@ -41,7 +41,7 @@ TEST(CompleteDepth, AConstantDepthIsFilledWithItself) {
   const ImageF dense = complete_depth(sparse);
   for (int v = 34; v < 78; ++v)
     for (int u = 4; u < 116; ++u) EXPECT_NEAR(dense.at(u, v), 20, 1e-3) << u << ' ' << v;
-  // Nothing is invented far above the topmost return.
+  // No depth is completed far above the topmost return.
   for (int u = 0; u < 120; ++u) EXPECT_EQ(dense.at(u, 10), kFarDepth);
 }
 
@@ -112,7 +112,7 @@ TEST(IpBasicModes, TheBilateralBlurMixesNoSurfaces) {
   const ImageF sparse = box_before_wall();
   const auto mixed = [&](const IpBasicOptions& options) {
     const ImageF dense = IpBasic(options).complete({}, sparse);
-    int count = 0;  // pixels that lie on neither surface
+    int count = 0;  // pixels on neither surface
     for (int v = 30; v < 70; ++v)
       for (int u = 10; u < 110; ++u) count += dense.at(u, v) > 9 && dense.at(u, v) < 39;
     return count;
@@ -138,14 +138,14 @@ TEST(IpBasicModes, AllReturnsInOnePixel) {
   for (const IpBasic& mode : every_mode()) {
     const ImageF dense = mode.complete({}, sparse);
     const bool bilateral = mode.name().find("bilateral") != std::string::npos;
-    // The multi-scale variant takes a lonely return for an outlier.
+    // The multi-scale variant removes an isolated return as an outlier.
     if (mode.name().find("multiscale") == std::string::npos) {
       EXPECT_NEAR(dense.at(30, 20), 12, 1e-3) << mode.name();
     }
     for (float depth : dense.data) {
       if (depth == kFarDepth) continue;
       EXPECT_GT(depth, 12 - 1e-3) << mode.name();
-      EXPECT_LT(depth, bilateral ? 12 + 1e-3 : 100) << mode.name();  // Gaussian: mixed with the holes around
+      EXPECT_LT(depth, bilateral ? 12 + 1e-3 : 100) << mode.name();  // Gaussian: mixed with holes around
     }
   }
 }
@@ -178,7 +178,7 @@ TEST(CompleteDepthRealFrames, HeldBackReturnsAreMet) {
 
 }  // namespace
 
-// Back-ends by name, and every way a depth completion plugin can be wrong: one clear line each.
+// Back-ends by name, and every error of a depth completion plugin: one clear line each.
 
 namespace {
 
@@ -224,7 +224,7 @@ TEST(DepthBackEnds, RunsAPluginThatWorks) {
   EXPECT_EQ(dense.data[3], 7);
   for (std::size_t i = 0; i < dense.data.size(); ++i)
     if (i != 3) {
-      EXPECT_EQ(dense.data[i], kFarDepth);  // no return, not a number, negative: nothing
+      EXPECT_EQ(dense.data[i], kFarDepth);  // missing, NaN or negative depth: no return
     }
   EXPECT_TRUE(completion->complete({}, {}).empty());
 }

@@ -25,7 +25,7 @@ namespace {
 using test::error_text;
 using testing::HasSubstr;
 
-/// Ground plane and a box, seen by a small camera; returns on every fourth row.
+/// Ground plane and a box in a small camera; returns on every fourth row.
 DepthSample small_frame(std::uint64_t seed) {
   DepthSample frame{ImageF(112, 64, 3), ImageF(112, 64, 1), ImageF(112, 64, 1)};
   RandomStream random(seed, "small depth frame");
@@ -107,7 +107,7 @@ TEST(GuidedDepth, OddInputs) {
 }
 
 TEST(GuidedDepth, NoPictureTalksItOutOfWhatWasMeasured) {
-  // A wall at 20 m with returns on every fifth row, before a picture that is all bright sky.
+  // A wall at 20 m with returns on every fifth row, with a picture of bright sky.
   ImageF sparse(112, 64, 1);
   for (int v = 7; v < 64; v += 5)
     for (int u = 0; u < 112; u += 2) sparse.at(u, v) = 20;
@@ -228,7 +228,7 @@ TEST(DepthTraining, AStoppedRunGoesOnToTheSameWeights) {
   const DepthTrainingResult whole = train_depth(options);
   EXPECT_EQ(whole.steps, 4);
 
-  // The run as it was after two steps.
+  // The run after two steps.
   options.out = folder / "parts";
   make_output_folder(options.out);
   {

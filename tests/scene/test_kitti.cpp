@@ -31,7 +31,7 @@ using test::TemporaryFolder;
 using testing::AllOf;
 using testing::HasSubstr;
 
-// A frame with every offset that KITTI has: a tilted rectification and a colour camera beside camera 0.
+// A frame with all of KITTI's offsets: a tilted rectification and a colour camera beside camera 0.
 Frame small_frame() {
   Frame frame;
   frame.id = "000042";
@@ -130,8 +130,8 @@ TEST_F(Kitti, WithoutLightingTheDefaultIsUsed) {
   EXPECT_EQ(read_frame(folder_.path(), "000042").lighting.sun, Lighting().sun);
 }
 
-// With aligned axes ry and yaw are related by hand: KITTI's ry = 0 looks along +x of the camera, which is −y
-// of velo.
+// With aligned axes, ry and yaw are related by hand: KITTI's ry = 0 is a heading along the camera's +x, which
+// is −y of velo.
 TEST(KittiLabels, HeadingsByHand) {
   TemporaryFolder folder;
   Calibration calibration;
@@ -225,7 +225,7 @@ TEST_F(Kitti, BrokenCalibration) {
   EXPECT_THAT(with("P2", "P2: 72 0 nan 0 0 72 17 0 0 0 1 0\n"), HasSubstr("not finite"));
   EXPECT_THAT(with("P2", "P2: 72 0 600 0 0 72 17 0 0 0 1 0\n"),
               HasSubstr("far from the middle of the 124x38 image"));
-  // A picture at half the size that its calibration was made for.
+  // A picture at half the size of its calibration's.
   EXPECT_THAT(with("P2", "P2: 144 0 120 0 0 144 34 0 0 0 1 0\n"), HasSubstr("far from the middle"));
   EXPECT_THAT(with("P2", "P2: -72 0 60 0 0 72 17 0 0 0 1 0\n"), HasSubstr("P2"));
   EXPECT_THAT(with("R0_rect", "R0_rect: 1 0 0 0 1 0 0 0 -1\n"), HasSubstr("R0_rect: is not a rotation"));
@@ -254,8 +254,7 @@ TEST_F(Kitti, BrokenLabels) {
   EXPECT_THAT(with("Car 0 0 0 1 1 9 9 1.5 1.6 3.9 2 1.7 20 90"), HasSubstr("rotation_y: 90"));
 }
 
-/// Rows as KITTI's, another benchmark's and other people's files have them, and what is wrong with more than
-/// one.
+/// Row names of KITTI, of another benchmark and of other writers, and ambiguous combinations.
 TEST_F(Kitti, CalibrationRowsByTheirOtherNames) {
   const std::string good = read_file(file("calib/000042.txt"));
   const Frame meant = read_frame(folder_.path(), "000042");
@@ -282,7 +281,7 @@ TEST_F(Kitti, CalibrationRowsByTheirOtherNames) {
   EXPECT_THAT(reading_fails(), AllOf(HasSubstr("R0_rect, R_rect"), HasSubstr("2 times")));
 }
 
-/// As KITTI's development kit, and as the files of SUSTech POINTS, CVAT and nuScenes' exporter have them.
+/// Labels as KITTI's development kit writes them, and as SUSTech POINTS, CVAT and nuScenes' exporter do.
 TEST_F(Kitti, LabelsOfOtherWriters) {
   const auto read = [&](const std::string& text) {
     write_file(file("label_2/000042.txt"), text);
@@ -320,8 +319,7 @@ TEST_F(Kitti, LabelsOfOtherWriters) {
               AllOf(HasSubstr("label_2/000042.txt"), HasSubstr("UTF-16")));
 }
 
-/// Boxes in the picture by hand: what reaches past 124 × 38 pixels is cut there, what is missing is
-/// projected.
+/// Boxes in the picture by hand: boxes beyond 124 × 38 pixels are clipped, missing ones are projected.
 TEST_F(Kitti, BoxesInThePictureAreClippedOrProjected) {
   const auto read = [&](const std::string& picture, const std::string& space = "1.5 1.6 3.9 2 1.7 20 0.1") {
     write_file(file("label_2/000042.txt"), "Car 0 0 0 " + picture + " " + space + "\n");
@@ -335,7 +333,7 @@ TEST_F(Kitti, BoxesInThePictureAreClippedOrProjected) {
   expect_box(known.labels[0], {0, 1, 123, 37});
   EXPECT_EQ(known.notes.clipped, 1);
   EXPECT_EQ(known.notes.projected, 0);
-  known = read("-0.5 1 123.7 30");  // rounding, as KITTI's own
+  known = read("-0.5 1 123.7 30");  // beyond it by rounding only, as in KITTI's files
   expect_box(known.labels[0], {-0.5, 1, 123.7, 30});
   EXPECT_EQ(known.notes.clipped, 0);
   for (const char* none : {"0 0 0 0", "-1 -1 -1 -1", "50 20 50 30", "500 1 600 30"}) {
@@ -345,7 +343,7 @@ TEST_F(Kitti, BoxesInThePictureAreClippedOrProjected) {
     EXPECT_GT(seen.right, seen.left);
     EXPECT_EQ(known.notes.projected, 1);
   }
-  // Behind the camera nothing is seen; the label keeps its place among the frame's.
+  // Nothing is visible behind the camera; the label keeps its index in the frame.
   expect_box(read("0 0 0 0", "1.5 1.6 3.9 2 1.7 -20 0.1").labels.at(0), {0, 0, 0, 0});
   for (const char* none : {"0 0 0 0 0 0 0", "-1 -1 -1 -1000 -1000 -1000 -10"}) {
     known = read("10 5 60 30", none);
@@ -387,7 +385,7 @@ TEST_F(Kitti, LabelsAreCountedAndTheirAbsenceIsSaid) {
 
 TEST_F(Kitti, PicturesMayBeJpegsAndFramesWithoutLabels) {
   std::filesystem::rename(file("image_2/000042.png"),
-                          file("image_2/000042.JPG"));  // its bytes tell what it is
+                          file("image_2/000042.JPG"));  // its content shows the format
   EXPECT_EQ(read_frame(folder_.path(), "000042").image.width, 124);
   std::filesystem::remove_all(file("label_2"));
   const Frame frame = read_frame(folder_.path(), "000042");
@@ -402,7 +400,7 @@ TEST_F(Kitti, PicturesMayBeJpegsAndFramesWithoutLabels) {
   EXPECT_EQ(read_frame(folder_.path(), "000042").sweep.size(), 50u);
 }
 
-/// Labels that a detector gave beside a set: the set's frames with these, whatever the folder is called.
+/// Labels of a detector beside a set: the set's frames with these labels, whatever the folder is called.
 TEST_F(Kitti, GivenLabelsStandForMissingOnes) {
   const Frame whole = read_frame(folder_.path(), "000042");
   std::filesystem::remove_all(file("label_2"));
@@ -479,7 +477,7 @@ TEST_F(Kitti, BrokenLightingAndImage) {
   const std::string picture = read_file(file("image_2/000042.png"));
   write_file(file("image_2/000042.png"), picture.substr(0, 20));
   EXPECT_THAT(reading_fails(), HasSubstr("image_2/000042.png"));
-  // A picture that does not belong to the calibration is refused by its header: its pixels are not there.
+  // A picture that does not fit the calibration is refused by its header, before its pixels are decoded.
   write_srgb(file("image_2/000042.png"), ImageF(400, 380, 3, 0.5f));
   const std::string other = read_file(file("image_2/000042.png"));
   write_file(file("image_2/000042.png"), other.substr(0, 600));
@@ -557,7 +555,7 @@ TEST(KittiSweep, WhatIsNoReturnIsLeftOutAndCounted) {
               HasSubstr("none is a return"));
 }
 
-// A file of another number of columns is of plausible size now and then, and each of its values is finite.
+// A file with another number of columns sometimes has a plausible size, and each of its values is finite.
 TEST(KittiSweep, OtherNumbersOfFloatsAPointAreSeen) {
   const TemporaryFolder folder;
   const auto written = [&](int columns, bool shuffled) {

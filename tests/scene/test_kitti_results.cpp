@@ -1,4 +1,4 @@
-// Detections in KITTI's result format: what is written is read back, other people's files are read, bad ones
+// Detections in KITTI's result format: written files are read back, other writers' files are read, bad ones
 // are named.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -22,7 +22,7 @@ using test::TemporaryFolder;
 using testing::AllOf;
 using testing::HasSubstr;
 
-/// With every offset that KITTI has: a tilted rectification and a colour camera beside camera 0.
+/// A calibration with all of KITTI's offsets: a tilted rectification and a colour camera beside camera 0.
 Calibration calibration() {
   Calibration c;
   c.camera = {721.5377, 721.5377, 609.5593, 172.854, 1242, 375};
@@ -117,7 +117,7 @@ TEST(KittiResults, TheProjectionHoldsWhatTheCameraSees) {
     EXPECT_TRUE(p.x() >= whole.left - 1e-9 && p.x() <= whole.right + 1e-9 && p.y() >= whole.top - 1e-9 &&
                 p.y() <= whole.bottom + 1e-9);
   }
-  // Half behind the camera: cut there, and at the picture's edges.
+  // Half behind the camera: clipped there, and at the picture's edges.
   const PictureBox cut = projected({{0.5, 2, 4, 1.8, 0}, -1.7, 1.5}, c).value();
   EXPECT_EQ(cut.left, 0);
   EXPECT_EQ(cut.bottom, 374);

@@ -20,7 +20,7 @@ LidarModel shipped_lidar() {
   return read_lidar_model(std::filesystem::path(MIRAGE_SOURCE) / "scenes" / "rigs" / "kitti64.toml");
 }
 
-// Returns of every (beam, column) but those that `lost` picks, at a range that varies from ray to ray.
+// Returns of every (beam, column) except those that `lost` selects, at a range that varies from ray to ray.
 template <class Lost>
 Sweep synthetic(const LidarModel& lidar, const Lost& lost) {
   Sweep sweep;
@@ -127,14 +127,14 @@ TEST(SweepIndexRealFrames, NearlyEveryReturnHasItsOwnRay) {
               100 * sum / frames, 100 * least);
 }
 
-// A unit without an encoder's grid begins every turn elsewhere.
+// A unit without an encoder starts every turn at another azimuth.
 TEST(SweepIndex, FindsASweepsOwnFirings) {
   LidarModel lidar = read_lidar_model(std::filesystem::path(MIRAGE_SOURCE) / "scenes/lidars/hdl32e.toml");
   lidar.azimuth_step *= 2;
   const Sweep sweep = test::walled_sweep(lidar, 1, 0.4);
   const SweepIndex index(sweep, lidar);
   EXPECT_GT(index.assigned_share(), 0.99);
-  // A return's ray goes through it, from where the unit is.
+  // A return's ray passes through it, starting at the unit.
   const int middle = static_cast<int>(sweep.size() / 2);
   const Vec3d p = sweep[sweep.size() / 2].position().cast<double>();
   int through = 0;
@@ -147,7 +147,7 @@ TEST(SweepIndex, FindsASweepsOwnFirings) {
   EXPECT_EQ(through, 1);
 }
 
-// What the sweep says for itself must not make another unit fit.
+// The sweep's own regularity must not make another unit fit.
 TEST(SweepIndex, AnotherUnitsSweepStaysUnexplained) {
   const auto unit = [](const char* file) {
     return read_lidar_model(std::filesystem::path(MIRAGE_SOURCE) / "scenes" / file);

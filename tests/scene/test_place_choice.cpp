@@ -53,7 +53,7 @@ TEST(Place, TheRoofsFileSaysWhatTheProgramTakesWithoutAny) {
   EXPECT_FALSE(said.at("what").empty());
   said["what"] = "";
   EXPECT_EQ(said, to_json(PlaceChoice()));
-  EXPECT_EQ(content_of(place_of_text("roof")), "roof");  // as runs say that were made before there was a file
+  EXPECT_EQ(content_of(place_of_text("roof")), "roof");  // the value in runs from before placement files
   EXPECT_EQ(content_of(PlaceChoice()), "roof");
 }
 

@@ -22,7 +22,7 @@ using testing::HasSubstr;
 
 TEST(Sun, PositionIsThePublishedOneOfTheSolarPositionAlgorithm) {
   // Reda & Andreas, NREL/TP-560-34302, example of appendix A.5: 12:30:30 at UTC − 7 h, zenith 50.11162°,
-  // azimuth 194.34024°. Theirs is at 1830 m with 820 mbar and 11 °C, and takes the parallax into account.
+  // azimuth 194.34024°. The example is at 1830 m with 820 mbar and 11 °C, and includes parallax.
   const SunPosition sun = sun_position(39.742476 * kDegree, -105.1786 * kDegree, {2003, 10, 17, 19, 30, 30});
   EXPECT_NEAR(sun.azimuth / kDegree, 194.34024, 0.002);
   EXPECT_NEAR(90 - sun.elevation / kDegree, 50.11162, 0.01);
@@ -84,8 +84,8 @@ TEST(Sun, PlaceAndTimeAreTurnedIntoTheVehiclesFrame) {
             parse_sun("39.7,-105,2003-10-17T19:30:30Z,0").to_sun_velo);
 }
 
-/// Ground seen by a camera, with three cars and the shadows of their boxes under a sun: flat, noisy asphalt
-/// and returns on it. `shade` is the shadows' share of the light.
+/// Ground in a camera with three cars and the shadows of their boxes under a sun: flat, noisy asphalt and
+/// returns on it. `shade` is the shadows' share of the light.
 Frame street(const Vec3d& to_sun, double shade) {
   Frame frame;
   frame.id = "000000";
@@ -147,7 +147,7 @@ TEST(Sun, APhotographWithoutShadowsKeepsTheFramesLighting) {
     EXPECT_FALSE(sun_from_shadows(frame));
     EXPECT_EQ(with_sun(frame, parse_sun("photo")).to_sun_velo, frame.lighting.to_sun_velo);
   }
-  // Shadows, but neither labels nor returns that say whose and where.
+  // Shadows, but neither labels nor returns from which their casters could be found.
   Frame frame = street(unit_vector(1, 0.5), 0.35);
   const Sweep sweep = std::exchange(frame.sweep, {});
   EXPECT_FALSE(sun_from_shadows(frame));
@@ -191,11 +191,11 @@ TEST(Sun, WhatIsNotASunIsOneLineWithTheFix) {
 
 }  // namespace
 
-// The light of recorded frames by the road in the photograph.
+// The light of recorded frames, estimated from the road in the photograph.
 
 namespace {
 
-/// A level road of the given radiance under a sky of another.
+/// A level road of the given radiance under a fixed sky.
 Frame street(const Vec3d& road) {
   Frame frame;
   frame.calibration.camera = {144, 144, 122, 35, 248, 75};
@@ -252,7 +252,7 @@ TEST(RoadExposure, StaysWhereTheRoadIsNotSeenAndWithinBounds) {
   EXPECT_EQ(with_road_exposure(frame).sun, own.sun);
   frame.sweep.clear();
   EXPECT_EQ(with_road_exposure(frame).ambient, own.ambient);
-  // A black picture, and one of a lamp.
+  // A black picture, and a picture of a lamp.
   EXPECT_NEAR(with_road_exposure(street(Vec3d::Zero())).sun[0], own.sun[0] / 2, 1e-12);
   EXPECT_NEAR(with_road_exposure(street(Vec3d::Constant(1e3))).sun[0], own.sun[0] * 3, 1e-12);
 }

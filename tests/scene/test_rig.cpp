@@ -1,4 +1,4 @@
-// Which rig a data set says it is from.
+// The rig that a data set names.
 #include <dlfcn.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -56,9 +56,9 @@ TEST(DataRig, AnUnknownOneIsAnsweredWithThoseThereAre) {
 
 namespace {
 
-// Which BLAS a program with Ceres in it has: LibTorch multiplies by whatever its process finds first.
+// The BLAS of a program with Ceres: LibTorch uses the first one that its process finds.
 
-/// The library that holds what this process finds under a name.
+/// The library in which this process finds a symbol.
 std::string library_of(const char* symbol) {
   Dl_info info{};
   void* found = dlsym(RTLD_DEFAULT, symbol);

@@ -1,5 +1,5 @@
-// Sequences: when frames were taken, where the car stood, and how fast labelled vehicles drive, in each
-// layout that knows.
+// Sequences: times of frames, poses of the ego vehicle, and velocities of labelled vehicles, in each layout
+// that has them.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -25,10 +25,10 @@ using testing::AllOf;
 using testing::HasSubstr;
 
 constexpr int kFrames = 4;
-constexpr double kStep = 0.1, kHeading = 0.3, kSpeed = 8;  // s, rad, m/s of the car
+constexpr double kStep = 0.1, kHeading = 0.3, kSpeed = 8;  // s, rad, m/s of the ego vehicle
 const Vec3d kOther(-5, 1, 0);                              // m/s in the world, of the labelled car
 
-/// The car's own place in the world (east, north).
+/// The ego vehicle's pose in the world (east, north).
 Transform world_from_ego(int i) {
   Transform pose = Transform::Identity();
   pose.linear() = Eigen::AngleAxisd(kHeading, Vec3d::UnitZ()).toRotationMatrix();
@@ -62,7 +62,7 @@ std::vector<Frame> drive_frames() {
   return all;
 }
 
-/// The row of a car at that place of the world, whose unit stands where its LiDAR does.
+/// The OXTS row of a car at that pose in the world, with its unit at the LiDAR.
 std::string oxts(int i) {
   constexpr double kRadius = 6378137, kLatitude = 49.01, kLongitude = 8.43;
   const double scale = kRadius * std::cos(kLatitude * kDegree);
@@ -110,7 +110,7 @@ void write_raw_drive(const std::filesystem::path& data) {
 void write_nuscenes_scene(const std::filesystem::path& data) {
   test::write_nuscenes(data, drive_frames());
   const auto tables = data / "v1.0-mini";
-  // The tables' car stands elsewhere than ours: its labels go where its poses want them.
+  // All annotations are of one instance; the samples are 0.1 s apart.
   nlohmann::json annotations = read_json(tables / "sample_annotation.json"),
                  samples = nlohmann::json::array();
   for (auto& row : annotations) row["instance_token"] = "instance-0000-00";
@@ -123,8 +123,8 @@ void write_nuscenes_scene(const std::filesystem::path& data) {
   write_json(tables / "scene.json", nlohmann::json::array({{{"token", "scene"}, {"name", "scene-0061"}}}));
 }
 
-/// The scene, of whose four frames the second and the third are sweeps between key frames, on a straight way
-/// with a car ahead that turns; the third sweep has no picture of its time.
+/// The scene with sweeps between key frames: the second and third of its four frames. The ego vehicle drives
+/// straight ahead, and the car ahead turns; the third sweep has no picture of its time.
 void write_nuscenes_between(const std::filesystem::path& data) {
   write_nuscenes_scene(data);
   const auto tables = data / "v1.0-mini";
@@ -259,7 +259,7 @@ TEST(Between, SweepsOfNuScenesAreFramesWithBoxesOnTheWay) {
     EXPECT_LT((places[i] - (places[0] + share * (places[3] - places[0]))).norm(), 1e-6);
     EXPECT_NEAR(std::remainder(headings[i] - headings[0] - share * turn, 2 * std::numbers::pi), 0, 1e-3);
   }
-  // The nearest picture in time, at its own pose: sweep 2 has no picture of its time, and sample 3's comes.
+  // The picture nearest in time, at its own pose: sweep 2 has no picture of its time and gets sample 3's.
   const auto set = open_data_set(folder.path());
   const auto picture = [&](std::size_t i) {
     return set->source_files(ids[i]).at(1).file.filename().string();
@@ -268,7 +268,7 @@ TEST(Between, SweepsOfNuScenesAreFramesWithBoxesOnTheWay) {
   EXPECT_EQ(picture(2), "3.png");
   const auto place = [&](std::size_t i) { return read_frame(folder.path(), ids[i]).calibration; };
   EXPECT_GT((place(2).camera_from_velo.translation() - place(1).camera_from_velo.translation()).norm(), 1);
-  // Neighbours are the next sweeps, and a velocity is the way between them.
+  // Neighbours are the next sweeps, and velocity is the displacement between them over time.
   EXPECT_EQ(set->beside("lidar-1", 1), "lidar-2");
   EXPECT_EQ(set->beside("lidar-1", -1), "sample0");
   EXPECT_EQ(set->beside("sample0", 1), "sample3");
@@ -287,7 +287,7 @@ TEST(Between, SweepsOfNuScenesAreFramesWithBoxesOnTheWay) {
               AllOf(HasSubstr(sweep.filename().string()), HasSubstr("truncated")));
 }
 
-// Detectors are given it (SensorView::moment), and what they answer is kept.
+// Detectors get it (SensorView::moment), and their answers are cached.
 TEST(Moments, AreOfAFramesContent) {
   TemporaryFolder folder;
   write_raw_drive(folder.path());
@@ -306,7 +306,7 @@ TEST(Moments, AreOfAFramesContent) {
   EXPECT_EQ(open_data_set(folder.path())->hash(id), before);
 }
 
-// "A few frames of a data set are a data set, too."
+// Part of a data set is a data set, too.
 TEST(Velocities, AreOfTheNeighboursThatAreThere) {
   TemporaryFolder folder;
   write_raw_drive(folder.path());
@@ -335,7 +335,7 @@ TEST(Oxts, TheUnitsMountIsTakenOff) {
   const OxtsRow row{49, 8.4, 110, 0.01, -0.02, 1.2};
   const Transform world = world_from_imu(row, row);
   EXPECT_LT(world.translation().norm(), 1e-9);
-  // Pitch turns about the left axis: down is positive. Roll about the one ahead: left side up.
+  // Pitch is about the left axis: positive is down. Roll is about the forward axis: positive is left side up.
   EXPECT_GT((world.linear() * Vec3d::UnitX()).z(), 0.019);
   EXPECT_GT((world.linear() * Vec3d::UnitY()).z(), 0.009);
   TemporaryFolder folder;

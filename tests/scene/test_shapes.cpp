@@ -26,7 +26,7 @@ const LidarModel& lidar() {
   return model;
 }
 
-/// A shape of the model that stands on a flat road, and what the LiDAR sees of it with 1 cm of range noise.
+/// A shape of the model that stands on a flat road, and its LiDAR returns with 1 cm of range noise.
 struct Scene {
   ShapeParameters shape;
   Label label;
@@ -99,7 +99,7 @@ TEST(ShapeFit, FindsAShapeOfItsOwnFromADisturbedBox) {
 TEST(ShapeFit, ReturnsInTheCabinDoNotPullTheRoofDown) {
   Scene s = scene_at(10, 2, 0.3, 0.5);
   RandomStream random(2, "cabin");
-  // A tenth as many returns from seats as from the body.
+  // A tenth as many returns on seats as on the body.
   for (int i = 0; i < 200; ++i) {
     const Vec3d p = velo_from_box(s.label.box) *
                     Vec3d{random.uniform(-1, 0.4), random.uniform(-0.5, 0.5), random.uniform(0.6, 1.1)};
@@ -119,7 +119,7 @@ TEST(ShapeRoofFinder, TooFewReturnsAndOtherTypesFallBackToTheBox) {
   EXPECT_TRUE(finder.find(s.frame, truck).from_box);
   EXPECT_THAT(finder.fit(SweepIndex(s.frame.sweep, lidar()), truck).reason, testing::HasSubstr("Truck"));
 
-  // The same place without the vehicle: only road.
+  // The same frame without the vehicle: only road.
   std::erase_if(s.frame.sweep, [](const LidarPoint& p) { return p.z > -lidar().height + 0.1; });
   const Carrier roof = finder.find(s.frame, s.label);
   EXPECT_TRUE(roof.from_box);
@@ -147,7 +147,7 @@ TEST(VehicleEvidence, SeesTheGroundAndLeavesItsReturnsOut) {
   EXPECT_LT(evidence.ground->slope.norm(), 0.02);
   EXPECT_GT(evidence.points, 200);
   for (const Vec3d& p : evidence.surface) EXPECT_GT(p.z(), 0.09);
-  // No ray that is called empty ends behind the surface it met.
+  // A ray that is recorded as empty does not end behind the surface that it met.
   const ShapeModel& model = test::small_shape_model();
   const Eigen::VectorXd q = s.shape.packed();
   for (const Segment& e : evidence.empty) EXPECT_GT(model.distance(q.data(), e.to), -0.05);
@@ -156,7 +156,7 @@ TEST(VehicleEvidence, SeesTheGroundAndLeavesItsReturnsOut) {
 TEST(RoofPoint, BoxWedgeAndEmptyMesh) {
   Mesh box = box_mesh({4, 2, 1});
   EXPECT_LT((roof_point(box) - Vec3d(0, 0, 0.5)).norm(), 0.03);
-  // A cabin of 2 m × 1.4 m behind the middle, 0.5 m over the body: its top alone is the roof.
+  // A cabin of 2 m × 1.4 m behind the middle, 0.5 m above the body: only its top is the roof.
   append(box, box_mesh({2, 1.4, 0.5}), Transform(Eigen::Translation3d(-0.6, 0, 0.75)));
   EXPECT_LT((roof_point(box) - Vec3d(-0.6, 0, 1.0)).norm(), 0.03);
   EXPECT_NE(test::error_text<InputError>([] { roof_point({}); }).find("faces"), std::string::npos);
@@ -199,7 +199,7 @@ TEST(CarFamily, EveryStyleGivesClosedCarsOfItsProportions) {
       EXPECT_NEAR(bounds(mesh).min().z(), 0, 1e-12);
       EXPECT_GT(size.x(), 3.2);
       EXPECT_LT(size.x(), 6.1);
-      // The roof is over the cabin: a pick-up's lies before the middle, a van's is long.
+      // The roof is above the cabin: a pick-up's is before the middle, a van's is long.
       const Vec3d roof = roof_point(mesh);
       EXPECT_GT(roof.z(), 0.97 * size.z());
       EXPECT_LT(std::abs(roof.x()), 0.25 * size.x());
@@ -222,7 +222,7 @@ TEST(ShapeModel, ProjectionRebuildsAnUnseenVehicle) {
 }
 
 TEST(ShapeModel, CodesHaveVarianceOneAndNoMean) {
-  // The prior's block of the codes is the unit matrix, its means 0.
+  // The code's block of the prior is the unit matrix, its means are 0.
   const ShapeModel& model = test::small_shape_model();
   const int k = model.dimension;
   EXPECT_LT(model.prior_mean.tail(k).norm(), 1e-3);
@@ -247,7 +247,7 @@ TEST(ShapeModel, DerivativesAgreeWithCentralDifferences) {
     q[3] *= 0.2;
     q.segment<3>(4) *= 0.05;
     const Vec3d p{random.uniform(-2, 2), random.uniform(-1, 1), random.uniform(0, 1.7)};
-    // Trilinear slopes jump at the cells' faces and at the mirror: keep off them.
+    // Trilinear slopes jump at the cells' faces and at the mirror plane: the points avoid them.
     const ShapeParameters s = ShapeParameters::unpacked(q);
     const Vec3d x = (-s.log_size.array())
                         .exp()
@@ -261,7 +261,7 @@ TEST(ShapeModel, DerivativesAgreeWithCentralDifferences) {
     ++checked;
   }
   EXPECT_GT(checked, 40);
-  // Far outside the grid nothing changes any more: all derivatives but the code's are zero, and finite.
+  // Far outside the grid the field is constant: all derivatives except the code's are zero, and finite.
   Eigen::VectorXd q = Eigen::VectorXd::Zero(7 + model.dimension);
   check(q, {50.01, 30.02, 20.03});
 }

@@ -1,4 +1,4 @@
-// Units are found again from their sweeps.
+// Units are recovered from their sweeps.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -24,7 +24,7 @@ LidarModel unit(const std::string& file) {
   return read_lidar_model(std::filesystem::path(MIRAGE_SOURCE) / "scenes" / file);
 }
 
-/// Returns as files hold them: to a millimetre, ranges a centimetre off.
+/// Returns as files store them: to a millimetre, with range errors of a centimetre.
 void roughen(Sweep& sweep, std::uint64_t seed) {
   RandomStream random(seed, "rough");
   for (LidarPoint& p : sweep) {
@@ -43,7 +43,7 @@ std::vector<Sweep> sweeps_of(const LidarModel& lidar, bool starts_anywhere = fal
   return sweeps;
 }
 
-/// Beams of `truth` that some return came from.
+/// Number of beams of `truth` with at least 30 returns.
 std::size_t beams_seen(const std::vector<Sweep>& sweeps, const LidarModel& truth) {
   std::vector<int> counts(truth.beams.size());
   for (const Sweep& sweep : sweeps)
@@ -54,7 +54,7 @@ std::size_t beams_seen(const std::vector<Sweep>& sweeps, const LidarModel& truth
 struct Case {
   const char* name;
   std::string file;
-  std::size_t every = 1;  ///< only each so many-th beam
+  std::size_t every = 1;  ///< uses only every n-th beam
   bool anywhere = false;  ///< sweeps begin at any azimuth
 };
 
@@ -72,10 +72,10 @@ TEST_P(UnitFinderTest, FindsTheUnitOfItsSweeps) {
   EXPECT_NEAR(found.lidar.azimuth_step, truth.azimuth_step, 0.01 * truth.azimuth_step);
   EXPECT_NEAR(found.lidar.encoder_step, truth.encoder_step, 1e-4 * kDegree);
   EXPECT_NEAR(found.lidar.height, truth.height, 0.1);
-  // Sweeps that it has not seen.
+  // Other sweeps than those of the fit.
   Sweep other = test::walled_sweep(truth, 5.1, GetParam().anywhere ? 0.77 : 0);
   EXPECT_GE(SweepIndex(other, found.lidar).assigned_share(), 0.98);
-  // As many firings as there are: a finer raster would explain any return, and invent rays.
+  // About the true number of firings: a finer raster would explain any return, and invent rays.
   EXPECT_LT(found.firings, 1.05 * truth.azimuth_count() + 20);
 }
 
@@ -92,7 +92,7 @@ double height_at(const LidarModel& lidar, std::size_t beam, double rho) {
   return ray.origin.z() + ray.direction.z() / ray.direction.head<2>().norm() * rho;
 }
 
-// nuScenes' sweeps are: brought to the moment of their end, the car at 8 and at 15 m/s.
+// Like nuScenes' sweeps: compensated to the time of their end, with the vehicle at 8 and at 15 m/s.
 TEST(UnitFinder, AUnitThatMovesWithinItsSweepIsFound) {
   LidarModel truth = unit("lidars/hdl32e.toml");
   truth.azimuth_min = -std::numbers::pi, truth.azimuth_max = std::numbers::pi - truth.azimuth_step;
@@ -108,8 +108,8 @@ TEST(UnitFinder, AUnitThatMovesWithinItsSweepIsFound) {
   EXPECT_EQ(found.lidar.beams.size(), 32u);
   EXPECT_GE(found.on_rays, 0.99);
   EXPECT_LT(found.firings, 1.02 * truth.azimuth_count());
-  // Each beam passes where it did, at the ground or the nearest wall. Its elevation alone is not to be known:
-  // a low beam meets the ground 3 m away and nothing else, and a centimetre of height is 0.2 degrees there.
+  // Each beam must meet the ground or the nearest wall at the true place. Its elevation alone is not well
+  // determined: a low beam only meets the ground 3 m away, where a centimetre of height is 0.2 degrees.
   for (std::size_t b = 0; b < std::min<std::size_t>(32, found.lidar.beams.size()); ++b) {
     const double slope = std::tan(truth.beams[b].elevation);
     const double rho = slope < 0 ? std::min(18.0, truth.height / -slope) : 18.0;
@@ -117,7 +117,7 @@ TEST(UnitFinder, AUnitThatMovesWithinItsSweepIsFound) {
   }
 }
 
-// Whichever of a set's sweeps it gets: where all see few walls, where a beam meets nothing in one of them.
+// For any sweeps of a set: also with few walls in all of them, or with a beam without returns in one.
 TEST(UnitFinder, OtherSweepsOfRealFramesGiveTheSameUnit) {
   MIRAGE_NEED_REAL_FRAMES();
   const auto set = open_data_set(test::real_frames());

@@ -105,7 +105,7 @@ TEST(LidarEffects, AllOffGivesTheGeometryAlone) {
   EXPECT_EQ(firings.points.size(), 16u * as_size(lidar.azimuth_count()));
 }
 
-// A wall that comes nearer by 8 m/s, seen by a unit that drives towards it, in a scene that is not its own.
+// A wall that approaches at 8 m/s, and a unit that drives towards it, in a scene with its own frame.
 TEST(UnitMotion, ReturnsLieWhereThingsWereAsSeenFromOnePlace) {
   Mesh mesh;
   mesh.vertices = {{20, -60, -30}, {20, 60, -30}, {20, 60, 30}, {20, -60, 30}};
@@ -170,7 +170,7 @@ TEST(LidarEffects, DropOutGrowsWithRangeAndIncidence) {
   };
   EXPECT_NEAR(share(simulate_firings(scene, lidar, 2, effects), false), 0.9, 0.02);
   effects = {};
-  effects.signal_floor = 0.5 / 400;  // at 20 m head-on a share of 1 − 1/e arrives
+  effects.signal_floor = 0.5 / 400;  // at 20 m head-on, a share of 1 − 1/e returns
   const Firings faint = simulate_firings(scene, lidar, 2, effects);
   EXPECT_NEAR(share(faint, false), 1 - std::exp(-1.0), 0.04);
   EXPECT_LT(share(faint, true), share(faint, false) - 0.05);
@@ -186,7 +186,7 @@ TEST(LidarEffects, ReflectanceFromAlbedoAndIncidence) {
     ASSERT_NEAR(firings.points[i].reflectance, 0.6 * 20 / firings.ranges[i], 1e-4);
 }
 
-// Points of a static wall, moved back by where the unit was at each firing, lie on the wall again.
+// Points of a static wall, moved back by the unit's position at each firing, lie on the wall again.
 TEST(LidarEffects, MotionSmearsAStaticSceneByTheFiringTimes) {
   LidarEffects effects;
   effects.velocity = Vec3d(15, 1, 0.2);
@@ -205,7 +205,7 @@ TEST(LidarEffects, MotionSmearsAStaticSceneByTheFiringTimes) {
       const Vec3d p = firings.points[i].position().cast<double>();
       ASSERT_NEAR((start_from_moment(effects, time) * p).x(), 20, 1e-4);
       smear = std::max(smear, std::abs(p.x() - 20));
-      // Fired from straight ahead at time 0, to the left later on if the unit turns counter-clockwise.
+      // Fired straight ahead at time 0, and later to the left if the unit turns counter-clockwise.
       if (column > 3 * columns / 4) {
         ASSERT_GT(rotation * time, 0);
       }
@@ -215,7 +215,7 @@ TEST(LidarEffects, MotionSmearsAStaticSceneByTheFiringTimes) {
 }
 
 TEST(LidarEffects, DivergenceMixesWhatTheConeMeets) {
-  // A board at 10 m covers the left half of the view, the wall stands at 20 m.
+  // A board at 10 m covers the left half of the view; the wall is at 20 m.
   Mesh board;
   board.vertices = {{10, 0, -30}, {10, 60, -30}, {10, 60, 30}, {10, 0, 30}};
   board.faces = {{0, 2, 1}, {0, 3, 2}};
@@ -239,11 +239,11 @@ TEST(LidarEffects, DivergenceMixesWhatTheConeMeets) {
     won += was_far && !is_far;
     EXPECT_FALSE(!was_far && is_far);  // the nearer half of the light is four times as strong
     partial += wide.points[i].reflectance < 0.49f;
-    // A return lies on one of the two, in the direction of the beam's axis.
+    // A return lies on one of the two surfaces, in the direction of the beam's axis.
     const double x = wide.points[i].x;
     EXPECT_TRUE(std::abs(x - 10) < 0.03 || std::abs(x - 20) < 0.06) << x;
   }
-  EXPECT_GT(won, 16);      // the board looks wider than it is
+  EXPECT_GT(won, 16);      // the board appears wider than it is
   EXPECT_GT(partial, 16);  // and echoes of half a beam are weaker
 }
 
@@ -259,7 +259,7 @@ TEST(LidarEffects, StrongestEcho) {
   EXPECT_THAT(echo.members, testing::ElementsAre(1, 2, 3));
   const std::vector<Reflection> tie = {{20, 1}, {10, 1}};
   strongest_echo(tie, 0.6, echo);
-  EXPECT_EQ(echo.strongest, 1);  // the nearer one
+  EXPECT_EQ(echo.strongest, 1);  // the nearer echo
   const std::vector<Reflection> dark = {{20, 0}, {10, 0}};
   strongest_echo(dark, 0.6, echo);
   EXPECT_EQ(echo.strongest, -1);

@@ -1,5 +1,5 @@
-// The picture of exact areas: against areas that are known, against many samples, and its derivative against
-// central differences.
+// The picture of exact areas: against known areas, against many samples, and its derivative against central
+// differences.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -35,7 +35,7 @@ double sum_of(const Image<double>& rgba, int channel) {
   return sum;
 }
 
-/// An empty mesh before a black photograph, all of it in the window.
+/// An empty mesh over a black photograph, with the window as the whole image.
 RasterProblem blank(int width, int height) {
   RasterProblem problem;
   problem.mesh.resolution = 1;
@@ -46,7 +46,7 @@ RasterProblem blank(int width, int height) {
   return problem;
 }
 
-/// A point given in pixels (x right, y down, the image's top left corner at 0).
+/// A point at pixel coordinates (x right, y down, the image's top left corner at 0).
 Vec3d at(const RasterProblem& problem, double x, double y, double z) {
   const double half = std::max(problem.target.width, problem.target.height) / 2.0;
   return {(x - problem.target.width / 2.0) / half, (problem.target.height / 2.0 - y) / half, z};
@@ -120,7 +120,7 @@ TEST(ExactCoverage, AConvexMeshCoversItsOutlineOnceAndWithoutCracks) {
 }
 
 TEST(ExactCoverage, FacesThatCrossShareTheAreaAtTheirLine) {
-  // 1/z of the second is that of the first plus a slope: in front right of x = 4.3.
+  // 1/z of the second face is that of the first plus a slope: it is in front to the right of x = 4.3.
   RasterProblem problem = blank(10, 10);
   const auto depth = [](double x, double y) { return 1 / (.2 + .01 * (x - 4.3) + 0 * y); };
   for (int side = 0; side < 2; ++side) {
@@ -208,7 +208,7 @@ struct Stable {
   int checked = 0, unstable = 0;
 };
 
-/// Central differences wherever those of half the step say the same.
+/// Central differences, compared where half the step gives the same.
 template <class Loss>
 void expect_derivative(const Loss& loss, std::vector<double> x, const std::vector<double>& gradient,
                        const std::function<double(std::size_t)>& step_of, Stable& result) {
@@ -238,7 +238,7 @@ void expect_derivative(const Loss& loss, std::vector<double> x, const std::vecto
   }
 }
 
-/// Steps of 4e-6 `scale` on screen and 1e-5 m; 0.01 of a colour, in which the picture is linear.
+/// Steps of 4e-6 `scale` on screen and 1e-5 m; 0.01 in colours, in which the picture is linear.
 void expect_derivative(const RasterProblem& problem, double scale, Stable& result) {
   ExactTape tape;
   draw_exact(problem.mesh, problem.target, tape);
@@ -296,7 +296,7 @@ TEST(ExactCoverageGradient, ScalesFromATenthOfAPixelToManyImages) {
   report("scales", result);
 }
 
-/// A mesh in the camera's frame, down to its vertices.
+/// A mesh in the camera's frame, with derivatives to its vertices.
 void expect_mesh_derivative(const std::vector<Vec3d>& vertices, const std::vector<Face>& faces, double near,
                             const PinholeCamera& camera, std::uint64_t seed, Stable& result) {
   RandomStream random(seed, "exact mesh");
@@ -332,7 +332,7 @@ TEST(ExactCoverageGradient, MeshesWithSharedVertices) {
   for (std::uint64_t seed = 0; seed < 3; ++seed) {
     RandomStream random(seed, "exact vertices");
     const Mesh shape = icosphere(1);
-    for (const double rough : {.1, .7}) {  // the second one folds and runs through itself
+    for (const double rough : {.1, .7}) {  // the second one folds and intersects itself
       std::vector<Vec3d> p;
       for (const Vec3d& v : shape.vertices)
         p.push_back(random.uniform(1 - rough, 1 + rough) * v +

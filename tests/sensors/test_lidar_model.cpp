@@ -25,7 +25,7 @@ std::filesystem::path shipped() {
 TEST(LidarModel, ShippedRigIsAnHdl64) {
   const LidarModel lidar = read_lidar_model(shipped());
   ASSERT_EQ(lidar.beams.size(), 64u);
-  // The data sheet's nominal fan, to the degree that units are adjusted.
+  // The data sheet's nominal fan, within the degree of adjustment of single units.
   for (int b = 0; b < 32; ++b)
     EXPECT_NEAR(lidar.beams[as_size(b)].elevation / kDegree, 2 - b / 3.0, 0.5) << b;
   for (int b = 0; b < 32; ++b)
@@ -62,7 +62,7 @@ TEST(LidarModel, RaysStartOffTheAxisAndAreUnit) {
   EXPECT_NEAR(std::asin(ray.direction.z()), -0.1, 1e-12);
   EXPECT_NEAR(ray.origin.z(), 0.2, 1e-12);
   EXPECT_NEAR(ray.origin.head<2>().norm(), 0.026, 1e-12);
-  // To the left of the direction, seen from above.
+  // To the left of the direction, from above.
   EXPECT_NEAR(ray.origin.dot(Vec3d::UnitZ().cross(ray.direction)), 0.026 * std::cos(0.1), 1e-12);
 }
 
@@ -104,7 +104,7 @@ std::array<Vec3d, 3> face_from(const std::vector<double>& x) {
   return {Vec3d(x[0], x[1], x[2]), Vec3d(x[3], x[4], x[5]), Vec3d(x[6], x[7], x[8])};
 }
 
-/// A random face that the ray meets inside.
+/// A random face that the ray hits inside.
 struct Problem {
   Vec3d origin, direction;
   std::array<Vec3d, 3> face;

@@ -24,7 +24,7 @@ double area(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
   return (b - a).cross(c - a).norm() / 2;
 }
 
-/// A mesh in the camera's frame, seen and drawn.
+/// A mesh in the camera's frame, with its projection and rendering.
 struct Scene {
   std::vector<Vec3d> p_camera;
   std::vector<Face> faces;
@@ -65,8 +65,8 @@ struct Scene {
   }
 };
 
-/// `behind`: how many of the first face's vertices lie behind the near plane. σ reaches beyond the window, so
-/// that no sample crosses the cut-off and differences are smooth.
+/// `behind`: number of the first face's vertices behind the near plane. σ reaches beyond the window, so that
+/// no sample crosses the cut-off and differences are smooth.
 Scene crossing_scene(std::uint64_t seed, int behind, Texture texture, bool perspective) {
   RandomStream random(seed, "crossing face");
   Scene scene;
@@ -157,7 +157,7 @@ TEST(Projection, AFaceThatCrossesTheCameraPlaneIsDrawn) {  // pytorch3d #345: su
   int covered = 0;
   for (int v = rect.v0; v < rect.v1; ++v)
     for (int u = rect.u0; u < rect.u1; ++u) {
-      // The pixel's ray in the basis of the triangle: ray = Σ m_k p_k, hit where all m_k > 0.
+      // The pixel's ray in the basis of the triangle's vertices: ray = Σ m_k p_k; it hits if all m_k > 0.
       Eigen::Matrix3d corners;
       for (int k = 0; k < 3; ++k) corners.col(k) = scene.p_camera[as_size(k)];
       const Vec3d m = corners.inverse() * kCamera.unproject(u, v, 1);
@@ -194,7 +194,7 @@ TEST(ProjectionGradient, AVertexExactlyOnTheNearPlane) {
   const auto f = [&](const std::vector<double>& x) { return scene.with(x).loss(); };
   const auto x = scene.inputs(), gradient = scene.gradient();
   check_gradient(f, x, gradient, 1e-6, 2e-5, 1e-1, [](std::size_t i) { return i != 2; });
-  // Its own depth: from the front, where the face stays whole.
+  // The derivative to its own depth, from the front, where the face stays whole.
   auto ahead = x;
   ahead[2] += 1e-6;
   EXPECT_NEAR((f(ahead) - f(x)) / 1e-6, gradient[2], 1e-3 * (1 + std::abs(gradient[2])));

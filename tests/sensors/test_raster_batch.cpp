@@ -1,4 +1,4 @@
-// The fast rasteriser against the plain loop in double, on every instruction set that this machine has.
+// The fast rasteriser against the plain loop in double, on every instruction set of this machine.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -22,7 +22,7 @@ struct Ball {
   RasterJob job() const { return {&mesh, &settings, &target}; }
 };
 
-/// A bumpy ball of 320 faces with one colour a face (texel borders move with rounding) at `distance`.
+/// A bumpy ball of 320 faces with one colour per face (texel borders move with rounding) at `distance`.
 Ball ball(std::uint64_t seed, double distance, double sigma, double gamma, int supersampling = 1) {
   RandomStream random(seed, "raster scene");
   const PinholeCamera camera{721, 721, 609, 172, 1242, 375};
@@ -91,12 +91,12 @@ Difference compare(const Ball& scene) {
   for (std::size_t f = 0; f < gradient.faces.size(); ++f)
     for (std::size_t k = 0; k < 3; ++k)
       for (int c = 0; c < 3; ++c) {
-        // z counts in units of the depth range, x and y in NDC: compare them on one scale.
+        // z is in units of the depth range, x and y in NDC: compares them on one scale.
         const double error = std::abs(gradient.faces[f][k][c] - d_expected.faces[f][k][c]);
         largest = std::max(largest, std::abs(d_expected.faces[f][k][c]));
         difference.vertices = std::max(difference.vertices, error);
       }
-  // By face: a sample within rounding of a texel's border may go to either side of it.
+  // Per face: a sample within rounding of a texel's border may go to either side.
   const std::size_t per_face = gradient.texels.size() / gradient.faces.size();
   for (std::size_t f = 0; f < gradient.faces.size(); ++f) {
     Vec3d sum = Vec3d::Zero(), expected_sum = Vec3d::Zero();
@@ -126,7 +126,7 @@ TEST(RasterBatch, AgreesWithTheReferenceOnEveryInstructionSet) {
   });
 }
 
-/// Of PyTorch3D's kind: a background that competes with the faces, colours by vertex.
+/// PyTorch3D's model: a background that competes with the faces, and colours by vertex.
 TEST(RasterBatch, DrawsALogitBackgroundAndColoursByVertexAsTheReference) {
   on_every_instruction_set([] {
     Difference worst;
@@ -200,7 +200,7 @@ TEST(RasterBatch, SameBitsOnAnyNumberOfThreadsAloneAndInABatch) {
   for (int threads : {1, 2, 7}) {
     set_thread_count(threads);
     SCOPED_TRACE(threads);
-    expect_same_bits(first, draw(scenes, tapes));  // the same tapes again
+    expect_same_bits(first, draw(scenes, tapes));  // with the same tapes again
     std::vector<RasterTape> fresh(scenes.size());
     expect_same_bits(first, draw(scenes, fresh));
   }
@@ -216,7 +216,7 @@ TEST(RasterBatch, SameBitsOnAnyNumberOfThreadsAloneAndInABatch) {
 }
 
 TEST(RasterBatch, AWindowIsTheSamePixelsOfTheWholeImage) {
-  // What is outside the window does not matter, to rounding: tiles begin elsewhere.
+  // Pixels outside the window have no effect, up to rounding: tiles begin elsewhere.
   Ball scene = ball(5, 9, 1e-5, 1e-2);
   std::vector<RasterTape> tapes(1);
   const ImageF whole = draw({scene}, tapes).images[0];

@@ -36,7 +36,7 @@ std::vector<Surface> ground_and_wall() {
 
 const PinholeCamera kPinhole{100, 100, 80, 30, 160, 60};
 
-// Frames carry a Lighting for the soft rasteriser: open ground must have the radiance it says.
+// Frames have a Lighting for the soft rasteriser: open ground must have the radiance that it predicts.
 TEST(RayCamera, OpenGroundHasTheLightingsRadiance) {
   const std::vector<Surface> surfaces = {
       quad({-200, -200, -2}, {200, -200, -2}, {200, 200, -2}, {-200, 200, -2}, -1)};
@@ -58,7 +58,7 @@ TEST(RayCamera, OpenGroundHasTheLightingsRadiance) {
   for (int c = 0; c < 3; ++c) EXPECT_NEAR(mean[c], expected[c], 0.02 * expected[c]);
 }
 
-// The rays left out would have found what their neighbours found.
+// The omitted rays would have hit the same as their neighbours.
 TEST(RayCamera, SparseRaysShowTheSame) {
   const std::vector<Surface> surfaces = ground_and_wall();
   const RayScene scene(surfaces);
@@ -67,7 +67,7 @@ TEST(RayCamera, SparseRaysShowTheSame) {
   const RayImage a = render(scene, kPinhole, looking_forward(), {}, full),
                  b = render(scene, kPinhole, looking_forward(), {}, sparse);
   EXPECT_EQ(a.object.data, b.object.data);
-  // The depth is of another ray of the same pixel: between those of the rows above and below.
+  // The depth belongs to another ray of the same pixel: it lies between those of the rows above and below.
   for (int v = 1; v + 1 < kPinhole.height; ++v)
     for (int u = 0; u < kPinhole.width; ++u) {
       const float above = a.depth.at(u, v - 1), here = a.depth.at(u, v), below = a.depth.at(u, v + 1);
@@ -92,7 +92,7 @@ TEST(RayCamera, DepthAndObjectsAndShadow) {
   EXPECT_NEAR(image.depth.at(80, 50), 10, 1e-3);  // ground: 2 m down, 20 pixels under the horizon
   EXPECT_EQ(image.object.at(80, 50), -1);
   EXPECT_EQ(image.depth.at(80, 2), 0);
-  // The wall's shadow reaches 12 m towards the camera between y = ±3; beside it the sun shines.
+  // The wall's shadow reaches 12 m towards the camera between y = ±3; beside it the ground is in the sun.
   EXPECT_LT(image.color.at(80, 46), 0.6 * image.color.at(10, 46));
 }
 

@@ -22,7 +22,7 @@ TEST(RayCaster, BarycentricsDistanceAndNormal) {
   const RayCaster caster(meshes);
   const Hit hit = caster.intersect({{0.5f, 1.0f, 1.0f}, {0, 0, 2}});
   ASSERT_TRUE(hit.hit());
-  EXPECT_NEAR(hit.t, 2, 1e-6);  // in lengths of the direction
+  EXPECT_NEAR(hit.t, 2, 1e-6);  // in units of the direction's length
   EXPECT_NEAR(hit.b1, 0.25, 1e-6);
   EXPECT_NEAR(hit.b2, 0.5, 1e-6);
   EXPECT_EQ(hit.mesh, 0);
@@ -36,7 +36,7 @@ TEST(RayCaster, BothSidesCount) {
   const Hit hit = caster.intersect({{0.5f, 0.5f, 9.0f}, {0, 0, -1}});
   ASSERT_TRUE(hit.hit());
   EXPECT_NEAR(hit.t, 4, 1e-6);
-  EXPECT_GT(hit.normal.z(), 0);  // as wound, not turned to the ray
+  EXPECT_GT(hit.normal.z(), 0);  // by the winding, not turned towards the ray
 }
 
 TEST(RayCaster, RangeLimitsAndOcclusion) {
@@ -73,7 +73,7 @@ TEST(RayCaster, PacketsOfAnyWidthMeetWhatSingleRaysMeet) {
                      std::sin(elevation))
                    .cast<float>());
     }
-  rays.direction[1][rays.index(3, 40)] = std::nanf("");  // meets nothing, and spoils no neighbour
+  rays.direction[1][rays.index(3, 40)] = std::nanf("");  // hits nothing, and does not affect its neighbours
   rays.origin[0][rays.index(4, 41)] = INFINITY;
   HitTable single;
   caster.intersect(rays, 0.5f, 10, single, 1);

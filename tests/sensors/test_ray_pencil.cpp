@@ -1,4 +1,4 @@
-// Rays of one pencil against the ray caster's (Embree), and what lies at the edges.
+// Rays of one pencil against the ray caster (Embree), and cases at edges.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -22,7 +22,7 @@ Vec3d random_direction(RandomStream& random) {
   return direction.normalized();
 }
 
-/// A ball about `centre` whose faces cross and hide each other.
+/// A ball about `centre` with faces that intersect and hide each other.
 Mesh crumpled(int subdivisions, std::uint64_t seed, const Vec3d& centre) {
   RandomStream random(seed, "pencil mesh");
   Mesh mesh = icosphere(subdivisions);
@@ -39,8 +39,8 @@ Vec3f on_face(const Mesh& mesh, int face, double b1, double b2, const Vec3d& cen
 struct Count {
   int rays = 0, met = 0, other = 0;
 };
-/// Rays from `starts` along directions[i] by the ray caster, and what the pencil says that they meet. Counts
-/// as other what lies elsewhere, by more than rounding.
+/// Compares rays from `starts` along directions[i] between the ray caster and the pencil. Counts hits that
+/// differ by more than rounding.
 void compare(const Mesh& mesh, const Vec3d& centre, const std::vector<Vec3f>& starts,
              const std::vector<Vec3f>& directions, const std::vector<RayPencil::Met>& met, Count& count) {
   const RayCaster caster(std::span(&mesh, 1), centre);
@@ -71,7 +71,7 @@ void parallel_rays_meet_what_the_ray_caster_says() {
       for (int i = 0; i < 200; ++i) {
         const int face = static_cast<int>(random.uniform() * static_cast<double>(mesh.faces.size()));
         const double b1 = random.uniform(), b2 = random.uniform() * (1 - b1);
-        // Off a face, as light's rays start, and anywhere.
+        // From a point just off a face, as rays of light start, or from any point.
         starts.push_back(i % 2 ? Vec3f(on_face(mesh, face, b1, b2, centre) + 1e-4f * direction)
                                : Vec3f(random_direction(random).cast<float>() * 1.5f));
       }
@@ -151,14 +151,14 @@ TEST(RayPencil, NothingIsMetWhereNothingIs) {
   EXPECT_EQ(met[1].face, -1);  // it starts behind
   EXPECT_EQ(met[2].face, -1);
   EXPECT_EQ(met[3].face, -1);
-  pencil.along(-Vec3f::UnitZ());  // the other side
+  pencil.along(-Vec3f::UnitZ());  // the opposite direction
   pencil.intersect(points, met);
   EXPECT_EQ(met[0].face, -1);
   EXPECT_EQ(met[1].face, 0);
   pencil.along(Vec3f::UnitX());  // edge on
   pencil.intersect(points, met);
   for (const RayPencil::Met& none : met) EXPECT_EQ(none.face, -1);
-  pencil.from(Vec3f(0.5f, 0.5f, 9), Vec3f::UnitZ());  // all of it lies behind the eye
+  pencil.from(Vec3f(0.5f, 0.5f, 9), Vec3f::UnitZ());  // all of it is behind the eye
   pencil.intersect(points, met);
   for (const RayPencil::Met& none : met) EXPECT_EQ(none.face, -1);
 

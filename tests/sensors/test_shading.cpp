@@ -68,8 +68,8 @@ TEST(Gloss, BothLobesAreReciprocalAndNothingComesFromBehind) {
   }
 }
 
-/// The normals that GGX gives project to the plane's own area: what D is normalised by. With G and F one, and
-/// the camera square to the surface, the lobe is D/4 over its half vectors.
+/// The projected area of GGX's normals is the plane's area, which normalises D. With G and F one, and the
+/// camera perpendicular to the surface, the lobe is D/4 over its half vectors.
 TEST(Gloss, HighlightAsByHand) {
   const Vec3d n = Vec3d::UnitZ();
   const double alpha = kRoughness * kRoughness;

@@ -26,10 +26,10 @@ TEST(SoftRasterizerGradient, RandomFacesInEveryBackgroundMode) {
   double worst = 0;
   for (Background background : {Background::paper_logit, Background::silhouette, Background::authors_logit})
     for (std::uint64_t seed : {1u, 2u, 3u}) {
-      // σ with a reach beyond the window: no pixel crosses the cut-off, so differences are smooth.
+      // σ reaches beyond the window: no pixel crosses the cut-off, so differences are smooth.
       Problem problem = random_problem(seed, 6, .5, 1e-1);
       problem.settings.background = background;
-      problem.mesh.resolution = 1;  // texel borders are jumps of the forward, not slopes
+      problem.mesh.resolution = 1;  // the forward pass jumps at texel borders
       problem.mesh.texels.resize(problem.mesh.faces.size());
       worst = std::max(worst, check_problem(problem, 1e-5).worst);
     }
@@ -59,8 +59,8 @@ TEST(SoftRasterizerGradient, TexelsAreExact) {
 }
 
 /// Every option against central differences. σ reaches beyond the window and the cut-off lies where D is
-/// 1e-12, so that no sample comes or goes; edges and depth orders are jumps of the hard modes, which a step
-/// of 1e-7 does not meet in these scenes.
+/// 1e-12, so that no sample appears or vanishes. Edges and depth orders are jumps in the hard modes, which a
+/// step of 1e-7 does not meet in these scenes.
 TEST(SoftRasterizerGradient, EveryCombinationOfOptions) {
   double worst = 0;
   int combinations = 0;
@@ -115,12 +115,12 @@ TEST(SoftRasterizerGradient, DepthLimitAndPartsOfFaces) {
                  flatten(mesh), flatten(gradient), 1e-8, 1e-4, 1e-1);
 }
 
-/// A face cut in two reads the same texels as the whole one.
+/// A face cut in two reads the same texels as the whole face.
 TEST(SoftRasterizer, PartsReadTheTextureOfTheWholeFace) {
   Problem whole = random_problem(17, 1, 1e-13, 1e-4);
   Problem parts = whole;
   const auto& face = whole.mesh.faces[0];
-  // Halves an edge where z is linear along it: on screen at z-weighted ratios.
+  // Splits an edge at a point with linear z: on screen at z-weighted ratios.
   const double t = 0.3;
   Vec3d middle;
   middle.z() = (1 - t) * face[0].z() + t * face[1].z();

@@ -1,4 +1,4 @@
-// Golden values of Liu et al.'s definition, images and gradients, for as many cases as the file holds.
+// Golden values of Liu et al.'s definition, images and gradients, for every case in the file.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -28,7 +28,7 @@ struct GoldenCase {
   nlohmann::json json;
 };
 
-/// The option that a word of the authors' interface names; `fallback` where the settings don't hold the key.
+/// The option for a word of the authors' interface; `fallback` if the settings lack the key.
 template <class Option>
 Option option(const nlohmann::json& settings, const char* key, const std::map<std::string, Option>& words,
               Option fallback) {
@@ -99,7 +99,7 @@ std::vector<GoldenCase> golden_cases() {
   return cases;
 }
 
-/// Largest |image − json[channel][row][column]| where it is to be compared.
+/// Largest |image − json[channel][row][column]| over the compared pixels.
 double worst_difference(const Image<double>& rgba, const nlohmann::json& expected,
                         const nlohmann::json& mask) {
   double worst = 0;
@@ -160,9 +160,9 @@ TEST(SoftRasterizerGolden, ImagesAndGradients) {
   }
 }
 
-/// The authors' gradient holds the barycentrics in the depth constant and gives nothing to faces that near
-/// and far skip though they count in the silhouette. Both gradients against central differences: ours is the
-/// derivative, theirs is not; and frozen_barycentrics is theirs where near and far skip nothing.
+/// The authors' gradient holds the barycentrics in the depth constant, and gives none to faces outside near
+/// and far, although they count in the silhouette. Both gradients against central differences: ours is the
+/// derivative, theirs is not. frozen_barycentrics equals theirs where near and far skip no face.
 TEST(SoftRasterizerGolden, OursIsTheExactGradientWhereTheAuthorsTakesAShortCut) {
   NEED_GOLDEN_FILE();
   int theirs_off = 0, reproduced = 0;

@@ -1,5 +1,5 @@
-// Faces whose texels are finer than others': every rasteriser draws what it draws of the same colours on an
-// atlas that is fine everywhere, and hands back the same gradient.
+// Faces with finer texels than others: every rasteriser draws the same as with these colours on an atlas that
+// is fine everywhere, and returns the same gradient.
 #include <gtest/gtest.h>
 
 #include "base/random.h"
@@ -33,10 +33,10 @@ TEST(TexelGrid, SaysWhereTexelsAre) {
   EXPECT_EQ(own.faces_with(21), 3u);
 }
 
-/// One mesh twice: on a grid of its own, and on an atlas that is fine everywhere, with the same colours.
+/// One mesh twice, with the same colours: on its own grid, and on an atlas that is fine everywhere.
 struct Pair {
   RasterProblem own, fine;
-  std::vector<std::size_t> part_of;  ///< of each texel of the fine one: which of the other's it lies in
+  std::vector<std::size_t> part_of;  ///< for each fine texel, the grid's texel that contains it
 };
 
 /// `near`: the near plane, which cuts some faces at 3.
@@ -71,8 +71,8 @@ Pair pair_of(std::uint64_t seed, double near, double sigma) {
   return pair;
 }
 
-/// Images alike, and each texel's gradient the sum of its parts'. `share`: of pixels and texels that may
-/// differ because a sample lies within rounding of a texel's border.
+/// Expects equal images, and each texel's gradient to be the sum of its parts'. `share`: of pixels and texels
+/// that may differ because a sample lies within rounding of a texel's border.
 void expect_alike(const Pair& pair, const Image<double>& own, const Image<double>& fine,
                   const ScreenGradient<double>& d_own, const ScreenGradient<double>& d_fine, double tolerance,
                   double share) {
@@ -94,7 +94,7 @@ void expect_alike(const Pair& pair, const Image<double>& own, const Image<double
   }
   EXPECT_GT(largest, 0.1);
   EXPECT_LE(different, share * static_cast<double>(sums.size()));
-  // The colours are the same, so faces are pushed alike: but for borders between equal colours.
+  // Equal colours give equal gradients of the faces, except at borders between equal colours.
   for (std::size_t f = 0; f < d_own.faces.size(); ++f)
     for (std::size_t k = 0; k < 3; ++k)
       ASSERT_LT((d_own.faces[f][k] - d_fine.faces[f][k]).norm(),

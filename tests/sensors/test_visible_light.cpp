@@ -18,7 +18,7 @@
 namespace mirage {
 namespace {
 
-/// A crumpled ball of half a metre over the origin, with random texels.
+/// A crumpled ball of half a metre around the origin, with random texels.
 TexturedMesh ball(std::uint64_t seed, double crumpled, int subdivisions = 1, int resolution = 2) {
   TexturedMesh textured{icosphere(subdivisions), {resolution, {}}};
   RandomStream random(seed, "ball");
@@ -28,7 +28,7 @@ TexturedMesh ball(std::uint64_t seed, double crumpled, int subdivisions = 1, int
   return textured;
 }
 
-/// The same mesh with every texel as a face of its own, in the atlas's order.
+/// The same mesh with every texel as its own face, in the atlas's order.
 TexturedMesh texels_as_faces(const TexturedMesh& mesh) {
   TexturedMesh parts{{}, {1, mesh.atlas.texels}};
   parts.mesh.faces.resize(mesh.atlas.texels.size());
@@ -50,8 +50,8 @@ VisibleLight light_of(const TexturedMesh& mesh, const Lighting& light, const Lig
                        find_visibility(mesh, light, around, nullptr, settings), settings.bounces);
 }
 
-/// What the gloss of a wide level surface sends to a face that looks straight down on it: the integral of its
-/// radiance n·ω/π over the half space, of an open sky and the sun.
+/// The irradiance from a wide glossy level surface on a face that looks straight down at it: the integral of
+/// its radiance n·ω/π over the half space, under an open sky and the sun.
 Vec3d light_of_gloss(const Lighting& light) {
   constexpr int kRings = 400, kTurns = 400;
   Vec3d sum = Vec3d::Zero();
@@ -84,10 +84,10 @@ TEST(VisibleLight, AConvexObjectInFreeSpaceHasThePlainLight) {
     ASSERT_LT((lit.factor[t] - shade(normals[t / 25], light)).norm(), 1e-6) << t;
 }
 
-/// What stands beside the object hides sky and sun, and shines as bright as it is painted.
+/// Bodies beside the object hide sky and sun, and reflect light by their paint.
 TEST(VisibleLight, AVehicleBesideItShadesAndReflects) {
   const TexturedMesh mesh = ball(1, 0.1);
-  Mesh box = box_mesh(Vec3d(1.5, 6, 2.8));  // above all of the ball: rays that meet it met the sky before
+  Mesh box = box_mesh(Vec3d(1.5, 6, 2.8));  // higher than the ball: rays that hit it saw the sky before
   for (Vec3d& v : box.vertices) v += Vec3d(2.2, 0, 2.7);
   LightSurroundings open, beside;
   open.roof = open.deck = {Vec2d::Zero(), Vec2d::Zero()};
@@ -119,7 +119,7 @@ TEST(VisibleLight, AVehicleBesideItShadesAndReflects) {
   EXPECT_EQ(sunny(away, beside), sunny(away, open));
 }
 
-/// Parts of a side have lights of their own where something of the object stands over it.
+/// A side is split into parts with their own light where another part of the object is above it.
 TEST(VisibleLight, EnclosedSidesHaveMoreNodes) {
   TexturedMesh mesh{{}, {5, {}}};
   mesh.mesh.vertices = {{0, 0, 0}, {.2, 0, 0}, {0, .2, 0}};
@@ -147,10 +147,9 @@ TEST(VisibleLight, EnclosedSidesHaveMoreNodes) {
   EXPECT_EQ(open.parts[open.side(0)], 1);
 }
 
-/// What light each texel has by itself is what it has as a face of its own: the light model knows texels
-/// where they are seen large.
+/// A texel's own light equals that of a face in its place: the light model resolves texels that appear large.
 TEST(VisibleLight, ATexelsLightIsThatOfAFaceInItsPlace) {
-  // A wall that stands on a plate, texels of 2 cm to 8 cm: dark in the corner, bright above.
+  // A wall on a plate, with texels of 2 cm to 8 cm: dark in the corner, bright above.
   TexturedMesh whole{{}, {4, {}}};
   whole.mesh.vertices = {{0, -.4, 0}, {0, .4, 0}, {0, 0, .5}, {-.6, -.5, 0}, {-.6, .5, 0}, {.01, 0, -.01}};
   whole.mesh.faces = {{0, 2, 1}, {3, 5, 4}};
@@ -182,15 +181,15 @@ TEST(VisibleLight, ATexelsLightIsThatOfAFaceInItsPlace) {
   EXPECT_GT(coarse_error, 0.1);
 }
 
-/// A wall casts its shadow's straight border over a plate, seen near: what is shown of the plate is as fine
-/// as the camera sees it, and dark where the wall's plane hides the sun.
+/// A wall casts a straight shadow border over a plate in close view. The plate's light is as fine as the
+/// camera's resolution, and dark where the wall's plane hides the sun.
 TEST(VisibleLight, AShadowsBorderRunsThroughTexels) {
   TexturedMesh scene{{}, {3, {}}};
   scene.mesh.vertices = {{-2, -1, 0}, {2, -1, 0}, {0, 2, 0}, {0.1, -9, 0}, {0.1, 9, 0}, {0.1, 0, 9}};
   scene.mesh.faces = {{0, 1, 2}, {3, 4, 5}};
   scene.atlas.texels.assign(2 * scene.atlas.per_face(), Vec3d::Constant(0.5));
   Lighting light;
-  light.to_sun_velo = Vec3d(0.3, 0, 1).normalized();  // behind the wall, as seen from where x < 0.1
+  light.to_sun_velo = Vec3d(0.3, 0, 1).normalized();  // behind the wall for x < 0.1
   const Vec3d eye(-1, 0, 12);
   const auto wrong = [&](double sun_angle) {
     VisibleLightSettings settings;
@@ -201,7 +200,7 @@ TEST(VisibleLight, AShadowsBorderRunsThroughTexels) {
     for (const Vec2d& b : centroids) {
       const double x = -2 * b.x() + 2 * b.y();  // of vertices 0, 1 and 2
       const auto part = as_size(texel_index<double>(b.x(), b.y(), v.shown.resolution_of(0)));
-      // The wall is as wide as its triangle is at that height: whole where the plate's shadow falls.
+      // At that height the wall is as wide as its triangle: it covers all of the plate's shadow.
       mistaken += std::abs(v.sun[part] - (x > 0.1 ? 1.0 : 0.0));
     }
     EXPECT_EQ(v.texels_of_parts(0).size(), v.shown.texels_of(0));
@@ -215,7 +214,7 @@ TEST(VisibleLight, AShadowsBorderRunsThroughTexels) {
   EXPECT_GT(halves, finest);
 }
 
-/// White furnace: in an even light a convex object has the lobes' whole shares, whatever the rays' raster.
+/// White furnace: under uniform light a convex object has the lobes' whole shares, for any raster of rays.
 TEST(VisibleLight, InAnEvenLightTheGlossIsItsShareOfIt) {
   const TexturedMesh convex = ball(1, 0, 2, 1);
   Lighting even;
@@ -250,7 +249,7 @@ TEST(VisibleLight, InAnEvenLightTheGlossIsItsShareOfIt) {
   EXPECT_GT(seen, 100);
 }
 
-/// Two parallel plates: the lower one sees the sky past the upper one, and the sun not at all.
+/// Two parallel plates: the lower one sees the sky past the upper one, but not the sun.
 TEST(VisibleLight, APlateOverAnotherHidesSkyAndSunByItsFormFactor) {
   const auto plate = [](double z, double half, bool up) {
     Mesh mesh;
@@ -272,7 +271,7 @@ TEST(VisibleLight, APlateOverAnotherHidesSkyAndSunByItsFormFactor) {
   // catalogue, B-3): 4 quarters with X = Y = 1.
   const double quarter = 2 / std::sqrt(2.0) * std::atan(1 / std::sqrt(2.0)) / (2 * M_PI);
   EXPECT_NEAR(light_of(plates, light, nullptr, settings).factor[0].x(), 1 - 4 * quarter, 2e-3);
-  // An upper plate of albedo ρ under no light of its own sends back ρ times what reaches it.
+  // An upper plate of albedo ρ without its own light reflects ρ times the incoming light.
   plates.atlas.texels.assign(4, Vec3d::Constant(0.5));
   const double lit_from_below = light_of(plates, light, nullptr, settings).factor[2].x();
   EXPECT_NEAR(light_of(plates, light, nullptr, settings).factor[0].x(),
@@ -283,7 +282,7 @@ TEST(VisibleLight, APlateOverAnotherHidesSkyAndSunByItsFormFactor) {
 }
 
 TEST(VisibleLight, RoofAndRoadLightAFaceFromBelow) {
-  // A small plate facing down over the middle of a wide roof: the roof's radiance, whole.
+  // A small plate facing down over the middle of a wide roof receives the roof's whole radiance.
   TexturedMesh plate;
   plate.mesh.vertices = {{-0.01, -0.01, 0.3}, {0.01, 0, 0.3}, {0, 0.01, 0.3}};
   plate.mesh.faces = {{0, 2, 1}};
@@ -300,19 +299,19 @@ TEST(VisibleLight, RoofAndRoadLightAFaceFromBelow) {
     return Vec3d(colour + light_of_gloss(by));
   };
   EXPECT_LT((light_of(plate, light, &around, settings).factor[0] - direct(light, around.paint)).norm(), 5e-3);
-  // A low sun: most of what comes from below is its glint.
+  // A low sun: most of the light from below is its glint.
   Lighting low = light;
   low.to_sun_velo = Vec3d(1, 0, 0.15).normalized();
   const Vec3d glinting = light_of(plate, low, &around, settings).factor[0];
   EXPECT_LT((glinting - direct(low, around.paint)).norm(), 5e-3);
   around.roof = {Vec2d(-1e-3, -1e-3), Vec2d(1e-3, 1e-3)};  // no roof, no deck: the road
   around.deck = around.roof;
-  // Under an even sky the road's gloss sends its share of it up, as its colour does.
+  // Under a uniform sky the road's gloss reflects its share upwards, and so does its colour.
   Lighting even = light;
   even.hemisphere = even.sun = Vec3d::Zero();
   EXPECT_LT((light_of(plate, even, &around, settings).factor[0] - direct(even, around.road)).norm(),
             5e-3 * even.ambient.norm());
-  // The sun's part besides: more than the colour's share of it, less than twice.
+  // The sun's part is more than the diffuse share alone, and less than twice that.
   const Vec3d sunlit = light_of(plate, light, &around, settings).factor[0];
   for (int c = 0; c < 3; ++c) {
     EXPECT_GT(sunlit[c], direct(light, Vec3d::Zero())[c]);
@@ -320,7 +319,7 @@ TEST(VisibleLight, RoofAndRoadLightAFaceFromBelow) {
   }
 }
 
-/// A roof of the object's own: under an even sky and a sun it lights a face over it as the vehicle's does.
+/// A roof that is part of the object lights a face above it as the vehicle's roof does, under sky and sun.
 TEST(VisibleLight, ThePartsOfAnObjectMirrorLightToEachOther) {
   TexturedMesh plates;
   plates.mesh.vertices = {{-0.01, -0.01, 0.3}, {0.01, 0, 0.3}, {0, 0.01, 0.3},

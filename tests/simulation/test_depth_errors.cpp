@@ -20,7 +20,7 @@ ImageF row(std::vector<float> values) {
 }
 
 TEST(DepthErrors, KnownValues) {
-  // Errors 1, −2 and 0 m; of the inverse 1/11 − 1/10, 1/18 − 1/20 and 0.
+  // Errors 1, −2 and 0 m; of inverse depth 1/11 − 1/10, 1/18 − 1/20 and 0.
   const DepthErrors e = depth_errors(row({10, 20, 40, 0, 90}), row({11, 18, 40, 5, 7}), 80);
   EXPECT_EQ(e.pixels, 3u);
   EXPECT_NEAR(e.rmse, 1e3 * std::sqrt(5.0 / 3), 1e-6);
@@ -43,7 +43,7 @@ TEST(DepthErrors, TheMeanIsOverPictures) {
   MeanDepthErrors mean;
   mean.add({1000, 500, 2, 1, 10});
   mean.add({3000, 1500, 4, 3, 90});
-  mean.add({});  // nothing to score
+  mean.add({});  // no pixel to score
   EXPECT_NEAR(mean.mean().rmse, 2000, 1e-9);
   EXPECT_NEAR(mean.mean().imae, 2, 1e-9);
   EXPECT_EQ(mean.mean().pixels, 100u);
@@ -85,7 +85,7 @@ TEST(DepthErrors, HeldBackReturnsDependOnSeedAndFrame) {
   EXPECT_NE(held, held_of(1, "000001"));
 }
 
-/// A back-end that knows: gives what it was made with.
+/// A back-end that returns the depth that it was made with.
 class Given : public DepthCompletion {
  public:
   explicit Given(ImageF depth) : depth_(std::move(depth)) {}
@@ -96,8 +96,7 @@ class Given : public DepthCompletion {
   ImageF depth_;
 };
 
-/// One car, 15 m ahead, seen by a small camera; a wall 40 m away fills the picture's left half, the rest is
-/// sky.
+/// One car, 15 m ahead, in a small camera; a wall 40 m away fills the picture's left half, the rest is sky.
 struct OneCar {
   test::TemporaryFolder folder;
   ImageF truth{320, 120, 1};

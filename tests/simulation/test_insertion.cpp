@@ -25,7 +25,7 @@ TexturedMesh with_vertices(const TexturedMesh& like, const std::vector<double>& 
   return mesh;
 }
 
-/// Central differences of the camera's picture, to the vertices and the texels.
+/// Central differences of the camera's picture, with respect to vertices and texels.
 void expect_camera_gradient(const World& world, const SimulationSettings& settings) {
   const Simulated at = simulate(world.prepared, world.placement, world.adversary, settings);
   ASSERT_GT(at.adversary_pixels, 50);
@@ -75,7 +75,7 @@ TEST(InsertionGradient, ExactAreasThroughTheCamera) {
   settings.exact_coverage = true;
   World world = make_world(1);
   expect_camera_gradient(world, settings);
-  // With texels, their borders move too; and folded, so that faces hide and cross each other.
+  // With texels, whose borders move too; and folded, so that faces hide and intersect each other.
   RandomStream random(3, "exact areas");
   test::paint(world.adversary, 3, random);
   test::crumple(world.adversary.mesh, random);
@@ -94,7 +94,7 @@ TEST(InsertionGradient, ThroughLensAndSensor) {
 void expect_texel_gradient(LightModel light, double step = 1e-4) {
   const World world = make_world(5);
   SimulationSettings settings = smooth_settings();
-  settings.light = light;  // rays do not depend on texels: nothing need be held
+  settings.light = light;  // rays do not depend on texels
   const auto draw = [&](const TexturedMesh& adversary) {
     return simulate(world.prepared, world.placement, adversary, settings);
   };
@@ -129,7 +129,7 @@ TEST(InsertionGradient, TexelsThroughTheVisibleLight) {
 }
 
 TEST(InsertionGradient, TexelsThroughTheFineLight) {
-  // A node within the object has next to no light, and is cut at none of it within a wider step.
+  // A node inside the object has almost no light: a larger step would clip it at 0.
   expect_texel_gradient(LightModel::fine, 1e-5);
 }
 
@@ -145,7 +145,7 @@ TEST(Insertion, FineLightIsNearerToOneOfManyRays) {
                         .sun_angle = 1e-8,
                         .cell = 0.1,
                         .node_angle = 0};
-  // What is fine shows in a camera as fine as KITTI's alone, on an atlas as an attack's.
+  // Fine texels appear only in a camera as fine as KITTI's, with an atlas as an attack's.
   World world = make_world(5);
   const Mesh uncrumpled = world.adversary.mesh;
   Frame frame = world.prepared.frame;
@@ -217,7 +217,7 @@ void expect_lidar_gradient(const World& world) {
   const AdversaryGradient gradient = simulate_vjp(simulated, ImageF(), d_points);
   std::vector<double> d_vertices;
   for (const Vec3d& d : gradient.vertices) d_vertices.insert(d_vertices.end(), d.data(), d.data() + 3);
-  // A vertex whose move makes a ray change its face has no derivative there; the others must agree.
+  // A vertex whose move makes a ray change its face has no derivative there; all others must agree.
   int jumps = 0;
   const auto x0 = test::flat(world.adversary.mesh.vertices);
   const auto smooth = [&](std::size_t i) {
@@ -238,7 +238,7 @@ TEST(InsertionGradient, VerticesThroughTheLidar) {
   expect_lidar_gradient(make_world(3));
 }
 
-// Where the picture cuts nothing off.
+// The picture's edge cuts off no part.
 TEST(InsertionGradient, OffTheRoof) {
   World world = make_world(3);
   PlaceChoice place;
@@ -258,8 +258,8 @@ TEST(Insertion, TheAdversaryStandsOnTheRoof) {
   EXPECT_NEAR(bounds(placed.mesh).min().z(), box.bottom + box.height, 1e-12);
 }
 
-/// The same surface with vertices that no face uses: below, ahead, at the camera and beside, the first of
-/// them before all others.
+/// The same surface with vertices that no face uses: below, ahead, at the camera and beside. The first of
+/// them comes before all other vertices.
 TexturedMesh with_unused(TexturedMesh adversary) {
   Mesh& mesh = adversary.mesh;
   mesh.vertices.insert(mesh.vertices.begin(), Vec3d(0, 0, -2));
@@ -374,7 +374,7 @@ TEST(Insertion, AnOccluderInThePhotographHidesItAndSkyDoesNot) {
   World world = make_world(7);
   const Simulated open = simulate(world.prepared, world.placement, world.adversary);
   EXPECT_EQ(open.visible_share, 1);
-  for (float& depth : world.prepared.depth.data) depth = 5;  // something everywhere, nearer than the host
+  for (float& depth : world.prepared.depth.data) depth = 5;  // a surface in every pixel, nearer than the host
   const Simulated hidden = simulate(world.prepared, world.placement, world.adversary);
   EXPECT_EQ(hidden.adversary_pixels, 0);
   EXPECT_EQ(hidden.visible_share, 0);

@@ -1,4 +1,4 @@
-// Returns on an inserted object: occlusion ray by ray, the optional effects and their gradients.
+// Returns on an inserted object: occlusion ray by ray, optional effects, and gradients.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -16,7 +16,7 @@ using test::dented_ball;
 using test::lidar_frame;
 using test::lidar_of_32;
 
-/// What must not change for the derivative to exist: rays, faces and echoes.
+/// The discrete choices that must stay the same for the derivative to exist: rays, faces and echoes.
 std::vector<int> choices(const LidarTape& tape) {
   std::vector<int> all;
   for (const auto& back : tape.returns) {
@@ -142,7 +142,7 @@ TEST(LidarInsertion, TheNearerReturnStaysRayByRay) {
   EXPECT_EQ(free.removed_points, 0);
   EXPECT_EQ(free.occluded_points, 0);
   EXPECT_EQ(free.sweep.size(), alone.returns.size());
-  // On every third ray a return 1 mm in front, on every third one 1 mm behind, on the others none.
+  // One ray in three has a return 1 mm in front, one 1 mm behind, and one has none.
   Sweep sweep;
   int in_front = 0, behind = 0, none = 0;
   for (std::size_t i = 0; i < alone.returns.size(); ++i) {
@@ -162,7 +162,7 @@ TEST(LidarInsertion, TheNearerReturnStaysRayByRay) {
   EXPECT_EQ(simulated.removed_points, behind);
   EXPECT_EQ(simulated.adversary_points, behind + none);
   EXPECT_EQ(simulated.sweep.size(), sweep.size() - as_size(behind) + tape.returns.size());
-  // What stays is what was measured, in its order.
+  // The remaining returns are the measured ones, in their order.
   std::size_t k = 0;
   for (std::size_t i = 0, s = 0; i < alone.returns.size(); ++i) {
     if (i % 3 == 2) continue;
@@ -205,7 +205,7 @@ TEST(LidarInsertion, DuplicatePointsAreEachDecided) {
   const Sweep sweep(5, test::point_at(back.ray, 30));
   Simulated simulated;
   draw_in_lidar(lidar_frame(lidar, sweep), object, {}, simulated);
-  EXPECT_EQ(simulated.removed_points, 5);  // none of them shows through the object
+  EXPECT_EQ(simulated.removed_points, 5);  // none of them is visible through the object
   EXPECT_EQ(static_cast<int>(simulated.sweep.size()), simulated.adversary_points);
 }
 
@@ -251,7 +251,7 @@ TEST(LidarInsertion, DarkObjectsLoseTheReturnsThatTheirReflectivitySays) {
   }
 }
 
-// Without light the echo has no strength, and the wall behind still gets none.
+// Without light the echo has no strength, but the wall behind is still hidden.
 TEST(LidarInsertion, ABlackObjectHidesWhatIsBehindIt) {
   const LidarModel lidar = lidar_of_32();
   TexturedMesh object = dented_ball(Vec3d(9, 0.6, -0.4), 0.8, 3);
@@ -297,15 +297,15 @@ TEST(LidarInsertion, MotionWritesPointsAsTheMovingUnitSawThem) {
       on_face += back.hit.barycentric[k] * object.mesh.vertices[as_size(face[as_size(k)])];
     ASSERT_LT((there - on_face).norm(), 1e-9);
   }
-  // Seen 8 ms after the moment of the frame, the object has come nearer by 0.11 m.
+  // 8 ms after the frame's time the object is 0.11 m nearer.
   EXPECT_NEAR(shift.x(), -14 * std::atan2(5, 9) / (20 * M_PI), 0.04);
   EXPECT_NEAR(static_cast<double>(after.returns.size()), static_cast<double>(before.returns.size()),
               0.1 * static_cast<double>(before.returns.size()));
 }
 
 TEST(LidarInsertion, EchoesAreThoseOfAWholeSweep) {
-  // A board that is seen at a grazing angle, and behind its outline one that is seen head on: which of the
-  // two is the stronger echo of a beam depends on how the light falls off with the incidence.
+  // A board at a grazing angle, and behind its outline another one head-on: which of them gives the stronger
+  // echo of a beam depends on the falloff with incidence.
   TexturedMesh object;
   object.mesh.vertices = {{9, -0.2, -2}, {9, -0.2, 1}, {13, 0.36, 1}, {13, 0.36, -2},
                           {19, -6, -6},  {19, -6, 4},  {19, 6, 4},    {19, 6, -6}};

@@ -1,4 +1,4 @@
-// The derivative of what a LiDAR sees at all: against differences of the mean over places of its raster.
+// The derivative of LiDAR returns with the silhouette: against differences of the mean over raster offsets.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -16,7 +16,7 @@ using test::lidar_frame;
 using test::lidar_of_32;
 using test::point_at;
 
-/// What a return is worth; any smooth function of its place.
+/// The value of a return; any smooth function of its position.
 double worth(const Vec3d& p) {
   return 1 + 0.4 * std::sin(0.7 * p.x()) + 0.5 * std::cos(2 * p.y()) + 0.8 * std::sin(3 * p.z());
 }
@@ -42,7 +42,7 @@ Sweep wall(const LidarModel& lidar) {
   return sweep;
 }
 
-/// The unit at places of its raster, all equally likely: frames of the same world.
+/// The unit at several offsets of its raster, all equally likely: frames of the same world.
 std::vector<PreparedFrame> rasters(bool with_wall, int a_side, const LidarModel& unit = lidar_of_32()) {
   std::vector<PreparedFrame> frames;
   for (int row = 0; row < a_side; ++row)
@@ -66,7 +66,7 @@ double mean_worth(const std::vector<PreparedFrame>& frames, const TexturedMesh& 
   return sum / static_cast<double>(frames.size());
 }
 
-/// d mean worth / d vertices: the inner part, and with the silhouette's.
+/// d mean value / d vertices: the interior part, and with the silhouette's.
 struct Slopes {
   std::vector<Vec3d> inner, whole;
 };
@@ -105,7 +105,7 @@ double along(const std::vector<Vec3d>& slopes, const std::vector<Vec3d>& motion)
   return sum;
 }
 
-/// Growing, moving to either side, up and away; then dents at random.
+/// Scaling, motion to either side, up and away; then random dents.
 std::vector<std::vector<Vec3d>> motions(const TexturedMesh& object, int dents) {
   const Vec3d centre = bounds(object.mesh).center();
   std::vector<std::vector<Vec3d>> all(5);
@@ -125,14 +125,14 @@ std::vector<std::vector<Vec3d>> motions(const TexturedMesh& object, int dents) {
   return all;
 }
 
-/// Of all motions together the derivative is within `tolerance` of the differences, and without the
-/// silhouette more than half of it is missing.
+/// Over all motions together the derivative is within `tolerance` of the differences. Without the silhouette
+/// more than half of it is missing.
 void check_motions(const std::vector<PreparedFrame>& frames, const TexturedMesh& object, int dents,
                    double tolerance) {
   const Slopes slopes = mean_slopes(frames, object);
   double difference = 0, norm = 0, without = 0;
   for (const auto& motion : motions(object, dents)) {
-    constexpr double step = 0.005;  // m: rays are discrete, a smaller one is counting noise
+    constexpr double step = 0.005;  // m; rays are discrete: a smaller step gives counting noise
     TexturedMesh further = object, nearer = object;
     for (std::size_t i = 0; i < motion.size(); ++i) {
       further.mesh.vertices[i] += step * motion[i];
@@ -178,7 +178,7 @@ TEST(LidarSilhouette, KnowsWhichPartOfTheObjectIsBehindAnother) {
   check_motions(rasters(true, kSide), two_balls(), 0, 0.015);
 }
 
-// Faces that the unit sees edge-on come and go with any dent, so that the object only moves and grows here.
+// Faces edge-on to the unit appear and vanish with any dent, so here the object only moves and grows.
 TEST(LidarSilhouette, EndsWhereTheUnitDoesNotFire) {
   check_motions(rasters(false, kSide), dented_ball({10, 0.4, -0.3}, 0.8, 1), 0, 0.015);
 }
@@ -194,7 +194,7 @@ TEST(LidarSilhouette, IsHiddenBehindTheScene) {
   EXPECT_TRUE(lidar_silhouette(lidar_frame(lidar, near), ball).samples.empty());
 }
 
-// The lasers look over the box's top, the unit's centre does not.
+// The lasers see over the box's top, but the unit's centre does not.
 TEST(LidarSilhouette, IsSeenFromTheLasersAndNotFromTheUnitsCentre) {
   LidarModel above = lidar_of_32(), raised = above;
   for (LidarBeam& beam : above.beams) beam.height = 0.3;

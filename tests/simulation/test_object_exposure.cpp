@@ -102,12 +102,12 @@ TEST(ObjectExposureGradient, OfColourAndSilhouette) {
   Image<double> rgba(7, 6, 4);
   for (std::size_t i = 0; i < rgba.data.size(); ++i)
     rgba.data[i] = i % 4 == 3 ? random.uniform(0.05, 1) : random.uniform(0.02, 1.5);
-  rgba.at(2, 2, 0) = -0.3;  // a negative radiance has the dark's noise
+  rgba.at(2, 2, 0) = -0.3;  // a negative radiance has the noise of black
   std::vector<double> weights(rgba.data.size());
   for (double& w : weights) w = random.uniform(-1, 1);
   for (const char* words : {"blur", "noise", "unit"}) {
     CameraEffects effects = parse_camera_effects(words);
-    effects.shot *= 100;  // so that noise is not lost beside the identity
+    effects.shot *= 100;  // so that noise shows beside the identity
     const auto loss = [&](const std::vector<double>& x) {
       Image<double> at = rgba;
       at.data = x;

@@ -65,7 +65,7 @@ PlaceChoice choice(const std::string& text) {
   return place;
 }
 
-/// Another car with its centre there in the first one's frame.
+/// Another car with its centre at (x, y) in the first one's frame.
 Label other_at(double x, double y) {
   Label other = car().label;
   const Vec3d p = velo_from_box(other.box) * Vec3d(x, y, 0);
@@ -117,7 +117,7 @@ TEST(Placement, AFilesObjectNeedsRoom) {
   PlaceChoice numbers = ahead;
   numbers.name.clear();
   EXPECT_EQ(left_out(numbers, other_at(length + 3, 0)), LeftOut::no);
-  // From the middle of the box the host itself may be in the way.
+  // Measured from the middle of its box, the host itself may overlap the object.
   ahead.in = PlaceChoice::In::vehicle;
   ahead.at = Vec3d(length / 2 + 0.2, 0, 0);
   EXPECT_EQ(left_out(ahead, other_at(30, 0)), LeftOut::no_room);
@@ -151,7 +151,7 @@ TEST(Placement, AGrownBoxHoldsVehicleAndObject) {
   EXPECT_NEAR(grown.height, 2.3, 0.02);
   EXPECT_EQ(grown.bottom, box.bottom);
   EXPECT_EQ(grown.bev.yaw, box.bev.yaw);
-  Mesh more = placed;  // files hold vertices that no face uses
+  Mesh more = placed;  // files may contain vertices that no face uses
   more.vertices.emplace_back(-50, 0, 9);
   EXPECT_NEAR(grown_box(box, more).bev.length, grown.bev.length, 1e-12);
   EXPECT_NEAR(grown_box(box, more).height, grown.height, 1e-12);
@@ -161,7 +161,7 @@ TEST(Placement, AGrownBoxHoldsVehicleAndObject) {
 
 TEST(Placement, TheObjectHasALabelOfItsOwn) {
   PlaceChoice nearer = choice("debris");
-  nearer.at.x() = -2;  // or the picture would end above it
+  nearer.at.x() = -2;  // otherwise the picture would end above it
   const Placement debris = placement_of(nearer, car(), {});
   EXPECT_EQ(debris.victim, Victim::object);
   EXPECT_TRUE(debris.targets.empty());
@@ -207,7 +207,7 @@ TEST(Placement, ACarBesideTheObjectShadesIt) {
 
 }  // namespace
 
-// --quality: what the names stand for, and that what the user gives wins.
+// --quality: the values of the names, and that the user's values win.
 
 namespace {
 
@@ -284,7 +284,7 @@ TEST(Quality, AnotherWordIsAnErrorThatNamesTheThree) {
 
 using test::make_world;
 
-/// Values that float holds exactly, in float and in double.
+/// Values that float represents exactly, in float and in double.
 template <class S>
 std::vector<S> upstream_values(std::size_t count) {
   RandomStream random(7, "upstream");

@@ -1,4 +1,4 @@
-// One object in several cameras: where it is drawn, what hides it in each, and the gradient back through all.
+// One object in several cameras: its pixels and its occlusion in each, and the gradient through all.
 #include <gtest/gtest.h>
 
 #include "base/random.h"
@@ -14,7 +14,7 @@ namespace {
 using test::make_world;
 using test::World;
 
-/// A camera as the world's first, elsewhere: it looks along `yaw` (rad, from forward) from `at` (m, `velo`).
+/// The first camera at another pose: it looks along `yaw` (rad, from forward) from `at` (m, `velo`).
 SideCamera camera_at(const std::string& name, const Calibration& like, double yaw, const Vec3d& at,
                      std::function<ImageF()> picture) {
   SideCamera camera{name, like, Lazy<ImageF>(std::move(picture))};
@@ -29,8 +29,8 @@ ImageF grey(float value) {
   return {207, 63, 3, value};
 }
 
-/// The world's car, of which the left part is cut off by the first camera's picture when that is turned away
-/// to the right; LEFT sees the rest, SIDE the whole from its left side, and BACK nothing.
+/// The world's car. The first camera is turned to the right, and its picture cuts off the car's left part.
+/// LEFT sees that part, SIDE the whole car from its left side, and BACK nothing.
 World surround(const Sweep& sweep = {}) {
   World world = make_world(1);
   Frame frame = world.prepared.frame;
@@ -61,7 +61,7 @@ TEST(Surround, ACarOnTheSeamIsInBothCamerasAndInNoOther) {
   EXPECT_GT(left.adversary_pixels, 20);
   EXPECT_TRUE(back.image.empty());
   EXPECT_EQ(back.adversary_pixels, 0);
-  // Each cuts off about a half, and between them nothing is lost; the side camera has it whole.
+  // Each cuts off about one half, and together they show everything; the side camera has all of it.
   EXPECT_NEAR(seen.visible_share + left.visible_share, 1, 0.1);
   EXPECT_GT(std::min(seen.visible_share, left.visible_share), 0.3);
   EXPECT_EQ(seen.rect.u0, 0);
@@ -73,7 +73,7 @@ TEST(Surround, ACarOnTheSeamIsInBothCamerasAndInNoOther) {
   EXPECT_EQ(side.image.at(0, 0, 0), 0.6f);
 }
 
-// Whoever has one camera gets the same, to the bit, and a camera draws what it would draw as the first.
+// A single camera gives the same, to the bit, and every camera draws what it would draw as the first.
 TEST(Surround, EachCameraDrawsAsItWouldAlone) {
   const World world = surround();
   const Simulated all = simulate(world.prepared, world.placement, world.adversary);
@@ -90,7 +90,7 @@ TEST(Surround, EachCameraDrawsAsItWouldAlone) {
   }
 }
 
-// A wall of returns between the car and the side camera: LEFT and the first look past it.
+// A wall of returns between the car and the side camera: LEFT and the first camera see past it.
 TEST(Surround, WhatHidesItIsEachCamerasOwnDepth) {
   const Vec3d roof = surround().placement.velo_from_adversary.translation();
   Sweep wall;
@@ -108,7 +108,7 @@ TEST(Surround, WhatHidesItIsEachCamerasOwnDepth) {
   EXPECT_EQ(after.others[1].rgba.data, before.others[1].rgba.data);
 }
 
-// What may_see leaves out, the rasteriser would not have touched, wherever the object stands.
+// For cameras that may_see leaves out, the rasteriser would not have drawn any pixel, wherever the object is.
 TEST(Surround, NoCameraIsLeftOutThatSeesIt) {
   const World world = surround();
   RandomStream random(7, "placements around");
@@ -178,7 +178,7 @@ TEST(Surround, TheGradientComesBackThroughAllCameras) {
                                            test::flat(gradient.texels), 1e-4, 1e-6, 1e-2, some);
   std::printf("three cameras: vertices %d components, worst %.1e; texels %d, worst %.1e\n", vertices.checked,
               vertices.worst, texels.checked, texels.worst);
-  // Each camera has its part in it: without one, it is another.
+  // Each camera contributes to the gradient: without one of them it is different.
   for (std::size_t without = 1; without < 3; ++without) {
     std::vector<GradientView> fewer = others;
     fewer[without] = {};

@@ -1,4 +1,4 @@
-"""The program's BLAS is OpenBLAS: what it names first gives LibTorch its matrix products, and Ceres names ATLAS.
+"""The program's BLAS is OpenBLAS: LibTorch multiplies with the first BLAS that is linked, and Ceres links ATLAS.
 
     python3 tests/structure/test_blas.py SOURCE BUILD
 """

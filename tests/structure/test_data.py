@@ -48,7 +48,7 @@ def main(source):
 
 
 def planted():
-    """The search finds what is planted; or it could find nothing."""
+    """The search finds planted errors; otherwise it might find nothing."""
     text = ("path here() {\n  return real_frames();\n}\n\nTEST(A, Plain) {\n  f();\n}\n\nTEST(A, OfReal) {\n  here();\n}\n\n"
             "TEST(A, Hides) {\n  here();\n}\n\nTEST_F(B, Hides) {\n  MIRAGE_NEED_REAL_FRAMES();\n}\n")
     assert unnamed(text) == ["A.Hides", "B.Hides"], unnamed(text)

@@ -90,7 +90,7 @@ def place(unit):
 
 
 def row(may, above):
-    """What the words of a row allow: patterns of units. `above`: places of the rows above it."""
+    """The patterns of units that a row's words allow. `above`: places of the rows above it."""
     layers, headers = re.sub("`[^`]*`", "", may), re.findall(r"`([^`]+)\.h`", may)
     if layers.strip() == "everything":
         return ["*"]
@@ -152,7 +152,7 @@ def main(source):
 
 
 def planted():
-    """The search finds what is planted; or it could find nothing."""
+    """The search finds planted errors; otherwise it might find nothing."""
     loop = {"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set(), "e": {"d", "a"}}
     assert rounds(loop) == [["a", "b", "c"]], rounds(loop)
     assert rounds({"a": {"b"}, "b": set()}) == []

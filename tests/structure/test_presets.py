@@ -1,5 +1,5 @@
-"""Each preset sets every option of CMakeLists.txt: what it leaves out keeps in its folder the value that another preset of that folder,
-or a command line, gave it. The Makefile gives no option beside a preset, for the same reason.
+"""Each preset sets every option of CMakeLists.txt: a missing option would keep the value that another preset of its folder, or a
+command line, gave it. The Makefile gives no option beside a preset, for the same reason.
 
     python3 tests/structure/test_presets.py SOURCE
 """
@@ -43,7 +43,7 @@ def main(source):
 
 
 def planted():
-    """The search finds what is planted; or it could find nothing."""
+    """The search finds planted errors; otherwise it might find nothing."""
     base = {"hidden": True, "cacheVariables": {"A": "ON"}}
     assert missing({"A", "B"}, {"base": base, "one": {"inherits": "base"}}) == [("one", "B")]
     assert not missing({"A", "B"}, {"base": base, "one": {"inherits": ["base"], "cacheVariables": {"B": "OFF"}}})

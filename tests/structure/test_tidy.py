@@ -1,4 +1,4 @@
-"""What clang-tidy (.clang-tidy) says of the lines that changed: against where the branch left its upstream, or against the last commit but
+"""Findings of clang-tidy (.clang-tidy) on the changed lines: against where the branch left its upstream, or against the last commit but
 one, and in the working tree (files that git knows).
 
     python3 tests/structure/test_tidy.py SOURCE BUILD [BASE]
@@ -26,7 +26,7 @@ def git(source, *words):
 
 
 def base_of(source):
-    """The commit that changes are told against; None without one."""
+    """The commit that changes are compared with; None without one."""
     head, fork = git(source, "rev-parse", "HEAD"), git(source, "merge-base", "HEAD", "@{upstream}")
     return (fork if fork and fork != head else git(source, "rev-parse", "HEAD~1") or "").strip() or None
 

@@ -1,5 +1,5 @@
-// Every field that a struct lists (base/fields.h), changed one at a time: a new field is tested as soon as it
-// is listed.
+// Every field that a struct lists (base/fields.h), changed one at a time: a new field is tested once it is
+// listed.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -15,8 +15,8 @@
 
 namespace mirage::test {
 
-/// Calls `change(field, value, decides, known)` for field number `which`, those of inner structs counted;
-/// `known`: the name by which the library speaks of it.
+/// Calls `change(field, value, decides, known)` for field number `which`, counting fields of inner structs.
+/// `known`: the name that the library uses in messages.
 template <class Change>
 class OneField {
  public:
@@ -48,7 +48,7 @@ class OneField {
   const Change& change_;
 };
 
-/// change(a copy of `start`, field, value, decides, known) for every field; how many there are.
+/// Calls change(a copy of `start`, field, value, decides, known) for every field; returns their number.
 template <class S, class Change>
 int for_each_field(const S& start, const Change& change) {
   for (int i = 0;; ++i) {
@@ -68,7 +68,7 @@ inline double other_number(const Range& range, double value) {
   return value;
 }
 
-/// Another value that the field can have.
+/// Changes the value to another one that the field can have.
 template <class T>
 void change(const Field& field, T& value) {
   if constexpr (std::same_as<T, bool>)
@@ -91,8 +91,8 @@ void change(const Field& field, T& value) {
                                                      : value + "x";
 }
 
-/// Every field changes Provenance's identity, but for those that matter to time alone; a path does by the
-/// content of the file that it leads to, not by the path. `folder`: a place for such files.
+/// Expects every field to change Provenance's identity, except those that only affect time. A path counts by
+/// its file's content, not by its name. `folder`: a folder for such files.
 template <class S>
 void expect_identity_follows(const S& start, const std::filesystem::path& folder) {
   const auto identity = [](const S& settings) {

@@ -1,5 +1,5 @@
-// A plugin that is wrong in one way, chosen by FAKE at compile time (tests/plugins.cmake): what the fakes of
-// detectors and of depth completion share.
+// A plugin with one error, chosen by FAKE at compile time (tests/plugins.cmake): code shared by the fakes of
+// detectors and of depth completion.
 #pragma once
 
 #include <cstddef>
@@ -34,7 +34,7 @@ inline void* create(const char*, const char*, char* error, std::size_t error_siz
 }
 inline void destroy(void*) {}
 
-/// What running it begins with: throws, or nonzero if it shall fail.
+/// The start of each run: throws, or returns nonzero if it should fail.
 inline int begin_run(char* error, std::size_t error_size) {
   if (kFake == Fake::throws_in_run) throw std::runtime_error("thrown on purpose");
   if (kFake != Fake::fails_in_run) return 0;
@@ -57,7 +57,7 @@ inline std::uint32_t abi(std::uint32_t right) {
 
 }  // namespace mirage::test
 
-/// The entry point's name: another one where it shall be missing.
+/// The entry point's name: another one if it should be missing.
 #if FAKE == 7
 #define MIRAGE_FAKE_ENTRY(name) some_other_function
 #else

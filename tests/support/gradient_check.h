@@ -13,7 +13,7 @@
 
 namespace mirage::test {
 
-/// x, y, z of one after the other.
+/// The coordinates x, y, z of all points in turn.
 inline std::vector<double> flat(std::span<const Vec3d> points) {
   std::vector<double> x;
   for (const Vec3d& p : points) x.insert(x.end(), p.data(), p.data() + 3);

@@ -1,4 +1,4 @@
-// What the program says while a test listens.
+// The program's messages during a test.
 #pragma once
 
 #include <spdlog/sinks/ostream_sink.h>
@@ -10,7 +10,7 @@
 
 namespace mirage::test {
 
-/// What is logged while it lives.
+/// Records the log during its lifetime.
 class Heard {
  public:
   Heard() : before_(spdlog::default_logger()) {

@@ -11,7 +11,7 @@
 
 namespace mirage::test {
 
-/// An atlas of `resolution`² texels a face, of random colours.
+/// An atlas of `resolution`² texels per face, of random colours.
 inline void paint(TexturedMesh& adversary, int resolution, RandomStream& random) {
   TexelAtlas& atlas = adversary.atlas;
   atlas.resolution = resolution;
@@ -21,7 +21,7 @@ inline void paint(TexturedMesh& adversary, int resolution, RandomStream& random)
     atlas.texels.push_back(random_vector(random, .2, .9));
 }
 
-/// Moves vertices by up to 0.2 m along each axis: faces hide and cross each other.
+/// Moves vertices by up to 0.2 m along each axis, so that faces hide and intersect each other.
 inline void crumple(Mesh& mesh, RandomStream& random) {
   for (Vec3d& v : mesh.vertices) v += random_vector(random, -.2, .2);
 }
@@ -33,7 +33,7 @@ struct World {
   TexturedMesh adversary;
 };
 
-/// Whose central differences are smooth.
+/// Settings with smooth central differences.
 inline SimulationSettings smooth_settings() {
   SimulationSettings settings;
   settings.raster.sigma = 1e-4;
@@ -75,7 +75,7 @@ inline World make_world(std::uint64_t seed, const Sweep& sweep = {}) {
   Mesh& mesh = world.adversary.mesh;
   mesh = icosphere(1);
   for (Vec3d& v : mesh.vertices) v = v.cwiseProduct(Vec3d(.7, .7, .45)) + random_vector(random, -.04, .04);
-  paint(world.adversary, 1, random);  // texel borders are jumps of the forward, not slopes
+  paint(world.adversary, 1, random);  // the forward pass jumps at texel borders
   return world;
 }
 

@@ -1,4 +1,4 @@
-// Code of which there is one for each instruction set.
+// Code that is compiled for several instruction sets.
 #pragma once
 
 #include <gtest/gtest.h>

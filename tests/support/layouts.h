@@ -19,7 +19,7 @@
 
 namespace mirage::test {
 
-/// Lines of a file that KITTI's own writers make.
+/// Lines of a file that one of the KITTI writers wrote; removes the file.
 inline std::vector<std::string> lines_of(const std::filesystem::path& file) {
   std::vector<std::string> lines;
   const std::string text = read_file(file);
@@ -130,7 +130,7 @@ inline void write_raw(const std::filesystem::path& data, const std::vector<Frame
   write_file(drive / "tracklet_labels.xml", tracklets(frames));
 }
 
-/// A mount as nuScenes' unit has it: a quarter turned and a little tilted.
+/// A mount like that of nuScenes' unit: turned by 90° and slightly tilted.
 inline Transform tilted_mount() {
   Transform ego_from_lidar = Transform::Identity();
   ego_from_lidar.linear() =
@@ -141,7 +141,7 @@ inline Transform tilted_mount() {
   return ego_from_lidar;
 }
 
-/// nuScenes' tables as one object {"sensor": rows, …}. Pictures and sweep are taken at two poses of the car.
+/// nuScenes' tables as one object {"sensor": rows, …}. Pictures and sweep have different ego poses.
 inline nlohmann::json nuscenes_tables(const std::vector<Frame>& frames) {
   using nlohmann::json;
   const auto pose = [](json row, const Transform& t) {

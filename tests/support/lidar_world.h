@@ -1,4 +1,4 @@
-// An object in front of a LiDAR, without a camera: what draw_in_lidar needs and no more.
+// An object in front of a LiDAR, without a camera: only the inputs of draw_in_lidar.
 #pragma once
 
 #include <cmath>
@@ -32,7 +32,7 @@ inline PreparedFrame lidar_frame(const LidarModel& lidar, Sweep sweep = {}) {
   return prepared;
 }
 
-/// A dented sphere of the given radius around a point, with one random colour a face.
+/// A dented sphere of the given radius around a point, with one random colour per face.
 inline TexturedMesh dented_ball(const Vec3d& centre, double radius, std::uint64_t seed,
                                 int subdivisions = 1) {
   TexturedMesh ball;

@@ -1,5 +1,5 @@
-// A made-up data set in which picture and sweep both say where the one car stands, and detectors that look at
-// the one or the other.
+// A made-up data set in which picture and sweep both show where the one car stands, and detectors that read
+// one of them.
 #pragma once
 
 #include <filesystem>
@@ -18,7 +18,7 @@ inline double place(int k) {
   return 10 + 3 * k;
 }
 
-/// A frame with one car ahead. Brightness says where it stands, and so do its returns.
+/// A frame with one car ahead. Its brightness encodes the car's place, and its returns show it.
 inline Frame planted_frame(int k, int width = 48) {
   Frame frame;
   frame.id = "00000" + std::string(1, static_cast<char>('a' + k));

@@ -12,8 +12,8 @@
 
 namespace mirage::test {
 
-/// Of the XYZ (D50, perfect white 1) of the 16 overprints, cyan being the lowest bit of their number; between
-/// them the inks' areas mix (A2B1, a grid of 2). Colours are stored to 16 bits relative to the paper's.
+/// Stores the XYZ (D50, perfect white 1) of the 16 overprints; cyan is the lowest bit of their index. Between
+/// them ink areas mix (A2B1, a grid of 2). Colours have 16 bits relative to the paper's.
 inline std::string print_profile(const std::vector<Vec3d>& overprints) {
   struct Said {
     const std::vector<Vec3d>& overprints;

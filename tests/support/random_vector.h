@@ -6,8 +6,7 @@
 
 namespace mirage::test {
 
-/// Drawn from the last component to the first: what a list of arguments draws, each compiler orders as it
-/// likes.
+/// Drawn from the last component to the first: the order of evaluation of arguments depends on the compiler.
 inline Vec3d random_vector(RandomStream& random, const Vec3d& low, const Vec3d& high) {
   Vec3d v;
   for (int c = 2; c >= 0; --c) v[c] = random.uniform(low[c], high[c]);

@@ -1,4 +1,4 @@
-// What tests of the rasterisers share: random scenes on screen, and their inputs as one vector of numbers.
+// Shared by tests of the rasterisers: random scenes on screen, and their inputs as one vector of numbers.
 #pragma once
 
 #include <vector>
@@ -70,7 +70,7 @@ inline void random_window(int width, int height, const PixelRect& rect, RandomSt
   fill_random(problem.upstream, random, -1, 1);
 }
 
-/// Overlapping random faces over a random background in a window of a non-square image; 3×3 texels a face.
+/// Overlapping random faces over a random background in a window of a non-square image; 3×3 texels per face.
 inline RasterProblem random_problem(std::uint64_t seed, int faces, double sigma, double gamma) {
   RandomStream random(seed, "raster problem");
   RasterProblem problem;

@@ -1,4 +1,4 @@
-// A detector that says what a test wants, with its gradient.
+// A detector with scripted answers and their gradient.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -12,7 +12,7 @@ namespace mirage::test {
 /// Proposals at fixed places, whose logits are `rest` + weights · (pixel 0, x of point 0).
 struct Script {
   struct Line {
-    Detection proposal;  ///< its logit is the rest
+    Detection proposal;  ///< its logit is `rest`
     double of_pixel = 0, of_point = 0;
   };
   std::vector<Line> lines;

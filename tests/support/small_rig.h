@@ -31,8 +31,8 @@ inline Rig small_rig() {
   return rig;
 }
 
-/// The same with a unit that turns all the way and two cameras more, whose names say where they look:
-/// pictures of the first and of CAM_LEFT meet at `seam` (rad, from ahead to the left).
+/// The same with a unit that turns all the way round and two further cameras, named by their direction.
+/// Pictures of the first camera and of CAM_LEFT meet at `seam` (rad, from ahead to the left).
 inline Rig surround_rig(double seam = 0.71) {
   Rig rig = small_rig();
   rig.camera = "CAM_FRONT";
@@ -49,8 +49,8 @@ inline Rig surround_rig(double seam = 0.71) {
   return rig;
 }
 
-/// A street that CAM_BACK and CAM_FRONT_LEFT see beside the rig's own camera: its labels come first, then
-/// those that only they see.
+/// A street in CAM_BACK and CAM_FRONT_LEFT beside the rig's own camera: its labels come first, then those
+/// that only these two see.
 inline Frame surround_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index) {
   Frame frame = generate_frame(rig, seed, index);
   for (const auto& [name, yaw] : {std::pair("CAM_BACK", M_PI), std::pair("CAM_FRONT_LEFT", 1.1)}) {
@@ -59,7 +59,7 @@ inline Frame surround_frame(const Rig& rig, std::uint64_t seed, std::uint64_t in
         rig.calibration.camera_from_velo * Transform(Eigen::AngleAxisd(-yaw, Vec3d::UnitZ()));
     const Frame seen = generate_frame(turned, seed, index);
     frame.others.push_back({name, seen.calibration, Lazy<ImageF>([image = seen.image] { return image; })});
-    Label unseen;  // of what they alone would see
+    Label unseen;  // of labels that only they see
     unseen.type = "Car";
     unseen.box = {{yaw > 2 ? -9.0 : 3.0, yaw > 2 ? 0.0 : 9.0, 4.2, 1.7, 0.1}, -1.73, 1.5};
     unseen.camera = static_cast<int>(frame.others.size());

@@ -14,8 +14,8 @@
 
 namespace mirage::test {
 
-/// The car of write_tiny_data as vehicle 4 of the sequence 0000 in KITTI's tracking layout, while ours
-/// stands; `scratch`: for the frames one by one.
+/// The car of write_tiny_data as vehicle 4 of sequence 0000 in KITTI's tracking layout, while the ego vehicle
+/// stands still. `scratch`: folder for the single frames.
 inline void write_tiny_drive(const std::filesystem::path& data, const std::filesystem::path& scratch,
                              int count) {
   write_tiny_data(scratch, count);

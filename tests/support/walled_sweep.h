@@ -1,4 +1,4 @@
-// A sweep of any unit without a renderer: level ground, and around it a wall that comes near and goes far.
+// A sweep of any unit without a renderer: level ground, with a wall around it at varying distance.
 #pragma once
 
 #include <cmath>
@@ -7,10 +7,9 @@
 
 namespace mirage::test {
 
-/// Beam by beam, firings with growing azimuth, as a file of KITTI's, or firing by firing, clockwise, as
-/// nuScenes'. `turn` (rad): other sweeps, other walls.
-/// `first`: where firings begin, in steps. `motion`: of the unit meanwhile. Rays that look over the wall have
-/// no return.
+/// Ordered by beam with growing azimuth, like KITTI's files, or by firing, clockwise, like nuScenes'. `turn`
+/// (rad): other sweeps have other walls. `first`: offset of the firings, in steps. `motion`: of the unit
+/// during the sweep. Rays above the wall have no return.
 inline Sweep walled_sweep(const LidarModel& lidar, double turn = 0, double first = 0,
                           const SweepMotion& motion = {}, bool by_firing = false) {
   Sweep sweep;

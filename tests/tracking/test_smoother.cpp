@@ -1,4 +1,4 @@
-// The smoother on motion that is known.
+// The smoother on known motion.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -17,7 +17,7 @@ struct Truth {
   double yaw;
 };
 
-/// A car at 12 m/s that brakes with 4 m/s² for a second and a half, and turns with 15°/s for a second.
+/// A car at 12 m/s that brakes at 4 m/s² for a second and a half, and turns at 15°/s for a second.
 std::vector<Truth> drive(int frames) {
   std::vector<Truth> truth;
   double x = 0, y = 0, yaw = 0.4, speed = 12;
@@ -61,7 +61,7 @@ TEST(Smoother, RidesWithinThreeCentimetresAndOneDegree) {
       before.push_back(measured[i].position);
       after.push_back(places[i].position);
     }
-    EXPECT_NEAR(jitter(before, times), 0.074, 0.02);  // √(2 · 5² + 2²) cm and what braking adds
+    EXPECT_NEAR(jitter(before, times), 0.074, 0.02);  // √(2 · 5² + 2²) cm and the braking's part
     EXPECT_LT(jitter(after, times), 0.03);
   }
   EXPECT_GT(std::sqrt(noise / count), 0.07);

@@ -1,5 +1,5 @@
-// CLEAR MOT and HOTA on hand-made cases, and on published detections where they are at hand: with
-// MIRAGE_DRIVES naming a folder that has label_02, calib, oxts and pointrcnn for the sequences 0000 and 0003.
+// CLEAR MOT and HOTA on hand-made cases, and on published detections if available: MIRAGE_DRIVES names a
+// folder with label_02, calib, oxts and pointrcnn for the sequences 0000 and 0003.
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -17,7 +17,7 @@
 namespace mirage {
 namespace {
 
-/// One truth, 7, and in each frame the track that lies on it exactly (0: none).
+/// One true object, 7, and for each frame the track that lies exactly on it (0: none).
 std::vector<TrackFrame> on_one_truth(const std::vector<int>& tracks, double similarity = 1) {
   std::vector<TrackFrame> frames;
   for (const int track : tracks) {
@@ -91,7 +91,7 @@ TEST(TrackScores, HotaLooksAtAllThresholdsAndClearAtOne) {
   EXPECT_EQ(missed.mostly_lost, 1);
 }
 
-// Another track overlaps more in one frame; the pair of the frame before is kept as long as it matches.
+// Another track overlaps more in one frame; the pair of the previous frame is kept while it still matches.
 TEST(TrackScores, ClearKeepsAPairThatStillMatches) {
   std::vector<TrackFrame> frames = on_one_truth({1, 1, 1}, 0.7);
   frames[1].tracks = {1, 2};
@@ -109,9 +109,8 @@ TEST(TrackScores, RefusesASimilarityOfAnotherSize) {
   EXPECT_THROW(score_tracks(frames), InputError);
 }
 
-// PointRCNN's published detections (AB3DMOT's repository) through the tracker, in `rect` as they are: x
-// right, y down, z forward. Cars count, vans neither way; the car's motion is compensated with its oxts
-// poses.
+// PointRCNN's published detections (AB3DMOT's repository) through the tracker, in `rect`: x right, y down, z
+// forward. Cars count, vans are ignored; the ego motion is compensated with the oxts poses.
 class PublishedDetections : public testing::Test {
  protected:
   void SetUp() override {
@@ -211,7 +210,7 @@ TEST_F(PublishedDetections, AreTrackedThroughBothDrives) {
       }
       for (const TrackState& state : tracker.step(0.1 * f, at)) {
         if (!state.confirmed) continue;
-        bool counts = true;  // a track on a van is neither right nor wrong
+        bool counts = true;  // a track on a van is ignored
         for (const Box3& van : ignored) counts = counts && iou(state.box, van) < 0.5;
         if (!counts) continue;
         frame.tracks.push_back(offset + 50000 + state.id);

@@ -15,7 +15,7 @@
 namespace mirage {
 namespace {
 
-/// The least cost over all ways to give every row a column of its own (rows ≤ columns).
+/// The least cost over all ways to give every row its own column (rows ≤ columns).
 double least_cost(const Eigen::MatrixXd& cost) {
   std::vector<int> columns(as_size(cost.cols()));
   std::iota(columns.begin(), columns.end(), 0);
@@ -52,7 +52,7 @@ TEST(Assignment, IsTheCheapestOfAllPermutations) {
 TEST(Assignment, MakesAsManyPairsAsAreAllowed) {
   Eigen::MatrixXd cost(2, 2);
   cost << 0, 1, 1, 5;
-  // The cheapest pair alone would leave a row without one.
+  // Taking the cheapest pair first would leave a row without a column.
   EXPECT_EQ(assign(cost, 2), (std::vector<std::pair<int, int>>{{0, 1}, {1, 0}}));
   EXPECT_EQ(assign(cost, 0.5), (std::vector<std::pair<int, int>>{{0, 0}}));
   EXPECT_TRUE(assign(cost, -1).empty());
@@ -67,7 +67,7 @@ TEST(Assignment, OfNothingIsEmpty) {
 
 }  // namespace
 
-// The tracker on hand-made sequences, and its filter against the published numbers.
+// The tracker on hand-made sequences, and its filter against the published values.
 
 namespace {
 
@@ -125,7 +125,7 @@ TEST(Tracker, TwoThatMeetKeepTheirOwnTracks) {
   std::vector<TrackState> states;
   for (int i = 0; i < 40; ++i) {
     const double s = 0.6 * i;
-    // Listed in turn: places in the list say nothing.
+    // The detections alternate: their order in the list carries no information.
     std::vector<TrackedDetection> seen = {car(s, 1.8), car(24 - s, -1.8, std::numbers::pi)};
     if (i % 2 == 1) std::swap(seen[0], seen[1]);
     states = tracker.step(0.1 * i, seen);

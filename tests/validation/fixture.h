@@ -1,4 +1,4 @@
-// A random adversary on a car before KITTI's camera, in a made-up frame.
+// A random adversary on a car in KITTI's camera, in a made-up frame.
 #pragma once
 
 #include <filesystem>

@@ -25,26 +25,25 @@
 
 namespace mirage::test {
 
-/// How many of `hosts` vehicles a frame are hidden and get a false positive `distance` m away; the first
-/// ones.
+/// Number of vehicles per frame, of `hosts`, that are hidden, and that get a false positive `distance` m
+/// away; the first ones.
 struct MadeUp {
   int frames = 40, hosts = 5, hidden = 0, false_positive = 0;
   double distance = 30;
   double left = 0.3;  ///< best IoU with a hidden vehicle; 0.1 and less: it vanished
 };
 
-/// Hides so many of five vehicles a frame, in three frames of four, without a trace.
+/// Hides `hidden` of five vehicles per frame, in three frames of four, with no remaining box.
 inline MadeUp vanishing(int hidden) {
   return {120, 5, hidden, 0, 30, 0.05};
 }
 
-/// As to_json(Evaluation) has them, with the writers of the real file. In the picture `distance` is
-/// in pixels.
+/// The format of to_json(Evaluation), by the real writers. In the picture `distance` is in pixels.
 inline nlohmann::json outcomes_json(const MadeUp& made, Matching matching = kFromAbove) {
   std::vector<HostOutcome> hosts;
   for (int f = 0; f < made.frames; ++f)
     for (int h = 0; h < made.hosts; ++h) {
-      // One frame in four is of the other kind, or there would be no spread to draw from.
+      // One frame in four differs; otherwise there would be no spread to resample.
       const bool odd = f % 4 == 0;
       HostOutcome host;
       host.id = {fmt::format("{:06d}", f), h};
@@ -66,7 +65,7 @@ inline nlohmann::json outcomes_json(const MadeUp& made, Matching matching = kFro
           {"false_positives", false_positives_json(hosts)}};
 }
 
-/// Of a detector that loses 20 points of AP by another frame's picture, or none.
+/// A detector that loses 20 points of AP with another frame's picture, or none.
 inline Reliance made_up_reliance(bool uses_picture) {
   Reliance made;
   made.ap70 = 0.8;
@@ -88,7 +87,7 @@ inline nlohmann::json evaluation_json(const MadeUp& learned, const MadeUp& rando
   return json;
 }
 
-/// Evidence made of evaluations by their run's name.
+/// Evidence from evaluations, by the name of their run.
 class WithEvidence : public testing::Test {
  protected:
   void judged(const std::string& run, const MadeUp& learned, const MadeUp& random = {},
@@ -97,7 +96,7 @@ class WithEvidence : public testing::Test {
     write_json(file, evaluation_json(learned, random, uses_picture));
     evidence_.evaluations["evaluations/" + run] = paper::read_evaluation(file, "data");
   }
-  /// Of one finding.
+  /// The checks of one finding.
   std::vector<paper::Check> checks(const std::string& name) const {
     for (const paper::Finding& finding : paper::findings(evidence_))
       if (finding.name == name) return finding.checks;
@@ -118,7 +117,7 @@ inline paper::ReproduceSettings settings_in(const std::filesystem::path& out,
   return settings;
 }
 
-/// Stands in for the program: writes what the tables read; remembers what was asked for.
+/// Stands in for the program: writes the files that the tables read, and records its calls.
 class PaperProgram {
  public:
   struct Call {
@@ -126,12 +125,12 @@ class PaperProgram {
     NamedSettings settings;
   };
   std::vector<Call> calls;
-  std::string broken;  ///< folder whose command fails
+  std::string broken;  ///< folder with a failing command
   MadeUp learned{40, 5, 3, 1, 30}, random{40, 5, 1, 0, 30};
   bool uses_picture = true;
-  /// Meshes of single evaluations, learned and random, by their folder's name.
+  /// Meshes of single evaluations, learned and random, by folder name.
   std::map<std::string, std::pair<MadeUp, MadeUp>> planted;
-  int worse_by_seed = 0;  ///< so many fewer vehicles a frame are hidden in each further run
+  int worse_by_seed = 0;  ///< number of vehicles per frame that each further run hides less
 
   void operator()(const std::string& command, const NamedSettings& settings) {
     const auto given = [&](const char* name) { return settings.contains(name) ? settings.at(name) : ""; };

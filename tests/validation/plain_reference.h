@@ -1,6 +1,6 @@
-// A reference renderer in a hundred lines: a double loop over pixels and faces in double, which shares no
-// code with the rasteriser or the ray caster. With planted differences, so that one can see that a validation
-// finds them. Tests of validation need no Blender for it.
+// A reference renderer in a hundred lines: a double loop over pixels and faces in double, without code of the
+// rasteriser or the ray caster. Planted differences show that a validation finds them. With it, tests of
+// validation need no Blender.
 #pragma once
 
 #include <cmath>
@@ -13,14 +13,14 @@
 
 namespace mirage::test {
 
-/// How the reference differs from the light model and from the mesh.
+/// Planted differences between the reference and the light model or the mesh.
 struct Planted {
-  double gain = 1;              ///< of the object's radiance, in every render
-  double bounces_gain = 1;      ///< of it in renders with bounces
-  double noise = 0;             ///< standard deviation of a pixel's gain in one sample; of renders by area
-  int shift = 0;                ///< px by which the object stands too far right
+  double gain = 1;              ///< factor on the object's radiance, in every render
+  double bounces_gain = 1;      ///< the same in renders with bounces
+  double noise = 0;             ///< standard deviation of a pixel's gain in one sample; in area renders
+  int shift = 0;                ///< px by which the object is too far to the right
   double range = 0;             ///< m added to each distance
-  int misses = 0;               ///< rays that pass through the object, the first ones that meet it
+  int misses = 0;               ///< number of rays that pass through the object, the first ones that hit it
   int lost_at = -1;             ///< the job (from 0) at which it is lost for good
   std::string lost_frame = "";  ///< it is lost for good on each render of a scene of this frame
 };
@@ -74,7 +74,7 @@ class PlainReference : public ReferenceRenderer {
   const std::vector<ReferenceLoss>& losses() const override { return losses_; }
 
  private:
-  /// Where a ray meets a mesh first: its parameter, the face (−1: nowhere) and barycentrics there.
+  /// The first hit of a ray on a mesh: its parameter, the face (−1: none) and the barycentrics.
   struct Meeting {
     double t = std::numeric_limits<double>::infinity();
     int face = -1;
@@ -95,13 +95,13 @@ class PlainReference : public ReferenceRenderer {
     throw Failure("plain", "finds no adversary in the scene", "write one");
   }
 
-  /// Plane by plane: origin + t direction = Σ b_k v_k.
+  /// Solves for each face's plane: origin + t direction = Σ b_k v_k.
   static Meeting first_meeting(const Mesh& mesh, const Vec3d& origin, const Vec3d& direction) {
     Meeting nearest;
     for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
       const auto corner = [&](std::size_t k) { return mesh.vertices[as_size(mesh.faces[f][k])]; };
       const Vec3d a = corner(0), n = (corner(1) - a).cross(corner(2) - a);
-      const double t = n.dot(a - origin) / n.dot(direction);  // not finite beside the plane
+      const double t = n.dot(a - origin) / n.dot(direction);  // not finite for a parallel plane
       if (!(t > 0 && t < nearest.t)) continue;
       const Vec3d p = origin + t * direction;
       const double b1 = n.dot((p - a).cross(corner(2) - a)) / n.squaredNorm(),
@@ -111,7 +111,7 @@ class PlainReference : public ReferenceRenderer {
     return nearest;
   }
 
-  /// Radiance times `gain`, and coverage, at a place of the picture. Light and texels are as lighting.h and
+  /// Radiance times `gain`, and coverage, at a point of the picture. Light and texels are as lighting.h and
   /// geometry/mesh.h define them.
   static Eigen::Vector4d seen(const RenderScene& scene, const TexturedMesh& object, double u, double v,
                               double gain) {

@@ -114,7 +114,7 @@ TEST_F(Blender, LidarRangesAgree) {
 }
 
 TEST_F(Blender, SkyGivesTheLightModelsIrradiance) {
-  // An unoccluded convex body under the sky alone receives what the light-weight ambient terms say.
+  // An unoccluded convex body under the sky alone receives the irradiance of the light-weight ambient terms.
   PreparedFrame prepared = test::made_up_frame();
   prepared.frame.lighting.sun = Vec3d::Zero();
   TexturedMesh ball{icosphere(2), {1, std::vector<Vec3d>(320, Vec3d::Constant(0.5))}};
@@ -178,10 +178,10 @@ TEST_F(Blender, TheLadderComesCloserToTheFullRender) {
   EXPECT_GT(rungs.at("+clear sky")->change.relative, 0.01);
   EXPECT_LT(rungs.at("+clear sky")->change.relative, 0.6);
   EXPECT_GT(rungs.at("+car paint")->change.mae, 0);
-  // The shadow beside the object is no error of the object.
+  // The shadow beside the object is not an error of the object.
   EXPECT_NEAR(rungs.at("+cast shadow")->error.unbiased, rungs.at("+shadows")->error.unbiased,
               0.2 * rungs.at("+shadows")->error.unbiased);
-  // Noise is in the floor, and no part of what is left.
+  // Noise is in the floor, and not in the unbiased error.
   EXPECT_NEAR(rungs.at("hard")->error.drawn, rungs.at("hard")->error.unbiased, 1e-12);
   EXPECT_GT(rungs.at("full, 4 samples")->error.floor, 2 * rungs.at("full")->error.floor);
   EXPECT_GT(rungs.at("full, 4 samples")->error.drawn, 4 * rungs.at("full, 4 samples")->error.unbiased);
@@ -208,7 +208,7 @@ TEST_F(Blender, FullLightHasNoErrorAgainstItselfButItsNoise) {
   EXPECT_GE(itself.interval.high, 0);
   EXPECT_GT(std::sqrt(itself.plain), 0.05);
   EXPECT_NEAR(std::sqrt(itself.plain), std::sqrt(itself.floor), 0.1 * std::sqrt(itself.floor));
-  // The plain light model is off by far more than the noise, and stays so when it is taken out.
+  // The plain light model's error is far larger than the noise, also after the noise is subtracted.
   const SquaredError plain = raster_error(scene, simulated, full);
   EXPECT_GT(plain.interval.low, 0.1);
   EXPECT_LT(plain.unbiased, plain.plain);
@@ -253,7 +253,7 @@ TEST_F(Blender, AnFbxIsOpenedWithTheSameVerticesTexelsAndPivot) {
   std::size_t at = 0;
   for (std::size_t f = 0; f < given.mesh.faces.size(); ++f)
     for (const AtlasTriangle& triangle : triangles) {
-      // A program may start a triangle at another corner.
+      // A program may list a triangle's corners from another one on.
       double best = 1e9;
       for (int turn = 0; turn < 3; ++turn) {
         double worst = 0;
@@ -289,7 +289,7 @@ TEST(LidarLadder, IdealChangesNothingAndEachEffectDoesWhatItSays) {
   ASSERT_GT(count, 50);
   EXPECT_EQ(rungs.at("ideal").changed, 0);
   EXPECT_EQ(rungs.at("noise").returns, count);
-  EXPECT_GT(rungs.at("noise").changed, 0.9);  // 2 cm of noise stay below 1 mm once in twenty-five
+  EXPECT_GT(rungs.at("noise").changed, 0.9);  // 2 cm of noise stay below 1 mm once in 25 rays
   EXPECT_NEAR(rungs.at("drop-out").changed, 0.1, 4 * std::sqrt(0.09 / count));
   EXPECT_NEAR(rungs.at("drop-out").changed, -rungs.at("drop-out").returns_change, 1e-12);
   EXPECT_GT(rungs.at("divergence").changed, 0);
@@ -334,7 +334,7 @@ TEST(BlenderProcess, NoBlenderOnPathIsOneClearLine) {
 
 }  // namespace
 
-// An attack's detector looks at Blender Cycles. Skipped where Blender is not installed.
+// An attack whose detector sees Blender Cycles' pictures. Skipped if Blender is not installed.
 
 namespace {
 
@@ -365,7 +365,7 @@ TEST(CyclesRenderer, DrawsFullLightOverThePhotograph) {
   const double noisy = mean_absolute_error(full.cycles, seen, full.mask),
                raster = mean_absolute_error(full.cycles, full.raster, full.mask);
   EXPECT_LT(noisy, 0.5 * raster) << "32 samples are nearer to 64 others than the rasteriser is";
-  // Beside object and shadow it is the photograph.
+  // Beside object and shadow it equals the photograph.
   EXPECT_NEAR(first.at(0, 0, 0), prepared.frame.image.at(full.rect.u0, full.rect.v0, 0), 1e-4);
 }
 
@@ -377,8 +377,8 @@ TEST(CyclesRenderer, WithoutBlenderThereIsOneLine) {
               testing::AllOf(testing::HasSubstr("no-such-blender"), testing::HasSubstr("not found on PATH")));
 }
 
-/// An attack on tiny frames whose detector looks through a renderer: three frames and one stand-in detector,
-/// for runs side by side.
+/// An attack on tiny frames with a renderer's pictures: three frames and one stand-in detector, for several
+/// runs.
 class RenderedAttack {
  public:
   /// The renderer of the run in a folder; null: the rasteriser.
@@ -392,7 +392,7 @@ class RenderedAttack {
   /// The folder of a run.
   std::filesystem::path out(const char* run) const { return folder_ / run; }
 
-  /// Learns up to so many iterations, from the run's checkpoint if it has one. Its checkpoint then.
+  /// Trains up to `iterations`, from the run's checkpoint if it has one; returns the checkpoint.
   nlohmann::json learn(const char* run, int iterations, const MakeRenderer& renderer) {
     AttackSettings settings = test::tiny_attack();
     settings.data = folder_ / "data";
@@ -402,12 +402,12 @@ class RenderedAttack {
     settings.rooftop = "box";
     settings.quiet = true;
     settings.renderer = renderer(settings.out);
-    settings.renewal = {0.012, 0.05};
+    settings.redraw = {0.012, 0.05};
     run_attack(settings, detectors_);
     return read_json(settings.out / "checkpoint.json");
   }
 
-  /// Expects that run "whole" of four iterations and one that stops after two of them end in the same bits.
+  /// Expects equal bits from run "whole" of four iterations and from a run that stops after two of them.
   void expect_same_bits_in_parts(const MakeRenderer& renderer) {
     learn("parts", 2, renderer);
     learn("parts", 4, renderer);

@@ -1,5 +1,5 @@
-// The verdict's arms and controls with planted detectors: one that never looks at its picture, one that looks
-// at nothing else.
+// The verdict's arms and controls with planted detectors: one ignores its picture, one reads only its
+// picture.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -60,13 +60,13 @@ struct Stage {
   }
 };
 
-/// Hides a vehicle that has returns on its roof; the picture moves it by a hair.
+/// Hides a vehicle with returns on its roof; the picture hardly changes the score.
 OutcomeResult blind_look(const Stage& stage, const ImageF& image, const Sweep& sweep) {
   const bool returns = sweep.size() != stage.prepared.frame.sweep.size();
   return answer(returns ? 0.2 : 0.8, returns, (returns ? -1.4 : 1.4) + 0.01 * stage.picture_change(image));
 }
 
-/// Hides a vehicle that has something strange on its roof's pixels.
+/// Hides a vehicle with changed pixels on its roof.
 OutcomeResult seeing_look(const Stage& stage, const ImageF& image, const Sweep&) {
   const double change = stage.picture_change(image);
   return answer(0.5, change > 0.05, 3 - 8 * change);
@@ -91,8 +91,8 @@ TEST(Arms, SevenArmsAndThreeControlsEachOfItsOwn) {
   EXPECT_EQ(result.conditions[6].condition.light, ConditionLight::cycles);
   EXPECT_EQ(result.conditions[6].condition.returns, ConditionReturns::realistic);
   EXPECT_EQ(views[0].first.data, stage.attacked.image.data);
-  views.erase(views.begin());  // a plain run's is raster x ideal
-  // Pictures go by light, sweeps by returns.
+  views.erase(views.begin());  // a plain run's own arm is raster x ideal
+  // The light decides the picture, the returns decide the sweep.
   const ImageF& photograph = stage.prepared.frame.image;
   EXPECT_EQ(views[0].first.data, stage.attacked.image.data);
   EXPECT_EQ(views[0].first.data, views[1].first.data);
@@ -165,7 +165,7 @@ TEST(Arms, AVerdictOnADetectorThatNeverLooksIsVacuous) {
   const auto& condition = result.judged().conditions.at(5);
   EXPECT_EQ(condition.asr.value, 1);
   EXPECT_EQ(condition.difference->value, 0);
-  EXPECT_EQ(written.at("arms")[5].at("told"), "cannot be told");  // of one vehicle
+  EXPECT_EQ(written.at("arms")[5].at("told"), "cannot be told");  // for one vehicle
   EXPECT_FALSE(written.at("arms")[0].contains("difference"));     // with itself
   EXPECT_EQ(result.nearest_to_reality(true)->key.light, ConditionLight::cycles);
   EXPECT_EQ(result.nearest_to_reality(false)->key.light, ConditionLight::raster);

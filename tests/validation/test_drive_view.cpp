@@ -1,4 +1,4 @@
-// A vehicle of a finished drive as `mirage view` shows it.
+// A vehicle of a finished drive in `mirage view`.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-// Pages and plots of an earlier run do not stay beside a result that they do not show.
+// Pages and plots of an earlier run are removed when a new result does not include them.
 #include <cstdlib>
 #include <string>
 #include <vector>
@@ -11,13 +11,13 @@
 namespace mirage {
 namespace {
 
-/// While one lives, every Python that this process starts fails.
+/// During its lifetime every Python that this process starts fails.
 struct BrokenPython {
   BrokenPython() { ::setenv("PYTHONHOME", "/nonexistent", 1); }
   ~BrokenPython() { ::unsetenv("PYTHONHOME"); }
 };
 
-/// A command whose answer lies in its folder.
+/// A command whose answer is in its folder.
 struct Answering {};
 void add_options(CLI::App& /*app*/, Answering& /*options*/) {}
 nlohmann::json run(const Answering& /*options*/, const cli::Common& common) {

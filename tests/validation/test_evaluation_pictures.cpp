@@ -1,4 +1,4 @@
-// Which hosts `mirage evaluate --pictures` draws, and what of them.
+// The hosts that `mirage evaluate --pictures` draws, and their data.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -29,9 +29,9 @@ HostOutcome outcome(const char* frame, double left, double clean_score, double d
 
 TEST(EvaluationPictures, ShowOtherFramesFirstAndTheClearestOnes) {
   std::vector<HostOutcome> hosts = {
-      outcome("0", 0.6, 0.9, 0),   // still found, if badly
+      outcome("0", 0.6, 0.9, 0),   // still found, with a poor box
       outcome("1", 0, 0.5, 3),     //
-      outcome("1", 0, 0.8, 40),    // gone, and surest before
+      outcome("1", 0, 0.8, 40),    // hidden, with the highest clean score
       outcome("2", 0.9, 0.9, 20),  // found
       outcome("3", 0, 0.9, 50),    //
   };
@@ -50,7 +50,7 @@ TEST(EvaluationPictures, AVehicleIsShownByTheCameraThatItsLabelIsIn) {
   const test::TemporaryFolder folder;
   const std::filesystem::path data = folder / "data";
   test::write_tiny_data(data, 1);
-  Frame frame = read_frame(data, "000000");  // its car is labelled in a camera beside it, which looks back
+  Frame frame = read_frame(data, "000000");  // its car has a label in a second camera, which looks back
   const BevBox& car = frame.labels.at(0).box.bev;
   Transform velo_from_turned = Transform::Identity();
   velo_from_turned.linear() = Eigen::AngleAxisd(-M_PI / 2, Vec3d::UnitZ()).toRotationMatrix();

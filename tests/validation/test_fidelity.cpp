@@ -1,4 +1,4 @@
-// Fidelity metrics against hand values and values made with scikit-image 0.19.
+// Fidelity metrics against values worked out by hand and values of scikit-image 0.19.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -68,7 +68,7 @@ TEST(Fidelity, PsnrAndSsimAsScikitImage) {
 
 TEST(Fidelity, FlipOfEqualPicturesIsZeroAndOfGreenAgainstBlueIsOne) {
   EXPECT_EQ(flip(constant(0.3f, 0.5f, 0.7f), constant(0.3f, 0.5f, 0.7f)), 0);
-  // The paper normalises by the pair that its colour space puts farthest apart (section 4.1.3).
+  // The paper normalises by the most distant pair of its colour space (section 4.1.3).
   EXPECT_NEAR(flip(constant(0, 1, 0), constant(0, 0, 1)), 1, 1e-5);
 }
 
@@ -94,13 +94,13 @@ TEST(Fidelity, FlipSeesAnEdgeMoreThanAFlatChange) {
 
 }  // namespace
 
-// What a validation finds of a reference renderer that differs in a way that is known.
+// Results of a validation with a reference renderer that has known differences.
 
 namespace {
 
 using test::PlainReference;
 
-/// The scene of a made-up car, further away than Blender's for fewer pixels.
+/// The scene of a made-up car, further away than in Blender's tests, for fewer pixels.
 struct Reference : public ::testing::Test {
   const PreparedFrame prepared = test::made_up_frame(20, 2, 0.6);
   const test::TemporaryFolder folder;
@@ -139,7 +139,7 @@ TEST_F(Reference, ASideCameraIsComparedAsTheFirst) {
   SideCamera side{"SIDE", frame.calibration, Lazy<ImageF>([] { return ImageF(1242, 375, 3, 0.4f); })};
   side.calibration.camera_from_velo = frame.calibration.camera_from_velo * velo_from_turned.inverse();
   frame.others = {side};
-  frame.labels[0].camera = 1;  // by which the vehicle's paint is told
+  frame.labels[0].camera = 1;  // selects the vehicle's paint
   const PreparedFrame both = prepare(frame, prepared.lidar), turned = facing(both, 1);
   EXPECT_EQ(turned.frame.camera, "SIDE");
   EXPECT_EQ(turned.frame.labels[0].camera, 0);
@@ -191,7 +191,7 @@ TEST_F(Reference, AShiftByAPixelIsSeenInTheMask) {
 TEST_F(Reference, RangesThatAreOffAndRaysThatPassAreCounted) {
   EXPECT_NEAR(rays({.range = 0.005}).range_error, 0.005, 1e-4);
   EXPECT_EQ(rays({.range = 0.005}).hit_disagreements, 0);
-  // A ray that passes; and the return that it made, if it made one.
+  // Rays that pass through the object, and the returns that they would give.
   const MatchedResult passing = rays({.misses = 3});
   EXPECT_GE(passing.hit_disagreements, 3);
   EXPECT_LE(passing.hit_disagreements, 6);
@@ -211,20 +211,20 @@ TEST_F(Reference, TheErrorWithoutNoiseIsWhatWasPlanted) {
   const FullLight quiet = drawn_by({.bounces_gain = 0.8}),
                   noisy = drawn_by({.bounces_gain = 0.8, .noise = 0.3});
   const SquaredError without = raster_error(scene, drawn, quiet), with = raster_error(scene, drawn, noisy);
-  // Shares of the mean radiance: of a texture the mean square is more than the square of the mean.
-  const ImageF& radiance = quiet.raster;  // which has no noise
+  // Shares of the mean radiance: for a texture the mean square exceeds the square of the mean.
+  const ImageF& radiance = quiet.raster;  // without noise
   double sum = 0, squares = 0, count = 0;
   for (int v = 0; v < radiance.height; ++v)
     for (int u = 0; u < radiance.width; ++u)
       for (int c = 0; c < 3 && quiet.mask.at(u, v) > 0.5f; ++c, ++count)
         sum += radiance.at(u, v, c), squares += std::pow(radiance.at(u, v, c), 2);
   const double texture = squares / count / std::pow(sum / count, 2);
-  // Eight samples tell it to a fifth; with their noise it would be more than half as much again.
+  // Eight samples estimate it within a quarter; with their noise it would be more than half as much again.
   EXPECT_NEAR(without.unbiased, 0.25 * 0.25 * texture, 0.25 * 0.25 * 0.25 * texture);
   EXPECT_GT(without.plain, 1.5 * without.unbiased);
   EXPECT_NEAR(with.unbiased, without.unbiased, 0.15 * without.unbiased);
   EXPECT_NEAR(with.plain, with.unbiased + with.floor, 1e-9);
-  // Samples lie elsewhere in the pixel, too, which the quiet one has as well.
+  // Sample positions in a pixel add noise, too, and the quiet one has that as well.
   const double planted = 0.3 * 0.3 / quiet.samples * texture;
   EXPECT_NEAR(with.floor - without.floor, planted, 0.4 * planted);
   EXPECT_GT(noise_of(noisy.radiance, noisy.mask, noisy.samples / 2).relative,
@@ -273,7 +273,7 @@ TEST_F(Reference, ARunOfExactAreasIsComparedAtPixelCentresToo) {
 
 TEST_F(Reference, OneThatIsLostSaysSo) {
   PlainReference reference({.lost_at = 1});
-  EXPECT_THROW(matched_light(reference, scene), ReferenceLost);  // its rays, after the picture
+  EXPECT_THROW(matched_light(reference, scene), ReferenceLost);  // at its rays, after the picture
   ASSERT_EQ(reference.losses().size(), 1u);
   EXPECT_EQ(reference.losses()[0].job, "raycast");
 }

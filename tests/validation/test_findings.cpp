@@ -1,4 +1,4 @@
-// The verdicts on the paper's findings, from made-up evaluations.
+// The verdicts on the paper's findings, for made-up evaluations.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -62,7 +62,7 @@ TEST_F(Findings, ADetectorThatDoesNotUseItsPictureTellsNothingAboutImages) {
 }
 
 TEST_F(Findings, VehiclesAreDrawnAndNotFramesWhereTheyAreKnown) {
-  // 40 frames show the same four vehicles: too few to tell what 200 boxes seem to.
+  // 40 frames show the same four vehicles: too few for a difference that 200 boxes would seem to show.
   json made = evaluation_json({40, 5, 4, 0}, {}), other = evaluation_json({40, 5, 2, 0}, {});
   for (json* one : {&made, &other})
     for (json& host : one->at("outcomes")) host["track"] = 1000 + host.at("label").get<int>() % 4;
@@ -108,7 +108,7 @@ TEST_F(Findings, OnlyHostsOfBothRunsAreCompared) {
 }
 
 TEST_F(Findings, PairingNarrowsTheDifference) {
-  // The same frames are hard for both: apart, each share is uncertain; together, the difference is not.
+  // The same frames are hard for both: each share alone is uncertain, but the paired difference is not.
   judged("kitti64-fusion-image", {40, 5, 4, 0});
   judged("kitti64-fusion-lidar", {40, 5, 3, 0});
   const Outcomes *image = evidence_.of("evaluations/kitti64-fusion-image"),
@@ -138,14 +138,14 @@ TEST_F(Findings, TransferIsPartialBetweenRandomAndWhiteBox) {
   judged("xenith-fusion-both--on--kitti64-fusion-both", {40, 5, 5, 0});
   EXPECT_EQ(only("transfer").verdict, Verdict::fails);  // stronger than the white box
   judged("xenith-fusion-both--on--kitti64-fusion-both", {40, 5, 0, 0});
-  EXPECT_EQ(only("transfer").verdict, Verdict::open);  // nothing to be seen over a random mesh
+  EXPECT_EQ(only("transfer").verdict, Verdict::open);  // no effect beyond a random mesh's
 }
 
 TEST_F(Findings, FarFalsePositives) {
   judged("kitti64-fusion-both", {40, 5, 0, 2, 30}, {40, 5, 0, 0});
   EXPECT_EQ(only("far").verdict, Verdict::holds);
   EXPECT_THAT(only("far").sentence, HasSubstr("under a random mesh of its size"));
-  // As many under a random mesh: background that was about to be found is far away, too.
+  // As many as under a random mesh: false positives on nearly detected background are far away, too.
   judged("kitti64-fusion-both", {40, 5, 0, 2, 30}, {40, 5, 0, 2, 30});
   EXPECT_EQ(only("far").verdict, Verdict::open);
   judged("kitti64-fusion-both", {40, 5, 0, 2, 4}, {40, 5, 0, 2, 30});
@@ -160,7 +160,7 @@ TEST_F(Findings, FarFalsePositives) {
 TEST_F(Findings, WhatIsTheSameWithinFivePointsAsksForNoMoreVehicles) {
   judged("kitti64-fusion-image", {40, 5, 3, 0});
   judged("kitti64-fusion-lidar", {40, 5, 3, 0});
-  for (auto& [name, one] : evidence_.evaluations)  // a vehicle in frame 3 and one in 7 go the other way
+  for (auto& [name, one] : evidence_.evaluations)  // in frames 3 and 7 the image hides one more
     if (name.ends_with("image")) {
       for (Outcome& host : one.at("learned").hosts)
         if ((host.id.frame == "000003" && host.id.label == 4) ||
@@ -182,14 +182,14 @@ TEST_F(Findings, Defences) {
   EXPECT_EQ(only("jpeg").verdict, Verdict::holds);  // no change at all: within the margin
   EXPECT_EQ(only("adversarial").verdict, Verdict::holds);
   EXPECT_EQ(only("denoising").verdict, Verdict::holds);
-  EXPECT_EQ(only("harder").verdict, Verdict::holds);  // half of the positives left, a quarter of the misses
+  EXPECT_EQ(only("harder").verdict, Verdict::holds);  // half of the positives remain, a quarter of the misses
   EXPECT_THAT(only("harder").sentence,
               testing::AllOf(HasSubstr("25 % of the misses"), HasSubstr("50 % of the false")));
   judged("kitti64-fusion-both-jpeg50", {120, 5, 1, 0});
   EXPECT_EQ(only("jpeg").verdict, Verdict::fails);
   judged("kitti64-fusion-both-roof-objects", {120, 5, 3, 1});
   EXPECT_EQ(only("roof-objects").verdict, Verdict::holds);
-  judged("kitti64-fusion-both-roof-objects", {120, 5, 1, 1});  // having seen things is all there was to it
+  judged("kitti64-fusion-both-roof-objects", {120, 5, 1, 1});  // training with objects explains it
   EXPECT_NE(only("roof-objects").verdict, Verdict::holds);
   judged("kitti64-fusion-both-consistency", {120, 5, 1, 0});
   EXPECT_EQ(only("consistency").verdict, Verdict::holds);
@@ -203,13 +203,13 @@ TEST_F(Findings, Defences) {
   EXPECT_NE(only("ceiling:1.4").verdict, Verdict::holds);
   judged("kitti64-fusion-both-adversarial-shadows", {120, 5, 0, 0});
   EXPECT_EQ(only("adversarial+shadows").verdict, Verdict::holds);
-  judged("kitti64-fusion-both-adversarial-shadows", {120, 5, 1, 1});  // no more than without
+  judged("kitti64-fusion-both-adversarial-shadows", {120, 5, 1, 1});  // the same as without
   EXPECT_NE(only("adversarial+shadows").verdict, Verdict::holds);
 }
 
 }  // namespace
 
-// Shape, texture and size alone: the cases, the table, and what follows, from made-up evaluations.
+// Shape, texture and size alone: the cases, the table, and the conclusions, for made-up evaluations.
 
 namespace {
 
@@ -217,7 +217,7 @@ using mirage::test::PaperProgram;
 using mirage::test::settings_in;
 using mirage::test::vanishing;
 
-/// What the finding's check about the place says.
+/// The finding's check for one rig or case.
 const json& check_of(const json& result, const std::string& name, const std::string& place) {
   for (const json& finding : result.at("findings"))
     for (const json& check : finding.at("checks"))
@@ -231,7 +231,7 @@ TEST(ObjectParts, EachPartIsLearnedAloneThroughEachSensorThatItReaches) {
   EXPECT_EQ(list.tables[0].rows.size(), 11u);  // and a printable solid, through both
   for (const char* target : {"image", "lidar", "both"})
     for (const char* parts : {"", "shape", "texture", "size"}) {
-      // Through LiDAR no gradient reaches the texture, and what is learned is the shape.
+      // Through LiDAR no gradient reaches the texture, and only the shape is learned.
       if (target == std::string("lidar") &&
           (parts == std::string("shape") || parts == std::string("texture")))
         continue;
@@ -255,7 +255,7 @@ TEST(ObjectParts, TheWholeObjectsRunsAreThoseOfTheFirstTable) {
 TEST(ObjectParts, PlantedCausesAreTold) {
   TemporaryFolder folder;
   PaperProgram program;
-  // Through the image all of it is texture; through LiDAR all of it is size; through both each part adds.
+  // Through the image all of the effect is texture; through LiDAR all is size; through both each part adds.
   const MadeUp none = vanishing(0);
   for (const auto& [arm, hidden] : std::vector<std::pair<std::string, int>>{{"image", 4},
                                                                             {"image-shape", 0},

@@ -1,4 +1,4 @@
-// Six detectors against each other: the cases, the matrix, the arms and what follows, from made-up
+// Six detectors against each other: the cases, the matrix, the arms and the conclusions, for made-up
 // evaluations.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -108,13 +108,13 @@ TEST(FusionTable, CellsAreNetOfTheirOwnRandomMesh) {
   const auto value = [&](const std::string& source, const std::string& target, const std::string& key) {
     return cell_of(result, source, target).at("values").at(key).at("value").get<double>();
   };
-  // Four of five in three frames of four, beside one of five.
+  // Four of five vehicles in three frames of four, beside one of five.
   EXPECT_NEAR(value("fusion, image", "fusion", "vanished"), 0.6, 1e-12);
   EXPECT_NEAR(value("fusion, image", "fusion", "net_vanished"), 0.45, 1e-12);
   EXPECT_GT(
       cell_of(result, "fusion, image", "fusion").at("values").at("net_vanished").at("low").get<double>(), 0);
   EXPECT_NEAR(value("fusion, image", "fusion", "net_fn_asr"), 0.45, 1e-12);
-  EXPECT_NEAR(value("fusion, image", "camera", "net_vanished"), 0, 1e-12);  // missed, and a box is left
+  EXPECT_NEAR(value("fusion, image", "camera", "net_vanished"), 0, 1e-12);  // missed, but a box remains
   EXPECT_NEAR(value("fusion, image", "camera", "net_fn_asr"), 0.3, 1e-12);
   EXPECT_NEAR(value("lidar, LiDAR", "lidar", "net_vanished"), -0.45, 1e-12);
   EXPECT_NEAR(value("no learning: cuboid", "lidar", "vanished"), 0.45, 1e-12);
@@ -147,10 +147,10 @@ TEST(FusionTable, ArmsNameWhoWasAttackedAndWhoJudges) {
   EXPECT_EQ(planted->at("judge"), "lidar");
   EXPECT_EQ(planted->at("rig"), "kitti64");
   EXPECT_EQ(planted->at("seeds"), (json{7, 8}));
-  // The second run is not planted: 0.3 of it is missed at 0.7 and a box is left of all.
+  // The second run has the default: it misses 0.3 at IoU 0.7, and a box remains for each.
   EXPECT_EQ(planted->at("hidden").at("vanished").at("vehicles"), 600);
   EXPECT_NEAR(planted->at("hidden").at("vanished").at("value").get<double>(), 0.3 * 600 / 800, 1e-12);
-  EXPECT_TRUE(planted->at("hidden").at("distance2m").is_null());  // no detection has one
+  EXPECT_TRUE(planted->at("hidden").at("distance2m").is_null());  // there are no distances
   EXPECT_GT(planted->at("net").at("vanished").at("value").get<double>(), 0);
 }
 
@@ -184,7 +184,7 @@ TEST(FusionTable, ADetectorThatDoesNotUseItsPictureIsNamedInItsImageRows) {
   }
 }
 
-/// Findings about kinds of fusion, from planted evaluations.
+/// Findings about kinds of fusion, for planted evaluations.
 class FusionFindings : public test::WithEvidence {
  protected:
   Check only(const std::string& name) const {
@@ -195,7 +195,7 @@ class FusionFindings : public test::WithEvidence {
 };
 
 TEST_F(FusionFindings, TheWeakerSideIsTheOneThatLearnsMoreBeyondItsSize) {
-  // The image's mesh hides less than LiDAR's and is much smaller: net of that it has learned more.
+  // The image's mesh hides less than LiDAR's, but net of a random mesh of its size it hides more.
   judged("kitti64-late-image", vanishing(3), vanishing(0));
   judged("kitti64-late-lidar", vanishing(4), vanishing(4));
   const Check image = only("fusions-side");
@@ -203,7 +203,7 @@ TEST_F(FusionFindings, TheWeakerSideIsTheOneThatLearnsMoreBeyondItsSize) {
   EXPECT_EQ(image.rig, "KITTI rig, late");
   ASSERT_EQ(image.comparisons.size(), 2u);
   EXPECT_NEAR(image.comparisons[0].difference.value, 0.45, 1e-12);
-  EXPECT_THAT(image.sentence, HasSubstr("net +45.0 points"));
+  EXPECT_THAT(image.sentence, HasSubstr("net +45.0 ("));
   judged("kitti64-late-image", vanishing(4), vanishing(4));
   judged("kitti64-late-lidar", vanishing(3), vanishing(0));
   EXPECT_EQ(only("fusions-side").verdict, Verdict::fails);
@@ -220,7 +220,7 @@ TEST_F(FusionFindings, AMeshThatOnlyFillsItsBoxHasLearnedNothing) {
   EXPECT_EQ(only("fusions-net").verdict, Verdict::holds);
   judged("kitti64-fusion-both", vanishing(1), vanishing(4));
   EXPECT_EQ(only("fusions-net").verdict, Verdict::fails);
-  // Missed at IoU 0.7 with a box left: one of the two meanings, and so not told.
+  // Missed at IoU 0.7, but a box remains: only one of the two criteria, so undecided.
   judged("kitti64-fusion-both", {120, 5, 4, 0}, vanishing(0));
   const Check turned = only("fusions-net");
   EXPECT_EQ(turned.verdict, Verdict::open);
@@ -250,7 +250,7 @@ TEST_F(FusionFindings, InThePictureThereAreNoMetres) {
   const auto far = read_evaluation(folder_ / "metres.json", "data").at("learned"),
              pixels = read_evaluation(folder_ / "picture.json", "data").at("learned");
   const Question near = question("distance2m"), positive = question("fp_asr");
-  EXPECT_EQ(share(far, near).value, 1);  // no detection is left anywhere
+  EXPECT_EQ(share(far, near).value, 1);  // no detection remains anywhere
   EXPECT_EQ(vehicles(far, near), 200);
   EXPECT_TRUE(has_metres(far));
   EXPECT_FALSE(has_metres(pixels));

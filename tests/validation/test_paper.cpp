@@ -119,7 +119,7 @@ TEST(PaperExperiments, AnotherWordIsAnInputError) {
 
 TEST(PaperExperiments, QuickChangesOnlyWhatWasNotAsked) {
   ReproduceSettings settings = settings_in("/out");
-  settings.iterations = ReproduceSettings().iterations;  // asked for, if with what holds anyway
+  settings.iterations = ReproduceSettings().iterations;  // set by the user, to the default value
   make_quick(settings, true, false);
   EXPECT_EQ(settings.iterations, ReproduceSettings().iterations);
   EXPECT_LT(settings.frames, ReproduceSettings().frames);
@@ -156,13 +156,13 @@ TEST(PaperTables, RowsComeFromTheOutcomes) {
   EXPECT_EQ(both.at("false_positive_distances").size(), 30u);
   EXPECT_EQ(both.at("false_positives_of"), 200);
   EXPECT_NEAR(table.at("rows").at(1).at("values").at("asr").at("value").get<double>(), 0.15, 1e-12);
-  double seconds = 0;  // of the attack and its evaluation, not of the data
+  double seconds = 0;  // of the attack and its evaluation, without the data
   for (const char* step : {"runs/kitti64-fusion-both", "evaluations/kitti64-fusion-both"})
     seconds += result.at("steps").at(step).at("seconds").get<double>();
   EXPECT_GT(seconds, 0);
   EXPECT_NEAR(both.at("minutes").get<double>(), seconds / 60, 1e-12);
   const std::string text = read_file(folder / "table1.md");
-  // The made-up detector still finds something on each: IoU 0.3.
+  // The made-up detector still has a box on each hidden vehicle: IoU 0.3.
   EXPECT_THAT(
       text, testing::ContainsRegex("\\| fusion, both \\| 0.0 \\([^|]*\\| 0.0 \\([^|]* to [^|]*\\| 45.0 \\("));
   EXPECT_EQ(both.at("values").at("vanished").at("value"), 0);
@@ -208,7 +208,7 @@ TEST(PaperTables, IntervalsKnowHowMuchRunsDiffer) {
     const json result = reproduce(settings, std::ref(program));
     const json& row = result.at("tables").at(0).at("rows").at(4);
     EXPECT_EQ(row.at("label"), "fusion, both");
-    EXPECT_EQ(row.at("vehicles"), 200);  // the same ones in every run
+    EXPECT_EQ(row.at("vehicles"), 200);  // the same vehicles in every run
     EXPECT_EQ(row.at("hosts"), 200);
     EXPECT_EQ(row.at("runs"), seeds);
     if (seeds > 1) {
@@ -220,7 +220,7 @@ TEST(PaperTables, IntervalsKnowHowMuchRunsDiffer) {
   const Interval once = asr(1, 0), equal = asr(3, 0), different = asr(3, 1);
   const auto width = [](const Interval& share) { return share.high - share.low; };
   EXPECT_NEAR(equal.value, once.value, 1e-12);
-  EXPECT_NEAR(width(equal), width(once), 0.05);  // three times the same is no more vehicles
+  EXPECT_NEAR(width(equal), width(once), 0.05);  // three equal runs are not more vehicles
   EXPECT_NEAR(different.value, 0.3, 1e-12);      // 3, 2 and 1 of 5, in three frames of four
   EXPECT_GT(width(different), width(once) + 0.05);
 }
@@ -262,10 +262,10 @@ TEST(PaperTables, SayWhereTheDetectorDoesNotUseItsPicture) {
   ASSERT_FALSE(reliance.empty());
   EXPECT_EQ(reliance.at(0).at("uses_picture"), false);
   EXPECT_THAT(reliance.at(0).at("case").get<std::string>(), testing::StartsWith("kitti64-fusion-both"));
-  EXPECT_THAT(read_file(folder / "reproduce.md"), HasSubstr("80.0 % with another frame's: +0.0 points"));
+  EXPECT_THAT(read_file(folder / "reproduce.md"),
+              HasSubstr("80.0 % with another frame's: 0.0 (0.0 to 0.0) points"));
   int told = 0, open = 0;
-  // What is not about the image: adversarial training and its control, the sweep's bodies, the ceiling, size,
-  // and where false positives are.
+  // Findings without the image: adversarial training, roof objects, shadows, ceilings, size and distance.
   const std::set<std::string> others = {"adversarial", "roof-objects", "shadows", "adversarial+shadows",
                                         "ceiling:1.4", "ceiling",      "far",     "fusions-net"};
   for (const json& finding : result.at("findings"))

@@ -1,4 +1,4 @@
-// mirage render: what means nothing is refused, and another scene's cameras leave nothing behind.
+// mirage render: meaningless options are refused, and cameras of another scene leave no files.
 #include "cli/program.h"
 #include "fixture.h"
 

@@ -1,4 +1,4 @@
-// `mirage reproduce` runs what it has not got: finished steps, their records, and steps that fail.
+// `mirage reproduce` runs only missing steps: finished steps, their records, and steps that fail.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -32,17 +32,17 @@ TEST(Reproduce, FinishedStepsAreNotRunAgain) {
   const json again = reproduce(settings_in(folder.path(), "table1"), std::ref(program));
   EXPECT_TRUE(program.calls.empty());
   EXPECT_TRUE(again.at("tables").at(0).at("rows").at(4).at("values").contains("asr"));
-  // Another adversary in a run: only what was judged with it is old.
+  // A run with another adversary: only its evaluations are out of date.
   write_file(folder / "runs/kitti64-fusion-image/adversary.glb", "another");
   reproduce(settings_in(folder.path(), "table1"), std::ref(program));
   ASSERT_EQ(program.calls.size(), 1u);
   EXPECT_EQ(program.calls[0].command, "evaluate");
   program.calls.clear();
-  // Other settings: everything that depends on them.
+  // With other settings, every step that depends on them runs again.
   ReproduceSettings longer = settings_in(folder.path(), "table1");
   longer.iterations = 500;
   reproduce(longer, std::ref(program));
-  EXPECT_EQ(program.calls.size(), 5u);  // the attacks, and the evaluation of the one mesh that is another now
+  EXPECT_EQ(program.calls.size(), 5u);  // the attacks, and the evaluation of the one mesh that changed
 }
 
 TEST(Reproduce, ACommandIsGivenItsSettingsAndTheFoldersThatItNeeds) {
@@ -69,7 +69,7 @@ TEST(Reproduce, ACommandIsGivenItsSettingsAndTheFoldersThatItNeeds) {
 TEST(Reproduce, ARecordOfAnotherSettingIsNotTaken) {
   TemporaryFolder folder;
   PaperProgram program;
-  std::set<std::string> tried;  // once for each command and setting: weights are hashed every time
+  std::set<std::string> tried;  // one entry per command and setting: hashing weights each time is slow
   for (const char* what : {"table3", "table4", "fig4", "fusions"}) {
     ReproduceSettings settings = settings_in(folder.path(), what);
     settings.real = folder / "real";
@@ -164,7 +164,7 @@ TEST(Reproduce, AFailingStepStaysInTheTable) {
   const json& rows = result.at("tables").at(0).at("rows");
   EXPECT_THAT(rows.at(3).at("error").get<std::string>(), HasSubstr("made to fail"));
   EXPECT_TRUE(rows.at(3).at("values").empty());
-  EXPECT_TRUE(rows.at(4).at("values").contains("asr"));  // the others are not lost
+  EXPECT_TRUE(rows.at(4).at("values").contains("asr"));  // the other values are kept
   EXPECT_THAT(read_file(folder / "table1.md"), HasSubstr("made to fail"));
   program.broken.clear();
   program.calls.clear();
@@ -192,7 +192,7 @@ TEST(Reproduce, ADamagedResultIsNamedByFileAndField) {
   EXPECT_TRUE(program.calls.empty());
   const json& rows = result.at("tables").at(0).at("rows");
   EXPECT_THAT(rows.at(0).at("error").get<std::string>(), HasSubstr("sized.outcomes[7].clean_iou"));
-  EXPECT_TRUE(rows.at(1).at("values").contains("asr"));  // the others are not lost
+  EXPECT_TRUE(rows.at(1).at("values").contains("asr"));  // the other values are kept
 }
 
 TEST(Reproduce, AnInterruptEndsIt) {

@@ -1,4 +1,4 @@
-// A validation that was stopped goes on where it was, to the same result; and one whose renderer is lost.
+// A stopped validation resumes to the same result; and a validation that loses its renderer.
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -29,7 +29,7 @@ namespace {
 using nlohmann::json;
 namespace fs = std::filesystem;
 
-/// A tiny frame with a camera that looks at its car from the left.
+/// A tiny frame with a second camera that sees its car from the left.
 Frame with_side(const fs::path& data, const std::string& id) {
   Frame frame = read_frame(data, id);
   const BevBox& car = frame.labels.at(0).box.bev;
@@ -42,7 +42,7 @@ Frame with_side(const fs::path& data, const std::string& id) {
   return frame;
 }
 
-/// A finished run of a random mesh on the tiny frames, for a detector that always finds the same box.
+/// A finished run with a random mesh on the tiny frames, for a detector that always finds the same box.
 ValidationSettings tiny_validation(const test::TemporaryFolder& folder, Cameras cameras = Cameras::first) {
   test::write_tiny_data(folder / "data", 2);
   if (cameras == Cameras::all)
@@ -75,7 +75,7 @@ StartReference plain(const test::Planted& planted = {}) {
   return [planted](const fs::path&) { return std::make_unique<test::PlainReference>(planted); };
 }
 
-/// result.json of the validation.
+/// Runs the validation; returns result.json.
 json validated(const ValidationSettings& settings, const test::Planted& planted = {}) {
   const fs::path file = settings.out / "result.json";
   write_json(file, to_json(validate(settings, plain(planted))));
@@ -86,7 +86,7 @@ json validated(const ValidationSettings& settings, const test::Planted& planted 
   return json::parse(written);
 }
 
-/// Without what a clock says.
+/// The value without measured times.
 json timeless(json value) {
   if (value.is_object()) {
     for (const char* key : {"seconds", "report"}) value.erase(key);
@@ -108,7 +108,7 @@ TEST(Resume, AStoppedValidationEndsAtTheSameResult) {
   EXPECT_FALSE(whole.at("ladder").empty());
   EXPECT_TRUE(fs::exists(settings.out / "result.json"));
 
-  // What a stop after the first vehicle leaves: no result, and a temporary file at most.
+  // State after a stop after the first vehicle: no result, and at most a temporary file.
   const fs::path first = settings.out / "hosts/000001_0.json", second = settings.out / "hosts/000000_0.json";
   fs::remove(settings.out / "result.json");
   fs::remove(second);
@@ -119,7 +119,7 @@ TEST(Resume, AStoppedValidationEndsAtTheSameResult) {
   EXPECT_EQ(read_file(first), kept);
   EXPECT_EQ(fs::last_write_time(first), time) << "a finished vehicle was made again";
 
-  // A damaged file and one of other settings are made again.
+  // A damaged file and one with other settings are made again.
   write_file(first, kept.substr(0, kept.size() / 2));
   EXPECT_EQ(timeless(validated(settings)), timeless(whole));
   EXPECT_EQ(timeless(json::parse(read_file(first))), timeless(json::parse(kept)));
@@ -165,7 +165,7 @@ mirage_serve.serve(Detector())
   EXPECT_NE(second, first);
   const auto third = with("", "3");
   EXPECT_NE(third, second);
-  EXPECT_NE(with("", "3"), third);  // without a version nothing is kept
+  EXPECT_NE(with("", "3"), third);  // without a version no answer is stored
 }
 
 TEST(Resume, TheObjectIsAsTheWorkshopMadeItForBothRenderers) {
@@ -178,8 +178,7 @@ TEST(Resume, TheObjectIsAsTheWorkshopMadeItForBothRenderers) {
   EXPECT_EQ(whole.at("expect"), settings.expect);
   EXPECT_EQ(whole.at("vehicles"), 2);
   for (const json& target : whole.at("targets")) EXPECT_TRUE(target.at("met")) << target;
-  // The exported scene has the object that evaluate --expect judges on this
-  // vehicle.
+  // The exported scene has the object that evaluate --expect judges on this vehicle.
   FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
   for (const HostId& id : {HostId{"000000", 0}, HostId{"000001", 0}}) {
     const SampledEnvironment draw(parse_expectation(settings.expect), settings.seed, draw_of(id));
@@ -195,7 +194,7 @@ TEST(Resume, TheObjectIsAsTheWorkshopMadeItForBothRenderers) {
     }
     EXPECT_LT(off, 1e-5);
   }
-  // Another world, another key; and as designed there is no such object.
+  // Another seed samples another environment: another key. An expectation of the world is refused.
   const std::string vehicle = read_file(settings.out / "hosts/000001_0.json");
   settings.seed = 6;
   validated(settings);
@@ -205,7 +204,7 @@ TEST(Resume, TheObjectIsAsTheWorkshopMadeItForBothRenderers) {
               testing::HasSubstr("expectation: sun: "));
 }
 
-/// Finds the car while all pictures are as recorded; with anything else in one of them it does not.
+/// Finds the car while all pictures are as recorded, and not if any of them has changed.
 class PhotographFinder : public test::StandInDetector {
  public:
   Capabilities capabilities() const override {
@@ -218,7 +217,7 @@ class PhotographFinder : public test::StandInDetector {
     const Detection proposal{{11.5, 0, 4, 1.7, 0}, recorded ? kSure : -kSure};
     return proposal.score() > threshold ? std::vector{proposal} : std::vector<Detection>();
   }
-  static constexpr double kSure = 2;  // of a logit: above the least score of a detection, and below it
+  static constexpr double kSure = 2;  // logit: above the least score of a detection, −kSure below it
 };
 
 TEST(VehicleValidation, AControlTakesTheObjectOutOfEveryPicture) {
@@ -250,7 +249,7 @@ TEST(Resume, AnEvaluationIsOfTheSameRunAndItsDifferencesAreNamed) {
   const test::TemporaryFolder folder;
   ValidationSettings settings = tiny_validation(folder);
   settings.evaluation = folder / "evaluation";
-  settings.provenance->input("run", "this run");  // as the command line knows it
+  settings.provenance->input("run", "this run");  // like the command line
   const auto evaluated = [&](const json& inputs) {
     write_json(settings.evaluation / "result.json",
                {{"fn_asr", 0.5},
@@ -271,7 +270,7 @@ TEST(Resume, AnEvaluationIsOfTheSameRunAndItsDifferencesAreNamed) {
               testing::StartsWith("detector: another there, "));
 }
 
-// Rates by other rules are no match for this validation's, which stand beside them.
+// Rates of an evaluation under other rules must not stand beside this validation's.
 TEST(Resume, TheRulesOfAnEvaluationAreCompared) {
   const test::TemporaryFolder folder;
   ValidationSettings settings = tiny_validation(folder);
@@ -289,7 +288,7 @@ TEST(Resume, TheRulesOfAnEvaluationAreCompared) {
                      {"provenance",
                       {{"inputs", {{"run", "this run"}}},
                        {"settings", {{"expect", "colour,shape"}, {"sun", "frame"}, {"cameras", "first"}}}}}};
-  evaluation["simulation"]["lidar_effects"]["seed"] = 5;  // draws the noise that there is none of
+  evaluation["simulation"]["lidar_effects"]["seed"] = 5;  // the seed of noise that is off
   const auto differences = [&] {
     write_json(settings.evaluation / "result.json", evaluation);
     return to_json(validate(settings, plain())).value("evaluation_differences", std::vector<std::string>());
@@ -318,7 +317,7 @@ TEST(Resume, TheRulesOfAnEvaluationAreCompared) {
   EXPECT_THAT(differences(), testing::ElementsAre("--place's file: other values there"));
 }
 
-// The vehicles of a run are numbers of labels: in other label files these are other cars.
+// A run stores its vehicles as label indices; in other label files they are other cars.
 TEST(Resume, FramesThatHaveChangedSinceTheAttackAreRefused) {
   const test::TemporaryFolder folder;
   ValidationSettings settings = tiny_validation(folder);
@@ -333,12 +332,11 @@ TEST(Resume, FramesThatHaveChangedSinceTheAttackAreRefused) {
   write_file(labels, "Car 0 0 0 10 20 30 40 1.5 1.6 3.9 5 1.7 30 0\n" + read_file(labels));
   EXPECT_THAT(test::error_text<InputError>([&] { validate(settings, plain()); }),
               testing::HasSubstr("frames: have changed since"));
-  settings.frames = 1;  // a test frame, which is as it was
+  settings.frames = 1;  // one test frame, which is unchanged
   EXPECT_EQ(validate(settings, plain()).hosts.size(), 1u);
 }
 
-/// Puts these cars into each tiny frame in place of its own; the pictures' boxes begin a pixel further right
-/// with each.
+/// Replaces the cars of every tiny frame; each next car's picture box begins one pixel further right.
 void set_cars(const fs::path& data, const std::vector<BevBox>& cars) {
   for (const char* id : {"000000", "000001"}) {
     Frame frame = read_frame(data, id);
@@ -353,7 +351,7 @@ void set_cars(const fs::path& data, const std::vector<BevBox>& cars) {
     write_frame(data, frame);
   }
 }
-constexpr BevBox kFound = {10, 1, 4, 2, 0};  // what the detector of tiny_validation always finds
+constexpr BevBox kFound = {10, 1, 4, 2, 0};  // the box that tiny_validation's detector always finds
 
 TEST(Resume, HeldBackVehiclesThatWereLearnedOnInOtherFramesAreCounted) {
   const test::TemporaryFolder folder;
@@ -434,7 +432,7 @@ TEST(Resume, VehiclesWithNothingInViewAreNamedAndNoneOtherIsAFailure) {
   EXPECT_EQ(validated(settings).at("unseen"), json::array());
   const fs::path stored = settings.out / "hosts/000001_0.json";
   json vehicle = json::parse(read_file(stored));
-  vehicle.erase("matched");  // as of one on which no camera shows the object
+  vehicle.erase("matched");  // as of a vehicle whose object no camera shows
   write_json(stored, vehicle);
   const json part = validated(settings);
   EXPECT_EQ(part.at("unseen"), json({"000001_0"}));
@@ -490,7 +488,7 @@ TEST(Resume, AVehicleThatTheRendererIsLostOnIsGivenUpAndMadeByTheNextCall) {
 TEST(Resume, APlantedDifferenceIsInTheResult) {
   const test::TemporaryFolder folder;
   const ValidationSettings settings = tiny_validation(folder);
-  ValidationSettings elsewhere = settings;  // a stored vehicle's key does not name what is planted
+  ValidationSettings elsewhere = settings;  // a stored vehicle's key does not include planted differences
   elsewhere.out = folder / "elsewhere";
   const json same = to_json(validate(settings, plain())),
              bright = to_json(validate(elsewhere, plain({.gain = 1.25})));
@@ -507,11 +505,11 @@ TEST(Resume, APlantedDifferenceIsInTheResult) {
 
 }  // namespace
 
-// What a kept vehicle's result depends on: with anything else it is made again.
+// The inputs of a stored vehicle's result: with any other input it is made again.
 
 namespace {
 
-/// A run on two tiny frames and a plugin and weights of its own, as validate() completes them.
+/// A run on two tiny frames with its own plugin and weights, as validate() completes them.
 struct Judged {
   explicit Judged(const fs::path& at) : folder(at) {
     test::write_tiny_data(folder / "data", 2);
@@ -542,7 +540,7 @@ TEST(ValidationKey, ChangesWithEverySettingThatAResultDependsOn) {
   const Judged judged(folder.path());
   std::set<std::string> keys = {judged.key()};
   EXPECT_EQ(*keys.begin(), judged.key());
-  // Those of frames, simulation and detector; paths count by what they lead to (below).
+  // Fields of frames, simulation and detector; paths count by their content (below).
   const auto differs = [&](const Judged& other, const char* what, bool matters = true) {
     EXPECT_EQ(keys.insert(other.key()).second, matters) << what;
   };
@@ -626,7 +624,7 @@ TEST(Tradeoff, EachSettingChangesTheIdentity) {
 TEST(ValidationKey, ChangesWithThePythonThatMakesTheLight) {
   const test::TemporaryFolder folder;
   const Judged judged(folder.path());
-  // The worker's imports from the package are among the programs that count.
+  // The worker's imports from the package are among the hashed programs.
   std::set<std::string> names;
   for (const fs::path& file : renderer_programs()) names.insert(file.filename().string());
   for (const char* needed : {"blender_worker.py", "physical_light.py", "cycles_light.py", "scene_import.py",

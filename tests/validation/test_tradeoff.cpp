@@ -151,7 +151,7 @@ TEST(Tradeoff, AStudyOfATinyScene) {
              in_double = find("camera", "arithmetic", "double, plain loop");
   EXPECT_NEAR(error(in_float, "image_mae"), error(in_double, "image_mae"), 1e-4);
   EXPECT_NEAR(error(in_float, "double_cosine"), error(in_double, "double_cosine"), 1e-3);
-  // Soft edges have a gradient that the hard ones lack.
+  // Soft edges have a gradient that hard edges lack.
   EXPECT_GT(error(standard, "gradient_cosine"),
             error(find("camera", "edges", "hard, 2×2 samples"), "gradient_cosine"));
 
@@ -160,7 +160,7 @@ TEST(Tradeoff, AStudyOfATinyScene) {
   EXPECT_LE(error(find("lidar", "rays", "every ray"), "range_error_m"),
             error(find("lidar", "rays", "every 8th ray"), "range_error_m"));
 
-  // Along a front error falls as time grows.
+  // Along a front, error falls as time grows.
   for (const char* name : {"image_levels", "gradient"}) {
     std::vector<std::pair<double, double>> front;
     for (const TradeoffPoint& p : result.points)
@@ -238,7 +238,7 @@ TEST(Tradeoff, AttacksOfEqualTimeAreJudgedByOne) {
   EXPECT_FALSE(std::filesystem::exists(settings.out / "attack_whole_passes/old.txt"));
   EXPECT_TRUE(std::filesystem::exists(settings.out / "scratch/notes.txt"));
   EXPECT_FALSE(std::filesystem::exists(settings.out / kScratchFolder));
-  // One that does not come to its end leaves what was there.
+  // A study that fails leaves the earlier result.
   write_file(settings.out / kScratchFolder, "in the way");
   EXPECT_ANY_THROW(attack_study(settings));
   EXPECT_TRUE(std::filesystem::exists(settings.out / "attack_quality_draft/adversary.glb"));

@@ -1,4 +1,4 @@
-// What is stored of a vehicle reads as the same vehicle, and a damaged file is told by field.
+// A stored vehicle reads back as the same vehicle, and errors of a damaged file name the field.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -63,7 +63,7 @@ TEST(VehicleResult, ReadsAsItWasWritten) {
   EXPECT_FALSE(read_vehicle("v.json", to_json(unseen)).seen);
 }
 
-/// Every field that is missing or of another type is told; or it would be read as 0.
+/// Every missing field, or one of another type, is an error; otherwise it would be read as 0.
 TEST(VehicleResult, EveryFieldIsMissed) {
   const json whole = to_json(whole_vehicle());
   int fields = 0;
@@ -76,7 +76,7 @@ TEST(VehicleResult, EveryFieldIsMissed) {
     try {
       read_vehicle("v.json", damaged);
       ++kept;
-      // What the report alone shows, and the roots beside the squares.
+      // Values for the report alone, and roots beside their squares.
       EXPECT_TRUE(pointer.starts_with("/host_rect") || pointer.find("error_") != std::string::npos ||
                   pointer.ends_with("/floor"))
           << pointer;
@@ -98,7 +98,7 @@ namespace {
 constexpr int kWidth = 48, kHeight = 40;
 constexpr double kMean = 0.5, kPixels = kWidth * kHeight;
 
-/// A smooth picture, its radiance beyond 1 in part.
+/// A smooth picture, with radiance beyond 1 in some places.
 ImageF truth() {
   ImageF image(kWidth, kHeight, 3);
   for (int v = 0; v < kHeight; ++v)
@@ -108,7 +108,7 @@ ImageF truth() {
   return image;
 }
 
-/// `image` off by `error` everywhere, to either side by turns, with Gaussian noise of its own.
+/// `image` with alternating errors of ±`error` everywhere, and its own Gaussian noise.
 ImageF render_of(const ImageF& image, double error, double noise, std::uint64_t seed) {
   RandomStream random(seed, "planted noise");
   ImageF out = image;
@@ -121,10 +121,10 @@ ImageF everywhere() {
   return {kWidth, kHeight, 1, 1.0f};
 }
 
-/// Means over many draws: what the estimates expect.
+/// Means over many draws: the expectations of the estimates.
 struct Expected {
   double plain = 0, floor = 0, drawn = 0, unbiased = 0;
-  int inside = 0;  ///< intervals that hold the planted error
+  int inside = 0;  ///< number of intervals that hold the planted error
 };
 Expected expected(double error, double own_noise, double noise, int draws) {
   Expected result;
@@ -151,8 +151,8 @@ TEST(UnbiasedError, RecoversAPlantedErrorWhereThePlainOneIsBiased) {
   EXPECT_NEAR(std::sqrt(found.unbiased), share, 0.05 * share);
   EXPECT_NEAR(std::sqrt(found.floor), floor, 0.02 * floor);
   EXPECT_NEAR(std::sqrt(found.plain), std::hypot(share, floor), 0.02 * floor);
-  EXPECT_GT(std::sqrt(found.plain), 2.5 * share);  // what was reported before
-  EXPECT_NEAR(found.drawn, found.unbiased, 1e-9);  // no noise of its own
+  EXPECT_GT(std::sqrt(found.plain), 2.5 * share);  // the earlier measure
+  EXPECT_NEAR(found.drawn, found.unbiased, 1e-9);  // without noise of its own
   EXPECT_GE(found.inside, 50);                     // of 60 at 95 %
 }
 
@@ -205,7 +205,7 @@ TEST(UnbiasedError, OverExposedPixelsAndWhatLiesBesideTheObjectCount) {
     if (value > 1) value += 0.3f, ++over;
   ASSERT_GT(over, 100);
   EXPECT_GT(squared_error({brighter, {}}, {right, right}, everywhere(), kPixels, kMean).unbiased, 0.01);
-  // The object is the left half; something is drawn beside it: the scale stays the object's.
+  // The object is the left half, with other pixels drawn beside it: the scale is that of the object.
   ImageF left(kWidth, kHeight, 1), beside = right, both = everywhere();
   for (int v = 0; v < kHeight; ++v)
     for (int u = 0; u < kWidth; ++u) {
@@ -219,7 +219,7 @@ TEST(UnbiasedError, OverExposedPixelsAndWhatLiesBesideTheObjectCount) {
   EXPECT_THROW(squared_error({ImageF(3, 3, 3), {}}, {right, right}, both, 1, 1), Failure);
 }
 
-/// A vehicle with one rung whose squared errors are given.
+/// A vehicle with one rung and the given squared errors.
 VehicleResult vehicle_with(const std::string& frame, double unbiased, double floor) {
   VehicleResult vehicle;
   vehicle.host.frame = frame;
@@ -249,7 +249,7 @@ TEST(UnbiasedError, RowsPoolTheSquaresOfTheVehicles) {
   EXPECT_EQ(row.at("interval_over"), "clusters");
   EXPECT_EQ(row.at("interval").at("value"), row.at("error_unbiased"));
   EXPECT_EQ(row.at("error_plain"), pooled.plain);
-  // One frame alone: its vehicles; one vehicle alone: its picture's own.
+  // For one frame: its vehicles; for one vehicle: its picture's own interval.
   const std::vector<VehicleResult> frame{vehicle_with("a", 0.01, 0.1), vehicle_with("a", 0.03, 0.1)};
   EXPECT_EQ(summarize_vehicles(frame, {}).ladder.at(0).error.over, IntervalBasis::vehicles);
   const PooledError one = summarize_vehicles({frame[0]}, {}).ladder.at(0).error;
@@ -259,7 +259,7 @@ TEST(UnbiasedError, RowsPoolTheSquaresOfTheVehicles) {
 
 }  // namespace
 
-// Which vehicles a validation takes.
+// The vehicles that a validation selects.
 
 namespace {
 
@@ -274,7 +274,7 @@ TEST(SelectHosts, TestFramesComeFirstAndWhole) {
   run.train = {{"000001", 0}, {"000002", 3}};
   run.test = {{"000005", 0}, {"000005", 2}, {"000009", 1}};
   using Names = std::vector<std::string>;
-  EXPECT_EQ(select_hosts(run, 0).size(), 5u);  // fewer than a verdict wants
+  EXPECT_EQ(select_hosts(run, 0).size(), 5u);  // fewer than a verdict needs
   EXPECT_EQ(names(select_hosts(run, 1)), (Names{"000005_0", "000005_2"}));
   EXPECT_EQ(names(select_hosts(run, 3)), (Names{"000005_0", "000005_2", "000009_1", "000001_0"}));
   EXPECT_EQ(select_hosts(run, 99).size(), 5u);
@@ -287,7 +287,7 @@ TEST(SelectHosts, AsManyWholeFramesAsAVerdictWants) {
       (frame < 20 ? run.test : run.train).push_back({std::to_string(frame), label});
   const std::vector<HostId> hosts = select_hosts(run, 0);
   EXPECT_EQ(hosts.size(), 102u);
-  EXPECT_EQ(hosts[59].frame, "19");  // the held-back ones first
+  EXPECT_EQ(hosts[59].frame, "19");  // the held-out ones first
   EXPECT_EQ(hosts.back().label, 2);
 }
 

@@ -75,7 +75,7 @@ TEST(Verdict, CountsSharesFlipsAndSplits) {
   EXPECT_LE(all.difference.asr.low, 0);
   EXPECT_NEAR(all.agree, 0.5, 1e-12);
   EXPECT_EQ(result.pairs.size(), 5u);
-  ASSERT_EQ(result.flips.size(), 1u);  // a vehicle not found clean has no outcome to flip
+  ASSERT_EQ(result.flips.size(), 1u);  // a vehicle that is not found clean has no outcome to flip
   const json flip = to_json(result).at("flips").at(0);
   EXPECT_EQ(flip.at("name"), "a_1");
   EXPECT_EQ(flip.at("split"), "test");
@@ -177,8 +177,8 @@ TEST(Summary, ARungsFiguresStandUnderTheFilesNames) {
   EXPECT_NEAR(lidar.at("score_change").get<double>(), 0.1, 1e-12);
 }
 
-/// Scenes whose errors follow a feature: rung 0 is free and good where x is small, rung 1 costs 1 and is good
-/// everywhere but where y is large.
+/// Scenes with errors that follow a feature. Rung 0 is free and accurate for small x; rung 1 costs 1 and is
+/// accurate except for large y.
 std::vector<BudgetScene> scenes_of(int frames, std::uint64_t seed, double noise) {
   std::vector<BudgetScene> scenes;
   RandomStream random(seed, "budget test");
@@ -188,7 +188,7 @@ std::vector<BudgetScene> scenes_of(int frames, std::uint64_t seed, double noise)
       scene.frame = scene.group = std::to_string(f);
       scene.name = scene.frame + "_" + std::to_string(k);
       const double x = random.normal(), y = random.normal();
-      scene.features = {x, y, 7};  // the third says nothing
+      scene.features = {x, y, 7};  // the third carries no information
       scene.errors = {0.05 * std::exp(x + noise * random.normal()),
                       0.02 * std::exp(0.5 * y + noise * random.normal())};
       scene.seconds = scene.alone = {0, 1};
@@ -210,7 +210,7 @@ TEST(Budget, KeepsTheRiskOnFramesItNeverSaw) {
     }
   }
   EXPECT_LE(beyond, 0.1 * total);
-  EXPECT_GE(cheap, 0.7 * total);  // and it is not safe by always taking the dearest
+  EXPECT_GE(cheap, 0.7 * total);  // and it does not just always take the dearest rung
 }
 
 TEST(Budget, ChoosesByTheFeatureThatMatters) {
@@ -225,10 +225,10 @@ TEST(Budget, OneRungForAllWhereItIsBackedAndCheaper) {
   for (BudgetScene& scene : scenes) {
     scene.errors[1] = 0.03;  // within the budget everywhere
     scene.alone = {0, 1};
-    scene.seconds = {5, 6};  // to look costs more than to draw
+    scene.seconds = {5, 6};  // the features cost more than the rendering
   }
   EXPECT_EQ(BudgetRule(scenes, 0.05, 0.9).always(), 1);
-  for (BudgetScene& scene : scenes) scene.seconds = {0, 1};  // to look is free: the first rung does for some
+  for (BudgetScene& scene : scenes) scene.seconds = {0, 1};  // free features: rung 0 does for some
   EXPECT_EQ(BudgetRule(scenes, 0.05, 0.9).always(), std::nullopt);
   for (BudgetScene& scene : scenes) scene.seconds = {5, 6};
   for (std::size_t i = 0; i < scenes.size(); i += 3) scenes[i].errors[1] = 0.06;  // a third of every group
@@ -236,7 +236,7 @@ TEST(Budget, OneRungForAllWhereItIsBackedAndCheaper) {
 }
 
 TEST(Budget, TooFewGroupsTrustNothing) {
-  // (0 + 1) / (8 + 1) > 0.1: no choice can be backed.
+  // (0 + 1) / (8 + 1) > 0.1: no choice has enough evidence.
   const BudgetRule rule(scenes_of(8, 3, 0.01), 0.05, 0.9);
   EXPECT_EQ(rule.choose({-3, -3, 7}), -1);
   EXPECT_TRUE(to_json(rule).at("lambda").is_null());
@@ -281,7 +281,7 @@ TEST(Budget, KeepsItsPromiseOnGroupsThatItLeavesOut) {
   EXPECT_EQ(test.vehicles, 120);
   EXPECT_GT(test.ruled.within.value, 0.85);
   EXPECT_EQ(test.kept, test.ruled.within.value >= 0.9);
-  // What is saved is against the one rung that keeps the budget everywhere, not against the reference.
+  // Savings are relative to the one rung that keeps the budget everywhere, not to the reference.
   EXPECT_EQ(test.fixed.chosen, (std::map<std::string, int>{{"full", 120}}));
   double ruled = 0, fixed = 0;
   std::map<std::string, std::set<int>> folds;
@@ -304,7 +304,7 @@ TEST(Budget, KeepsItsPromiseOnGroupsThatItLeavesOut) {
 }
 
 TEST(Budget, WhatIsChosenForAGroupDoesNotDependOnItsErrors) {
-  // Frames 0 to 4 show one vehicle: one drive. Its errors are told tenfold in the second run.
+  // Frames 0 to 4 show one vehicle: one drive. In the second run its errors are ten times as large.
   std::vector<VehicleResult> vehicles = vehicles_of(scenes_of(15, 7, 0.1));
   for (VehicleResult& vehicle : vehicles)
     if (std::stoi(vehicle.host.frame) < 5) vehicle.track = 77;
@@ -337,7 +337,7 @@ TEST(Budget, FramesThatShareAVehicleAreOneGroup) {
 
 namespace mirage::paper {
 
-// When a claim about a difference holds: one rule, its family, and what it would take to tell.
+// When a claim about a difference holds: one rule, its family, and the number of vehicles that would decide.
 
 namespace {
 
@@ -359,7 +359,7 @@ const IntervalCase kCases[] = {
     {{-0.04, -0.08, -0.01}, kFails, kOpen, kHolds},    // less; whether by the margin is open
     {{-0.10, -0.20, -0.06}, kFails, kFails, kHolds},  {{0.00, -0.06, 0.06}, kOpen, kOpen, kOpen},
     {{0.10, -0.02, 0.20}, kOpen, kHolds, kOpen},      {{-0.10, -0.20, 0.02}, kOpen, kOpen, kHolds},
-    {{0.00, 0.00, 0.10}, kOpen, kHolds, kOpen},  // an end on the bound tells nothing
+    {{0.00, 0.00, 0.10}, kOpen, kHolds, kOpen},  // an end on the bound decides nothing
     {{-0.02, -0.05, 0.00}, kOpen, kOpen, kHolds},     {{0.05, 0.05, 0.05}, kHolds, kHolds, kOpen},
     {{0.10, -kInf, kInf}, kOpen, kOpen, kOpen},
 };
@@ -386,11 +386,11 @@ TEST(Verdicts, ClaimsAboutOneDifferenceAgree) {
         EXPECT_EQ(judge(Claim::more, d), kFails);
       }
       EXPECT_EQ(judge(Claim::no_help, d),
-                judge(Claim::no_less, back));  // what takes nothing off is, turned round, no less
+                judge(Claim::no_less, back));  // with the sign reversed, no help is no less
       EXPECT_FALSE(judge(Claim::more, d) == kHolds && judge(Claim::more, back) == kHolds);
       EXPECT_FALSE(judge(Claim::no_help, d) == kFails &&
-                   judge(Claim::more, d) != kHolds);  // it helps, so it is more
-      // The p-value tells where the verdict does.
+                   judge(Claim::more, d) != kHolds);  // if it helps, it is more
+      // The p-value is below 0.05 exactly where the verdict is decided.
       for (const Claim claim : {Claim::more, Claim::no_less, Claim::no_help})
         if (low < high) {
           EXPECT_EQ(p_value(claim, d) < 0.05, judge(claim, d) != kOpen) << low << " " << high;
@@ -425,8 +425,8 @@ TEST(Verdicts, PValuesOfFewClustersAreThoseOfStudentsT) {
   EXPECT_NEAR(p_value(Claim::more, at(2.776446), 5), 0.05, 1e-6);
   EXPECT_NEAR(p_value(Claim::more, at(-4.604095), 5), 0.01, 1e-6);
   EXPECT_NEAR(p_value(Claim::more, at(8.610302), 5), 0.001, 1e-6);
-  EXPECT_EQ(p_value(Claim::more, at(100), 1), 1);  // of one cluster nothing is known
-  // A family of ten, of which one lies at 4.7 standard errors: a normal tail (p = 0.0009) would tell it.
+  EXPECT_EQ(p_value(Claim::more, at(100), 1), 1);  // with one cluster nothing is known
+  // A family of ten with one at 4.7 standard errors: with a normal tail (p = 0.0009) it would be decided.
   std::vector<Comparison> ten(10, comparison("", {{0, -2.776445, 2.776445}, 5}));
   ten[0] = comparison("", {at(4.7), 5});
   EXPECT_EQ(ten[0].verdict, kHolds);
@@ -469,7 +469,7 @@ TEST(Verdicts, HolmsCorrectionOpensWhatIsTooWeakForTheFamily) {
   EXPECT_NEAR(four[0].p_family, 2 * four[0].p, 1e-12);
   EXPECT_EQ(four[1].rank, 0);
   EXPECT_EQ(four[0].family, 4);
-  // The same question among thirty that tell nothing is left open; and so is all that is weaker.
+  // The same difference among thirty undecided ones stays open, and so do all weaker ones.
   std::vector<Comparison> many(30, with_p(0.3));
   many.push_back(with_p(2.6));
   many.push_back(with_p(4.5));

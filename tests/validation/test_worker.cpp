@@ -25,7 +25,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-/// A program that answers a ping and then does `otherwise` at any other job.
+/// A program that answers a ping, and runs `otherwise` for any other job.
 std::string stand_in(const test::TemporaryFolder& folder, const std::string& otherwise) {
   const std::string file = folder / "stand-in";
   write_file(file,
@@ -56,7 +56,7 @@ TEST(Worker, AJobThatAlwaysKillsItIsGivenUpAndTheNextOneGoesOn) {
 TEST(Worker, OneThatHangsIsKilledAndTheJobIsSentAgain) {
   setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);
   const test::TemporaryFolder folder;
-  // Hangs at the first other job and answers it after that.
+  // Hangs at the first other job, and answers it after that.
   const std::string mark = folder / "hung";
   BlenderWorker worker(
       folder / "log",
@@ -70,7 +70,7 @@ TEST(Worker, OneThatHangsIsKilledAndTheJobIsSentAgain) {
   EXPECT_EQ(worker.losses()[0].job, "render");
 }
 
-/// What `work` throws as Failure (a ReferenceLost is one), and how long that takes.
+/// The Failure that `work` throws (a ReferenceLost is one), and the time until then.
 template <class Work>
 std::pair<std::string, double> failure(const Work& work) {
   const auto start = std::chrono::steady_clock::now();
@@ -81,8 +81,8 @@ std::pair<std::string, double> failure(const Work& work) {
 TEST(Worker, TheDeadlineIsTheJobsAndNotALines) {
   setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);
   const test::TemporaryFolder folder;
-  // Each of these says something all the time and never answers; none can hold the job up.
-  // Only the last is waited for; a busy machine takes a while to read an answer that is too long.
+  // Each of these prints all the time and never answers; none can block the job. Only the last one runs into
+  // the deadline; a busy machine needs a while to read an answer that is too long.
   for (const auto& [talk, how, deadline] :
        {std::tuple{"while :; do echo '{\"id\":0,\"ok\":true}'; sleep 0.1; done", "malformed answer", 20.0},
         std::tuple{"exec yes", "malformed answer", 20.0},
@@ -150,7 +150,7 @@ TEST(Worker, AMalformedAnswerIsOneClearLine) {
         << answer;
     EXPECT_LT(text.size(), 300u + folder.path().string().size() * 2) << answer;
   }
-  // An error that is no text, and no seconds: neither is trusted.
+  // An error that is not text, and missing seconds: neither is trusted.
   BlenderWorker worker(folder / "log",
                        stand_in(folder,
                                 "id=$(echo \"$line\" | sed 's/.*\"id\":\\([0-9]*\\).*/\\1/'); "

@@ -54,7 +54,7 @@ def streets():
 
 
 def change_return(sweep):
-    """Another reflectance of its first."""
+    """Changes the reflectance of its first return."""
     with open(sweep, "rb") as file:
         points = bytearray(file.read())
     points[12] ^= 1
@@ -253,7 +253,7 @@ class HundredFrames(browser.PageChecks, Opened):
         self.settle()
         self.assertLess(self.browser.run("eyes.orbit.distance"), before["distance"])
         x, y, width, height = self.place(".top canvas")
-        # What is under the pointer stays there when it zooms.
+        # The place under the pointer stays fixed when it zooms.
         under = ("(() => { const v = columns[0].views[1]; v.look(v.canvas.clientWidth, v.canvas.clientHeight);"
                  "return [v.eye.x - (60 - v.canvas.clientHeight / 2) / v.scale, v.eye.y - (90 - v.canvas.clientWidth / 2) / v.scale] })()")
         place = self.browser.run(under)
@@ -287,7 +287,7 @@ class HundredFrames(browser.PageChecks, Opened):
 
 
 class WithDetections(Opened):
-    """What detect --kitti writes is drawn as what it writes in JSON."""
+    """The boxes that detect --kitti writes are drawn as those that it writes in JSON."""
 
     arguments = ("{}/data", "--detections", "{}/kitti")
 
@@ -330,7 +330,7 @@ class WithDetections(Opened):
 
 
 class WithLogits(Opened):
-    """A file's scores may be below zero: the slider reaches them."""
+    """A file's scores may be negative: the slider covers them."""
 
     arguments = ("{}/data", "--detections", "{}/logits")
 
@@ -366,7 +366,7 @@ class WithLogits(Opened):
 
 
 class ByTruth(Opened):
-    """The generator's truth about who returned what stands before the labelled boxes."""
+    """The generator's true owners of returns are preferred to the labelled boxes."""
 
     arguments = ("{}/truth",)
 
@@ -402,7 +402,7 @@ class OfARun(browser.PageChecks, Opened):
         self.assertNotIn(hit, self.pixels(".clean .top canvas"))
         if told["returns"]:
             self.assertIn(hit, self.pixels(".attacked .top canvas"))
-        # The pictures differ where the object stands, and there alone.
+        # The pictures differ only where the object is.
         u, v, w, h = self.browser.run("current.attacks[0].patches[0].rect")
         apart = self.browser.run("(() => { const [a, b] = [null, current.attacks[0].patches[0]].map(t => {"
                                  "const {size: [w, h], photo} = current.cameras[0];"
@@ -446,7 +446,7 @@ class OfARun(browser.PageChecks, Opened):
     def test_opens_at_the_vehicle(self):
         self.browser.open(self.path)
         self.browser.wait_for("document.documentElement.dataset.frame !== undefined")
-        first = self.browser.run("AMONG[1].vehicles[0] ?? [0, state.vehicle]")  # a hidden one, if any is
+        first = self.browser.run("AMONG[1].vehicles[0]?.slice(0, 2) ?? [0, state.vehicle]")  # a hidden one, if any is
         self.assertEqual(self.browser.run("[state.index, state.vehicle]"), first)
         away = self.browser.run("(() => { const [x, y] = current.labels[current.attacks[state.vehicle].label].box;"
                                 "return Math.hypot(eyes.top.x - x, eyes.top.y - y) })()")
@@ -475,15 +475,20 @@ class OfARun(browser.PageChecks, Opened):
         self.assertEqual(self.browser.run(shown), ["clean", "attacked"])
 
     def test_steps_through_all_vehicles_and_the_address_names_them(self):
-        counts = {"hidden": 0, "found": 0, "unfound": 0}
+        counts = {"hidden": 0, "found": 0, "unfound": 0, "learned": 0}
         for of in self.browser.run("about().attacks"):
-            for word in of:
+            for word, _ in of:
                 counts[word] += 1
         self.assertEqual(sum(counts.values()), self.result["vehicles"])
         self.assertEqual(counts["hidden"], self.result["hidden"])
+        self.assertEqual(counts["learned"], self.result["learned_on"])
+        clean = counts["hidden"] + counts["found"]
         self.assertEqual(self.browser.run("[...document.querySelectorAll('#among option')].map(o => o.textContent)"),
-                         [f"All vehicles ({self.result['vehicles']})", f"Hidden ({counts['hidden']})",
-                          f"Still found ({counts['found']})", f"Not found as recorded ({counts['unfound']})"])
+                         [f"All vehicles ({self.result['vehicles']})", f"Hidden ({counts['hidden']} of {clean})",
+                          f"Still found ({counts['found']} of {clean})", f"Not found as recorded ({counts['unfound']})"] +
+                         [f"Learned on ({counts['learned']})"] * (counts["learned"] > 0))
+        for of in self.browser.run("AMONG.slice(1).map(group => group.vehicles)"):
+            self.assertEqual([distance for _, _, distance in of], sorted(distance for _, _, distance in of))
         self.browser.run("among.selectedIndex = 0")
         seen, address = [], "'#' + current.attacks[state.vehicle].name"
         for _ in range(self.result["vehicles"] + 1):
@@ -502,7 +507,7 @@ class OfARun(browser.PageChecks, Opened):
 
 
 class BesideTheRoad(Opened):
-    """The neighbour is judged, not the host: the page frames it and names it."""
+    """The neighbour is judged, not the host: the page frames and names it."""
 
     arguments = ("--run", "{}/kerb", "--frames", "9")
 
@@ -583,7 +588,7 @@ class ChangedFrames(unittest.TestCase):
 
 
 class LearnedOnInOtherFrames(unittest.TestCase):
-    """A vehicle that the run met in training frames is no unseen one in others."""
+    """A vehicle in the run's training frames counts as seen in other frames, too."""
 
     @classmethod
     def setUpClass(cls):
@@ -599,12 +604,20 @@ class LearnedOnInOtherFrames(unittest.TestCase):
         return [row[1] for row in rows if int(row[0]) == int(index)][host["label"]]
 
     def test_they_are_marked(self):
-        made("view", "--run", at("met"), "--no-detector", "--out", at("met.html"))
+        made("view", "--run", at("met"), "--out", at("met.html"))
         result = read("met.result.json")
         learned = {self.track(host) for host in self.split["train"]}
         expected = sum(self.track(host) in learned for host in self.split["test"])
         self.assertGreater(expected, 0)
         self.assertEqual((result["vehicles"], result["learned_on"]), (len(self.split["test"]), expected))
+        with browser.Browser() as opened:
+            opened.open(at("met.html"))
+            opened.wait_for("!!document.documentElement.dataset.frame")
+            groups = opened.run("Object.fromEntries(AMONG.map(group => [group.name, group.vehicles.length]))")
+            self.assertEqual((groups["all"], groups["learned"]), (result["vehicles"], expected))
+            self.assertEqual(groups["hidden"] + groups["found"] + groups["unfound"], result["vehicles"] - expected)
+            self.assertEqual(groups["hidden"], result["hidden"])
+            self.assertEqual(opened.run("[...document.querySelectorAll('#among option')].at(-1).textContent"), f"Learned on ({expected})")
 
     def test_a_drive_marks_them_too(self):
         made("drive", "--run", at("met"), "--data", at("streets"), "--least-frames", "12", "--out", at("met-drive"))
@@ -667,7 +680,7 @@ def surround(folder):
 
 
 class OfADrive(browser.PageChecks, Opened):
-    """What a drive judged, as it judged it: boxes and tracks from its files, gaps as bars, played in its own time."""
+    """The vehicles that a drive judged: boxes and tracks from its files, gaps as bars, played in real time."""
 
     arguments = ("--drive", "{}/drive", "--animation", "{}/film.webp")
 
@@ -815,7 +828,7 @@ class OfADrive(browser.PageChecks, Opened):
 
 
 class SeveralCameras(Opened):
-    """Each is shown by its name, with the boxes that lie in it."""
+    """Each camera is shown by its name, with the boxes in it."""
 
     arguments = ("{}/surround",)
 
@@ -825,7 +838,7 @@ class SeveralCameras(Opened):
         super().setUpClass()
 
     def photo(self):
-        """What the camera that is shown recorded, small."""
+        """The recorded picture of the shown camera, small."""
         return self.browser.run("(() => { const c = new OffscreenCanvas(62, 19), x = c.getContext('2d');"
                                 "x.drawImage(current.cameras[state.camera].photo, 0, 0, 62, 19);"
                                 "return [...x.getImageData(0, 0, 62, 19).data].filter((_, i) => i % 4 < 3) })()")
@@ -857,7 +870,7 @@ class SeveralCameras(Opened):
 
 
 class BoxesInTwoPictures(Opened):
-    """A box is drawn in the picture of the camera that it names; one that names none is the first's."""
+    """A box is drawn in the picture of the camera that it names, by default in the first one."""
 
     arguments = ("{}/both", "--detections", "{}/both.json")
 
@@ -880,7 +893,7 @@ class BoxesInTwoPictures(Opened):
 
 
 class BoxesOfAPluginInTwoPictures(Opened):
-    """What detect writes of a detector of two cameras."""
+    """The boxes that detect writes for a detector of two cameras."""
 
     arguments = ("{}/around", "--detections", "{}/around-found")
     PLUGIN = os.path.join(BUILD, "test_plugins", "named.so")

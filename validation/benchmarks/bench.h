@@ -1,4 +1,4 @@
-// What the files of the benchmark program share.
+// Shared code of the benchmark program's files.
 #pragma once
 
 #include <benchmark/benchmark.h>
@@ -31,7 +31,7 @@ double milliseconds(const Work& work) {
   return 1e3 * seconds_since(start);
 }
 
-/// Values by name, one a round: what is compared is taken in alternation.
+/// Values by name, one a round: compared values are taken in alternation.
 class Rounds {
  public:
   double add(const std::string& name, double value) { return values_[name].emplace_back(value); }
@@ -55,7 +55,7 @@ class Rounds {
     for (std::size_t i = 0; i < count(a); ++i) rounds.add("", values_.at(a)[i] - values_.at(b)[i]);
     return rounds[""];
   }
-  /// The medians of all are figures, by their names and the suffix.
+  /// Records all medians as figures, by name and suffix.
   void record(const std::string& suffix = "") const {
     for (const auto& [name, values] : values_) figures()[name + suffix] = (*this)[name];
   }

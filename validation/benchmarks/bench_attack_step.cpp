@@ -140,7 +140,7 @@ void attack_steps(benchmark::State& state, const std::string& name) {
           simulation += s.simulation_forward + s.simulation_vjp;
           all += s.simulation_forward + s.simulation_vjp + s.detector_forward + s.detector_backward + s.rest;
         }
-        // What an evaluation does: forward alone.
+        // As in an evaluation: forward alone.
         const Simulated simulated = simulate(stand.prepared, stand.placement, adversary, settings.simulation);
         SensorView view = view_of(stand.prepared, simulated, whole->capabilities());
         rounds.cpu("full evaluation", [&] { detections(*whole, view, {}); });

@@ -143,8 +143,8 @@ void detector_training(benchmark::State& state) {
 }
 ONCE(BENCHMARK(detector_training));
 
-// A detector in a process of its own: what the way there and back costs for a frame of KITTI's size, with a
-// toy at the other end that takes no time. Linear and 8-bit pictures, with and without gradients.
+// A detector in its own process: the cost of the round trip for a frame of KITTI's size, with a toy at the
+// other end that takes no time. Linear and 8-bit pictures, with and without gradients.
 
 constexpr int kTrips = 101, kPointsInView = 20000;
 

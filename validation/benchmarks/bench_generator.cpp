@@ -114,7 +114,7 @@ void fit(benchmark::State& state) {
     figures()[name] = rounds[name];
   figures()["fit_vehicles"] = rounds.count("fit_ms");
   figures()["fit_ms_p95"] = rounds.at("fit_ms", 0.95);
-  // What fit_shape takes besides its mesh and rooftop.
+  // The time of fit_shape without its mesh and rooftop.
   figures()["fit_solve_ms"] =
       std::max(0.0, rounds["solve"] - rounds["fit_marching_cubes_ms"] - rounds["fit_roof_ms"]);
 }

@@ -22,7 +22,7 @@ import atomic  # noqa: E402
 
 
 def usage(words, cache):
-    """What a command and its processes took (os.wait4)."""
+    """Resources that a command and its processes used (os.wait4)."""
     process = subprocess.Popen([*words, "--quiet"], stdout=subprocess.DEVNULL, env={**os.environ, "MIRAGE_CACHE": cache})
     _, status, used = os.wait4(process.pid, 0)
     if status != 0:
@@ -73,9 +73,9 @@ def main():
                      "validate": ["validate", "--run", run, "--frames", str(size)]}
             for name in chosen:
                 if name in words:
-                    # Each size has a cache of its own: the frames of one are among those of the other.
+                    # Each size has its own cache: the frames of one are among those of the other.
                     took[name].append(cpu_seconds([program, *words[name], "--out", path(f"{name}{size}")], path(f"{name}-cache{size}")))
-        if "attack" in took:  # by steps, on the larger set; its roofs and clean detections are kept
+        if "attack" in took:  # per step, on the larger set; its roofs and clean detections are cached
             cache = path(f"attack-cache{sizes[-1]}")
             took["attack"] = [cpu_seconds([*attack, path(f"steps{steps}"), "--iterations", str(steps)], cache) for steps in (4, 24)]
             most = usage([*attack, path("wide"), "--iterations", "16"], cache).ru_maxrss

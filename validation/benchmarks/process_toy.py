@@ -7,7 +7,7 @@ from mirage_serve import serve
 
 
 class Toy:
-    """Its gradients are made once: what making them takes is a detector's own time."""
+    """Its gradients are computed once: a detector's own time does not count."""
 
     made = ()
 

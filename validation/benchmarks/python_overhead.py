@@ -33,7 +33,7 @@ def cpu_ms(work):
 
 
 def alternate(ways, rounds):
-    """Each way in turn; its median, and the median ratio to the first in the same round: what else the machine does hits both."""
+    """Each way in turn; its median, and the median ratio to the first in the same round: other load affects both."""
     times = {name: [] for name in ways}
     for _ in range(rounds):
         for name, way in ways.items():
@@ -44,7 +44,7 @@ def alternate(ways, rounds):
 
 
 def rasterizers(rounds):
-    """By picture and softness: C++, mirage.rasterize and, where PyTorch is, mirage.pytorch3d."""
+    """By picture and softness: C++, mirage.rasterize and, if PyTorch is installed, mirage.pytorch3d."""
     figures = {}
     mesh = mirage.icosphere()
     mesh.vertices[:] = mesh.vertices[:, [1, 2, 0]] + (0, 0, 10)

@@ -27,7 +27,7 @@ ROOT_FLAGS = ["--allow-run-as-root"] if os.geteuid() == 0 else []
 
 
 class Run:
-    """A command on so many ranks, begun; in a folder of its own."""
+    """A running command on several ranks, in its own folder."""
 
     def __init__(self, words, ranks):
         self.folder = tempfile.TemporaryDirectory()

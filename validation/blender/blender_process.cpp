@@ -23,8 +23,8 @@ namespace {
 
 constexpr double kRenderTimeout = 900;  // s; a crop takes seconds
 
-/// The named channels of a multilayer EXR ("Combined.R": the layer's name comes before); empty if it has
-/// none.
+/// The named channels of a multilayer EXR ("Combined.R": the layer's name comes before); empty if the file
+/// lacks them.
 ImageF read_channels(const std::filesystem::path& file, PictureSize size,
                      const std::vector<std::string>& names) {
   std::vector<std::string> there;

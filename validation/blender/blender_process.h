@@ -21,7 +21,7 @@ namespace mirage {
 /// The Python programs that decide what Blender draws: the worker's own and the add-on's package.
 std::vector<std::filesystem::path> renderer_programs();
 
-/// InputError if the name of an output folder is no UTF-8: Blender is told of its files in JSON.
+/// InputError if the name of an output folder is not UTF-8: Blender gets its file names in JSON.
 void require_text_path(const std::filesystem::path& out);
 
 /// Cycles as a reference renderer, in a Blender that stays alive from job to job.
@@ -30,17 +30,17 @@ class BlenderWorker : public ReferenceRenderer {
   /// How often a job is sent before it is given up.
   static constexpr int kAttempts = 3;
 
-  /// Starts Blender and waits for its first answer. `log` receives what Blender prints. One that dies while
-  /// it starts is started again, kAttempts times in all. InputError if `program` is not on PATH; Failure if
-  /// it dies each time or does not answer within `start_timeout` seconds.
+  /// Starts Blender and waits for its first answer. `log` receives Blender's output. A Blender that dies
+  /// while it starts is started again, kAttempts times in all. InputError if `program` is not on PATH;
+  /// Failure if it dies each time or does not answer within `start_timeout` seconds.
   explicit BlenderWorker(std::filesystem::path log, std::string program = "blender",
                          double start_timeout = 120);
   ~BlenderWorker() override;
 
-  /// Sends a job and returns its answer. A worker that dies, has not answered `timeout` seconds after it was
-  /// asked (whatever else it says meanwhile) or answers with something else than the protocol's JSON is
-  /// started again and the job is sent once more, kAttempts times in all: then ReferenceLost. Failure if the
-  /// job itself is answered with an error. Interrupted after Ctrl-C.
+  /// Sends a job and returns its answer. A worker that dies, does not answer within `timeout` seconds
+  /// (whatever it prints meanwhile), or breaks the JSON protocol is started again. The job is then sent once
+  /// more, kAttempts times in all: then ReferenceLost. Failure if the job itself is answered with an error.
+  /// Interrupted after Ctrl-C.
   nlohmann::json request(nlohmann::json job, double timeout);
   /// With Cycles, through a multilayer EXR at job.output.
   Rendered render(const RenderJob& job) override;
@@ -49,7 +49,7 @@ class BlenderWorker : public ReferenceRenderer {
                               const std::filesystem::path& scratch) override;
   /// Writes standing_on_origin(adversary) (exchange/mesh_files.h) as FBX: metres, pivot on the roof socket,
   /// one material whose embedded picture has the texels at 8 bits sRGB, a pixel each. Written beside `file`
-  /// first, so that what is there is whole.
+  /// first, so that `file` is always complete.
   void write_fbx(const std::filesystem::path& file, const TexturedMesh& adversary);
 
   /// Its programs: renderer_programs().
@@ -71,8 +71,8 @@ class BlenderWorker : public ReferenceRenderer {
   std::vector<ReferenceLoss> losses_;
 };
 
-/// Blender for a command that writes into `out`: makes the folder, where `log` gets what Blender prints.
-/// Errors of require_text_path, make_output_folder and BlenderWorker. A StartReference.
+/// Starts Blender for a command that writes into `out`: makes the folder; `log` in it receives Blender's
+/// output. Errors of require_text_path, make_output_folder and BlenderWorker. A StartReference.
 std::unique_ptr<ReferenceRenderer> start_blender(const std::filesystem::path& out,
                                                  const std::string& log = "blender.log",
                                                  const std::string& program = "blender");
@@ -95,8 +95,8 @@ class CyclesRenderer : public ObjectRenderer {
   explicit CyclesRenderer(const Settings& settings);
   ~CyclesRenderer() override;
 
-  /// The object's window and the roof around it, in full_effects(). ReferenceLost where a job was lost as
-  /// often as it is tried.
+  /// Draws the window of the object and the roof around it, in full_effects(). ReferenceLost if a job was
+  /// lost at every attempt.
   Window draw(const HostInWorld& host, const TexturedMesh& adversary, const Simulated& simulated,
               std::uint64_t seed) override;
   /// {name, samples, blender, programs}: the last is a hash of the scripts that decide what Blender draws.
@@ -107,10 +107,10 @@ class CyclesRenderer : public ObjectRenderer {
  private:
   struct Worker {
     std::filesystem::path scratch;
-    std::unique_ptr<ReferenceRenderer> blender;  ///< null until it is wanted
+    std::unique_ptr<ReferenceRenderer> blender;  ///< null until it is needed
     bool busy = false;
   };
-  /// Of a worker for one picture; it is free again when this ends.
+  /// The lease of a worker for one picture; the worker is free again when it ends.
   using Lease = std::unique_ptr<Worker, std::function<void(Worker*)>>;
   void start(std::size_t index);
   Lease take();

@@ -12,9 +12,9 @@ Jobs (one object a line, each answered by one line {"id", "ok": true, ...} or {"
     {"job": "inspect", "file": FBX}
     {"job": "kit", "vertices", "faces", "bed": [x, y, z], "out": FOLDER}
 
-The .glb comes in through Blender's own importer: geometry, nodes and UVs are what any viewer gets. What glTF
-cannot say (principal point, the whole light model, texels beyond 8 bits) is read from the file's extras.
-glTF's axes (y up) turn into Blender's (z up) on import, so Blender's world is Mirage's `velo`. Nothing in a file is
+Blender's own importer reads geometry, nodes and UVs of the .glb, as any viewer does. What glTF cannot express
+(principal point, the whole light model, texels beyond 8 bits) is read from the file's extras.
+glTF's axes (y up) turn into Blender's (z up) on import, so Blender's world is Mirage's `velo`. No code in a file is
 ever run: glTF holds no scripts, its extras come in as plain properties, and auto-execution (drivers, registered
 texts) is off.
 """
@@ -33,7 +33,7 @@ import numpy  # noqa: E402
 from mathutils import Vector  # noqa: E402
 from mathutils.bvhtree import BVHTree  # noqa: E402
 
-# What import, camera and light are is said once, in the add-on's package.
+# Import, camera and light are implemented once, in the add-on's package.
 sys.dont_write_bytecode = True
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.join(HERE, "..", "..", "plugins", "blender")]
@@ -47,7 +47,7 @@ import print_kit  # noqa: E402
 
 
 class LoadedScene:
-    """The scene that is in Blender now; kept between jobs on the same file."""
+    """The scene that Blender holds now; kept between jobs on the same file."""
 
     def __init__(self):
         self.key = None
@@ -67,7 +67,7 @@ class LoadedScene:
 
 SCENE = LoadedScene()
 FOUND = features.found()
-GREY = (0.5, 0.5, 0.5)  # of a mesh without texels
+GREY = (0.5, 0.5, 0.5)  # for a mesh without texels
 
 
 def render(job):
@@ -114,7 +114,7 @@ def render(job):
 
 
 def raycast(job):
-    """Nearest distance along each ray (unit direction) to the adversary alone; -1 where it is missed.
+    """Nearest distance along each ray (unit direction) to the adversary alone; -1 if the ray misses it.
     Rays: rows of six little-endian float64 (origin, direction); answers: float64."""
     SCENE.load(job["scene"])
     thing = SCENE.roles["adversary"][0]

@@ -1,8 +1,8 @@
 """The adversary as FBX, for game engines and driving simulators: one object, one material, its texels as an embedded
 8-bit sRGB picture with a pixel a texel; metres; the object's origin is the roof socket.
 
-What comes in is a .glb of mirage export, whose lowest vertex stands at z = 0 (exchange/mesh_files.h). FBX has no word for
-unfiltered textures; every triangle's UVs lie at one texel's centre, so that any filter shows that texel.
+The input is a .glb of mirage export, whose lowest vertex is at z = 0 (exchange/mesh_files.h). FBX cannot express
+unfiltered textures: every triangle's UVs lie at one texel's centre, so that any filter shows that texel.
 """
 
 import os
@@ -66,7 +66,7 @@ def material(picture):
 
 
 def inspect(path):
-    """What a program that opens the file gets: the object's place and scale, its material count, and for each triangle
+    """The content for a program that opens the file: the place and scale, its material count, and for each triangle
     its corners (m, world) and the texel (0-255, sRGB) at the middle of its UVs."""
     fresh_scene()
     bpy.ops.import_scene.fbx(filepath=path)

@@ -1,4 +1,4 @@
-"""What goes beyond the light model in the validation's renders: the host's car paint and a clear sky."""
+"""Effects beyond the light model in the validation's renders: the host's car paint and a clear sky."""
 
 import math
 import os
@@ -16,7 +16,7 @@ TURBIDITY = {"air_density": 1.0, "dust_density": 1.0, "ozone_density": 1.0, "alt
 
 
 def set_paint(host, on):
-    """Glossy: a dielectric clear coat over a slightly rough coloured base. Otherwise the material as it came in."""
+    """Glossy: a dielectric clear coat over a slightly rough coloured base. Otherwise the imported material."""
     if "mirage_plain" not in host:
         host["mirage_plain"] = host.data.materials[0].name if host.data.materials else ""
     plain = bpy.data.materials.get(host["mirage_plain"])
@@ -103,7 +103,7 @@ def upward_irradiance(scene):
 
 
 def set_clear_sky(scene, light):
-    """Nishita's sky (a clear one, without the sun's disc) in the place of the light model's, with its gain."""
+    """Nishita's sky (a clear one, without the sun's disc) in place of the light model's, with its gain."""
     x, y, z = light["to_sun_velo"]
     elevation = math.asin(max(-1.0, min(1.0, z)))
     # Blender's sky has its sun at +y, turned clockwise by sun_rotation as seen from above.

@@ -27,7 +27,7 @@ def solid(vertices, faces):
 
 
 def keep_below(mesh, place, normal):
-    """Removes what lies on the normal's side of a plane and closes the cut."""
+    """Removes the part on the normal's side of a plane and closes the cut."""
     bmesh.ops.bisect_plane(mesh, geom=mesh.verts[:] + mesh.edges[:] + mesh.faces[:], dist=1e-7, plane_co=place,
                            plane_no=normal, clear_outer=True)
     rim = [edge for edge in mesh.edges if edge.is_boundary]
@@ -37,7 +37,7 @@ def keep_below(mesh, place, normal):
 
 
 def within(whole, low, high, outer_low, outer_high):
-    """What of a solid lies in a box; sides on the outer box cut nothing."""
+    """The part of a solid in a box; sides on the outer box cut nothing."""
     part = whole.copy()
     for axis in range(3):
         for side, sign in ((low, -1), (high, 1)):
@@ -110,7 +110,7 @@ def write_stl(path, vertices, faces):
 
 
 def write_3mf(path, parts):
-    """3MF Core Specification 1.3: one object a part, where it belongs in the whole."""
+    """3MF Core Specification 1.3: one object per part, at its place in the whole."""
     core = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
     out = [f'<?xml version="1.0" encoding="UTF-8"?>\n<model unit="millimeter" xml:lang="en" xmlns="{core}"><resources>']
     for number, (name, vertices, faces) in enumerate(parts, 1):
@@ -130,7 +130,7 @@ def write_3mf(path, parts):
         "3D/3dmodel.model": "".join(out)}
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, text in files.items():
-            archive.writestr(zipfile.ZipInfo(name), text, zipfile.ZIP_DEFLATED)  # no time: the same bytes each run
+            archive.writestr(zipfile.ZipInfo(name), text, zipfile.ZIP_DEFLATED)  # no time: reproducible bytes
 
 
 def write(job):

@@ -25,8 +25,8 @@ double logarithm(double error) {
   return std::log(error + kFloor);
 }
 
-/// `groups`: places of each one's scenes. Whether the groups' shares of scenes that are beyond the budget
-/// bound that of another group.
+/// `groups`: places of each one's scenes. Whether the groups' shares of scenes beyond the budget bound the
+/// share of a new group.
 template <class Groups, class IsBeyond>
 bool is_backed(const Groups& groups, double confidence, const IsBeyond& is_beyond) {
   double risk = 0;
@@ -36,7 +36,7 @@ bool is_backed(const Groups& groups, double confidence, const IsBeyond& is_beyon
   return (risk + 1) / (static_cast<double>(groups.size()) + 1) <= 1 - confidence + 1e-12;
 }
 
-/// Those of other groups.
+/// The scenes of other groups; all without a group.
 std::vector<const BudgetScene*> without(const std::vector<BudgetScene>& scenes, const std::string* group) {
   std::vector<const BudgetScene*> list;
   for (const BudgetScene& scene : scenes)
@@ -48,8 +48,8 @@ constexpr int kFolds = 20;
 /// Rungs that are no approximation of the full render.
 const std::set<std::string> kNotOffered = {"sRGB shading", "+clear sky", "+car paint", "lens", "sensor"};
 
-/// What the vehicles' results say about each rung. Says in the report which features and rungs those are, and
-/// whether an identity is known.
+/// The scenes of the vehicles' results, with each rung. Enters into the report which features and rungs they
+/// have, and whether an identity is known.
 std::vector<BudgetScene> read_scenes(const std::vector<VehicleResult>& vehicles, BudgetReport& report) {
   const BudgetOf of = report.settings.of;
   std::vector<BudgetScene> scenes;
@@ -123,7 +123,7 @@ int fixed_rung(const std::vector<BudgetScene>& scenes, const BudgetSettings& set
   return best;
 }
 
-/// Cheapest rung that does keep the budget: what nothing can beat.
+/// The cheapest rung that keeps the budget for this scene: the optimum.
 int oracle(const BudgetScene& scene, double budget) {
   int best = -1;
   for (std::size_t r = 0; r < scene.errors.size(); ++r)
@@ -141,7 +141,7 @@ struct Tally {
   int vehicles = 0;
 
   BudgetWay way() const { return {within.interval(), seconds / std::max(1, vehicles), chosen}; }
-  /// Share of the other's time that it saves.
+  /// The share of the other way's time that this one saves.
   double saved_of(const Tally& other) const { return other.seconds > 0 ? 1 - seconds / other.seconds : 0; }
 };
 
@@ -273,7 +273,7 @@ void BudgetRule::calibrate(const std::vector<BudgetScene>& calibration, const Gr
 void BudgetRule::try_single_rung(const std::vector<BudgetScene>& calibration, const Groups& groups,
                                  const Predictions& left_out, double confidence) {
   const auto n = static_cast<double>(calibration.size());
-  double least = 0;  // what the rule costs
+  double least = 0;  // the rule's cost
   for (std::size_t i = 0; i < calibration.size(); ++i) {
     const BudgetScene& scene = calibration[i];
     const int rung = choose(left_out[i], lambda_);

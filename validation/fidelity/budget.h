@@ -1,5 +1,5 @@
-// Model only what a scene requires: which rung of the ladder is the cheapest that keeps the error within a
-// budget, told from features that cost milliseconds (ladders.h).
+// Render only the effects that a scene requires: choose the cheapest rung of the ladder that keeps the error
+// within a budget, by features that cost milliseconds (ladders.h).
 //
 // Rule. For each rung r, log(error_r + 1e-4) is regressed on the features by ridge regression (λ = 1 on
 // standardised features; the intercept is free), fitted on the calibration scenes; s_r is the root mean
@@ -19,11 +19,11 @@
 //
 // Groups. Scenes of one drive are alike, so a rule must be judged on drives that it has not seen. KITTI's
 // object folders do not say which drive a frame is of; frames that show one and the same vehicle
-// (training/track_2) are of one drive, and are one group, through any number of steps; a frame without such
-// a link is a group of its own, although it may be of a drive that others are of.
+// (training/track_2) are of one drive, and are one group, through any number of steps; a frame without a link
+// is its own group, although its drive may have other frames.
 //
-// Errors are those of the pictures as they would be used: their own noise counts, that of what they are
-// measured against does not (`drawn` of unbiased_error.h).
+// Errors are those of the pictures as used: their own noise counts, the reference's does not (`drawn` of
+// unbiased_error.h).
 #pragma once
 
 #include <array>
@@ -41,12 +41,12 @@
 
 namespace mirage {
 
-/// A vehicle with what each rung costs and how far it is off.
+/// A vehicle with the cost and the error of each rung.
 struct BudgetScene {
   std::string frame, name;
-  std::string group;                        ///< what is left out together (the file's head)
+  std::string group;                        ///< scenes that are left out together (see the file's head)
   std::vector<double> features, errors;     ///< errors by rung
-  std::vector<double> seconds, alone;       ///< by rung, with and without what the features cost
+  std::vector<double> seconds, alone;       ///< by rung, with and without the features' cost
   double seconds_full = 0, error_full = 0;  ///< of the reference; its error is its own noise
 };
 
@@ -60,7 +60,7 @@ class BudgetRule {
   BudgetRule(const std::vector<BudgetScene>& calibration, double budget, double confidence);
   /// Index of the rung; −1: the reference.
   int choose(const std::vector<double>& features) const;
-  /// The rung that is taken for all, whatever their features.
+  /// The rung that is taken for all scenes, whatever their features.
   std::optional<int> always() const { return always_; }
   /// {lambda (null: infinite), always (null: none), feature_mean, feature_scale, rungs: [{seconds, spread,
   /// coefficients}]}.
@@ -95,8 +95,8 @@ class BudgetRule {
 
 // The budget of a validation: its rule (budget.h) tried on every scene, each time without the scene's group.
 
-/// Of what an error is a share: the object's mean radiance under full Cycles, or the detector's score (which
-/// is in [0, 1] itself).
+/// The quantity that an error is a share of: the object's mean radiance under full Cycles, or the detector's
+/// score (which is in [0, 1] itself).
 enum class BudgetOf { radiance, score };
 constexpr auto words_of(BudgetOf) {
   return std::to_array<const char*>({"radiance", "score"});
@@ -113,14 +113,14 @@ struct BudgetSettings {
 struct BudgetWay {
   Interval within;                    ///< share of the scenes within the budget, drawn over groups
   double seconds = 0;                 ///< mean of a scene
-  std::map<std::string, int> chosen;  ///< how often each rung, "reference" among them
+  std::map<std::string, int> chosen;  ///< how often each rung was chosen, "reference" included
 };
 template <class Visitor, FieldsOf<BudgetWay> S>
 void visit_fields(Visitor& visit, S& s) {
   visit_named(visit, "within", s.within, "seconds", s.seconds, "chosen", s.chosen);
 }
 
-/// What the rule that was fitted without a scene's group takes for it.
+/// The choice for a scene by the rule that was fitted without its group.
 struct BudgetChoice {
   std::string name, frame, group;
   int fold = 0;
@@ -145,7 +145,7 @@ struct BudgetTest {
   /// The cheapest single rung that keeps the budget for the asked share of the same calibration scenes, else
   /// the reference.
   BudgetWay fixed = {};
-  BudgetWay oracle = {};                  ///< of who knew each error beforehand
+  BudgetWay oracle = {};                  ///< of an oracle that knows each error beforehand
   bool kept = false;                      ///< whether ruled.within reaches the confidence
   double saved = 0, saved_by_oracle = 0;  ///< shares of fixed's time
   std::vector<BudgetChoice> scenes = {};  ///< by fold
@@ -167,8 +167,8 @@ struct BudgetReport {
 };
 
 /// Tests the rule on every scene, each time fitted and calibrated on the other groups (leave one group out;
-/// of more than 20 groups, drawn into 20 folds by seed, leave one fold out). Of vehicles without ladder or
-/// features nothing is used; for the score, only those found without the adversary.
+/// of more than 20 groups, drawn into 20 folds by seed, leave one fold out). Vehicles without ladder or
+/// features are left out; for the score, also vehicles not found without the adversary.
 BudgetReport choose_rungs(const std::vector<VehicleResult>& vehicles, const BudgetSettings& settings);
 
 /// result.json's "budget": {budget, of, confidence, features, rule (in words), groups: {by: "vehicle" or

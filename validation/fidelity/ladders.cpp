@@ -107,8 +107,8 @@ std::vector<Recipe> recipes(int samples) {
   return list;
 }
 
-/// The mean of the halves over the photograph's window as it saturates, with the shadow that the object
-/// casts.
+/// Composites both halves, with the object's shadow, over the photograph; returns their mean, clipped as the
+/// photograph clips.
 ImageF picture_of(const RenderedHalves& rendered, const ImageF& visible, const ImageF& photograph) {
   Halves seen{photograph, photograph};
   composite(rendered.first, visible, seen.first);
@@ -122,7 +122,7 @@ constexpr double kMoved = 1e-3;       // m
 constexpr double kRangeSigma = 0.02;  // m, HDL-64E's data sheet
 constexpr double kDropOut = 0.1;      // share
 
-/// What tells a ray: its beam and firing, and where it points for a return that shares both with another.
+/// The key of a ray: its beam and firing, and its direction if another return shares both.
 using RayKey = std::tuple<int, int, long, long>;
 
 std::map<RayKey, Vec3d> by_ray(const LidarTape& tape, const Sweep& sweep) {
@@ -139,10 +139,10 @@ std::map<RayKey, Vec3d> by_ray(const LidarTape& tape, const Sweep& sweep) {
   return points;
 }
 
-// The rungs that Mirage draws itself, and what tells of a scene which effects it needs.
+// The rungs that Mirage draws itself, and the features that predict which effects a scene needs.
 
-/// The frame and the mesh with sRGB numbers in the place of radiances: what a renderer does that multiplies
-/// light into the texture's bytes.
+/// The frame and the mesh with sRGB numbers in the place of radiances: as in a renderer that multiplies light
+/// into the texture's bytes.
 Simulated simulate_in_srgb(const HostScene& scene, const SimulationSettings& settings) {
   PreparedFrame prepared = *scene.prepared;
   for (float& value : prepared.frame.image.data) value = srgb_from_linear(value);

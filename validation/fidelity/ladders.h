@@ -1,5 +1,5 @@
-// What each effect of light and of the camera changes on one attacked vehicle, one at a time and together,
-// and how far each light-weight picture is from the full one.
+// The change that each effect of light and camera makes on one attacked vehicle, alone and together, and the
+// error of each light-weight picture against the full one.
 #pragma once
 
 #include <cmath>
@@ -26,21 +26,21 @@ struct MatchedLight : MatchedResult {
 };
 MatchedLight matched_light(ReferenceRenderer& renderer, const HostScene& scene);
 
-/// LiDAR: the simulated returns, and every ray of the sensor model that passes near the object, against
-/// the reference's. The figures of rays alone.
+/// LiDAR: the simulated returns, and every ray of the sensor model that passes near the object, against the
+/// reference's. Only the figures of rays are set.
 MatchedResult check_lidar(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated);
 
 /// Monte Carlo noise of the full render over the object's pixels: mean |Δ| from its expectation over the mean
-/// radiance, told from two independent renders of `samples` samples.
+/// radiance, estimated from two independent renders of `samples` samples.
 struct Noise {
   int samples = 8;
   double relative = 0;
-  /// As it falls with the root of the samples (Cycles' quasi-random ones fall faster).
+  /// The noise at another number of samples: it falls with their root (Cycles' falls faster).
   double at(int other) const { return relative * std::sqrt(static_cast<double>(samples) / other); }
 };
-/// Of two renders of 8 samples for the purpose, before it is known how many are wanted.
+/// From two extra renders of 8 samples, before the number of samples is chosen.
 Noise measure_noise(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated);
-/// Of two renders at hand. `mask`: the object's pixels.
+/// From two renders that exist already. `mask`: the object's pixels.
 Noise noise_of(const Halves& halves, const ImageF& mask, int samples);
 /// Samples, 4 to 4096, that bring the noise down to `target`.
 int samples_for(const Noise& noise, double target);
@@ -59,8 +59,8 @@ struct FullLight {
   double seconds = 0;
 };
 
-/// Over the pixels that either draws the object in, even in part; shares of the object's mean radiance in
-/// `reference` over full.mask. Nothing is clamped. `coverage`: of what is drawn.
+/// The error over the pixels in which either picture shows the object, even in part, as shares of the
+/// object's mean radiance in `reference` over full.mask. Nothing is clamped. `coverage`: of `drawn`.
 SquaredError error_to(const Halves& reference, const Halves& drawn, const ImageF& coverage,
                       const FullLight& full);
 /// The rasteriser's picture as attacked against this full light's.
@@ -75,17 +75,17 @@ struct LadderRung : LightRungResult {
 
 struct LightLadder {
   std::vector<LadderRung> rungs;
-  ReferenceResult reference;  ///< what `to_full` is against
+  ReferenceResult reference;  ///< the reference of `to_full`
 };
 
 /// Raster rungs, which Mirage draws itself. "hard": hard edges, the plain light. "soft": the picture as
 /// attacked, with the scene's own settings. Then the hard one with the lighting done on sRGB numbers ("sRGB
 /// shading"), with the hemisphere's light spread evenly ("uniform ambient"), with the light model with
-/// visibility ("visible light"), and with what lens ("lens") and sensor ("sensor") add. Cycles rungs: matched
-/// light over the pixels' area, then that with each effect alone and with several. Samples: the full render
-/// (`full`) and that with fewer samples. Every rung of Cycles is drawn as two independent halves. Rungs share
-/// their seeds, so that Monte Carlo noise cancels in `change`; the reference has others, and two halves of
-/// twice the samples, so that it does not in `to_full`.
+/// visibility ("visible light"), and with the effects of the lens ("lens") and the sensor ("sensor"). Cycles
+/// rungs: matched light over the pixels' area, then that with each effect alone and with several. Samples:
+/// the full render (`full`) and that with fewer samples. Every rung of Cycles is drawn as two independent
+/// halves. Rungs share their seeds, so that Monte Carlo noise cancels in `change`; the reference has others,
+/// and two halves of twice the samples, so that it does not in `to_full`.
 LightLadder light_ladder(ReferenceRenderer& renderer, const HostScene& scene, const FullLight& full);
 
 /// The raster rungs that scene_features draws.
@@ -96,21 +96,21 @@ inline const std::set<std::string> kFeatureRungs = {"hard", "soft", "visible lig
 /// By name: the sun's elevation (rad), its azimuth against the camera (cosine; 1: it stands behind the
 /// camera) and against the vehicle's heading, its share of the light, the roof's height over the road (m),
 /// the vehicle's range (m), the camera's elevation seen from the roof (rad), log of the object's pixels, its
-/// visible share; and what three light-weight renders tell: soft_change and light_change, the relative change
-/// of the object's visible pixels from hard edges to soft ones and from the plain light model to the one with
+/// visible share; and, from three light-weight renders, soft_change and light_change: the relative change of
+/// the object's visible pixels from hard edges to soft ones and from the plain light model to the one with
 /// visibility. `simulated`: the scene's object, with the scene's settings; an object of no pixel changes
 /// nothing.
 std::map<std::string, double> scene_features(const HostScene& scene, const Simulated& simulated);
 
-// What each effect of the LiDAR changes in the returns on one attacked vehicle.
+// The change that each effect of the LiDAR makes in the returns on one attacked vehicle.
 
 /// Without what the detector makes of it.
 struct LidarRung : LidarRungResult {
   Sweep sweep;  ///< the frame's sweep with the object in it, for the detector
 };
 
-/// The effects of all rungs together: what a unit of the frame's kind adds to thin noiseless rays. Random
-/// ones are drawn by the scene's seed.
+/// The effects of all rungs together, as a unit of the frame's kind adds them to thin noiseless rays. The
+/// scene's seed draws random effects.
 LidarEffects realistic_returns(const HostScene& scene);
 
 /// "ideal" (thin noiseless rays), then range noise (2 cm, an HDL-64E's), drop-out (10 %), divergence (the

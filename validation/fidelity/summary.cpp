@@ -75,7 +75,7 @@ std::vector<Compared<Key>> compared(const Vehicles& vehicles, std::vector<Entry>
     }
   }
   constexpr bool kConditions =
-      std::is_same_v<Key, VerdictCondition>;  // whose first is not compared with itself
+      std::is_same_v<Key, RenderCondition>;  // whose first is not compared with itself
   std::vector<Compared<Key>> list;
   for (const auto& [key, paired] : all) {
     const double n = paired.tally.vehicles;
@@ -87,7 +87,7 @@ std::vector<Compared<Key>> compared(const Vehicles& vehicles, std::vector<Entry>
   return list;
 }
 
-/// Pearson's; none where one of the two does not vary.
+/// Pearson's; empty if one of the two does not vary.
 std::optional<double> correlation(const std::vector<std::pair<double, double>>& pairs) {
   double mx = 0, my = 0, xx = 0, yy = 0, xy = 0;
   for (const auto& [x, y] : pairs) mx += x, my += y;
@@ -149,7 +149,7 @@ VerdictGroup group(const Vehicles& vehicles) {
           count,
           clusters.count(),
           variants_of(vehicles),
-          compared<VerdictCondition>(vehicles, &VerdictResults::conditions),
+          compared<RenderCondition>(vehicles, &VerdictResults::conditions),
           cycles.difference(),
           (count - cycles.flips) / n,
           correlation(scores),
@@ -164,7 +164,7 @@ VerdictFlip flip_of(const VehicleResult& vehicle, const std::string& split) {
   return flip;
 }
 
-/// Over the entries that have a value; none where no entry has.
+/// The mean over the entries that have a value; empty if no entry has one.
 template <class Entry, class Value>
 std::optional<double> mean(const std::vector<Entry>& entries, const Value& value_of) {
   double sum = 0;
@@ -345,7 +345,7 @@ void add(FooledSummary& sum, const SeenResult& seen) {
 
 using nlohmann::json;
 
-/// What a camera's picture alone tells.
+/// The figures of a camera's picture, without those of rays.
 json camera_figures(const CameraSummary& of) {
   json out = fields_json(of.matched);
   for (const char* key : {"range_error_m", "hit_disagreements", "rays", "returns"}) out.erase(key);
@@ -369,10 +369,10 @@ std::optional<bool> Verdict::vacuous(Channel channel) const {
   return vacuous;
 }
 
-const Compared<VerdictCondition>* Verdict::nearest_to_reality(bool sees) const {
-  const VerdictCondition wanted{sees ? ConditionLight::cycles : ConditionLight::raster,
-                                ConditionReturns::realistic};
-  for (const Compared<VerdictCondition>& condition : judged().conditions)
+const Compared<RenderCondition>* Verdict::nearest_to_reality(bool sees) const {
+  const RenderCondition wanted{sees ? ConditionLight::cycles : ConditionLight::raster,
+                               ConditionReturns::realistic};
+  for (const Compared<RenderCondition>& condition : judged().conditions)
     if (condition.key == wanted) return &condition;
   return nullptr;
 }

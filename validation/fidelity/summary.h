@@ -1,4 +1,4 @@
-// What the results of all vehicles of a validation say together.
+// The summary of the results of all vehicles of a validation.
 #pragma once
 
 #include <map>
@@ -16,10 +16,10 @@
 namespace mirage {
 
 // The verdict on the attack: how often the detector is fooled by the rasteriser's pictures, by each rung of
-// the ladder and by full Cycles, with intervals; which vehicles' outcome depends on who drew them.
+// the ladder and by full Cycles, with intervals; which vehicles' outcome depends on the renderer.
 
-/// Of vehicles found without the adversary: hidden; with a false positive; either. Intervals are drawn over
-/// clusters, by the vehicles' track if they have one (base/intervals.h).
+/// Shares of the vehicles found without the adversary: hidden; with a false positive; either. Intervals are
+/// drawn over clusters, by the vehicles' track if they have one (base/intervals.h).
 struct SuccessShares {
   Interval fn_asr, fp_asr, asr;
 };
@@ -50,13 +50,13 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "name"}, s.name);
 }
 
-/// What is looked at (VerdictCondition, VerdictControl) against the first condition, as the attack was
-/// learned, on the same vehicles.
+/// A RenderCondition or VerdictControl against the first condition, as the attack was learned, on the same
+/// vehicles.
 template <class Key>
 struct Compared : Success {
   Key key;
-  std::optional<Interval> difference;  ///< asr − that of the first condition, paired; none of the first
-  int flips = 0;                       ///< how many end otherwise, hidden or with a false positive
+  std::optional<Interval> difference;  ///< asr − that of the first condition, paired; empty for the first
+  int flips = 0;                       ///< vehicles whose outcome differs: hidden or with a false positive
   double mean_delta_logit = 0, mean_delta_score = 0;  ///< of |Δ|
 };
 template <class Visitor, class Key>
@@ -76,7 +76,7 @@ struct VerdictGroup {
   int frames = 0, vehicles = 0;
   ClusterCount clusters;
   std::vector<VerdictVariant> variants;  ///< by kind, rungs in the ladder's order; none without vehicles
-  std::vector<Compared<VerdictCondition>> conditions;
+  std::vector<Compared<RenderCondition>> conditions;
   SuccessShares difference;                 ///< cycles − soft, paired
   double agree = 0;                         ///< share of the same outcome, soft and cycles
   std::optional<double> score_correlation;  ///< of the same two; none where one does not vary
@@ -129,22 +129,22 @@ struct Verdict {
   std::vector<ScorePair> pairs;
   std::vector<VerdictFlip> flips;
 
-  /// Which of the groups the verdict is on: all vehicles where none was held back.
+  /// The group that the verdict is on: all vehicles if none was held back.
   const VerdictGroup& judged() const { return held_back.vehicles > 0 ? held_back : all; }
-  /// Whether taking the object out of that channel changes nothing: no outcome flips under any of the
-  /// channel's controls, and the mean |Δlogit| stays below kMinDeltaLogit (detection/reliance.h) under
-  /// each. Then who drew the object there says nothing about the attack. None without controls.
+  /// Whether removing the object from that channel changes nothing: no outcome flips under any of the
+  /// channel's controls, and the mean |Δlogit| stays below kMinDeltaLogit (detection/reliance.h) under each.
+  /// Then the renderer of that channel says nothing about the attack. Empty without controls.
   std::optional<bool> vacuous(Channel channel) const;
-  /// The condition nearest to what is driven through: realistic returns, Cycles' picture if the detector
-  /// `sees`, else the rasteriser's. None without vehicles.
-  const Compared<VerdictCondition>* nearest_to_reality(bool sees) const;
+  /// The condition nearest to reality: realistic returns, with Cycles' picture if the detector `sees`
+  /// pictures, else the rasteriser's. Null without vehicles.
+  const Compared<RenderCondition>* nearest_to_reality(bool sees) const;
 };
 
-/// `test_frames`: those whose vehicles are held back.
+/// `test_frames`: the frames whose vehicles are held back.
 Verdict verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::string>& test_frames);
 
 /// {confidence, held_back, all, pairs, flips, of, arms, controls, vacuous}: the structs' fields by name, with
-///   told: what a difference of asr says (base/intervals.h); of: "held_back" or "all", the judged group,
+///   told: the verdict on a difference of asr (base/intervals.h); of: "held_back" or "all", the judged group,
 ///   whose arms stand here again; vacuous: {image, lidar, bound}.
 nlohmann::json to_json(const Verdict& verdict);
 
@@ -166,12 +166,12 @@ struct CameraSummary {
   MatchedSummary matched;
 };
 
-/// What matched light is to reach.
+/// A target of matched light.
 struct Target {
   std::string place;   ///< of the figure in result.json
   std::string camera;  ///< empty: all together
   double bound = 0;
-  std::optional<bool> met;  ///< none where nothing was measured: no pixel, no ray, no return
+  std::optional<bool> met;  ///< empty if nothing was measured: no pixel, no ray, no return
 };
 template <class Visitor, FieldsOf<Target> S>
 void visit_fields(Visitor& visit, S& s) {
@@ -179,8 +179,7 @@ void visit_fields(Visitor& visit, S& s) {
   if (!s.camera.empty()) visit({.name = "camera", .plain = true}, s.camera);
 }
 
-/// Means of a Change (ladders.h). `psnr`: of the pictures that differ; none where all are equal, or
-/// where it is not measured.
+/// Means of a Change (ladders.h). `psnr`: of those that differ; empty if all are equal or not measured.
 struct MeanChange {
   double mae = 0, relative = 0, ssim = 0, flip = 0;
   std::optional<double> psnr;
@@ -191,7 +190,7 @@ void visit_fields(Visitor& visit, S& s) {
   if (s.psnr) visit({.name = "psnr"}, *s.psnr);
 }
 
-/// What an interval is drawn over.
+/// The units that an interval is drawn over.
 enum class IntervalBasis { pixels, vehicles, clusters };
 constexpr auto words_of(IntervalBasis) {
   return std::to_array<const char*>({"pixels", "vehicles", "clusters"});
@@ -224,8 +223,8 @@ void visit_fields(Visitor& visit, S& s) {
   visit.among("error_plain", s.error);
 }
 
-/// A rung over the vehicles that have it. What the detector says is of those found without the adversary;
-/// `score_change` is the mean |Δ| from its score of the rasteriser's picture.
+/// A rung over the vehicles that have it. The detector's figures are over vehicles found without the
+/// adversary; `score_change` is the mean |Δ| from its score of the rasteriser's picture.
 struct RungSummary {
   std::string effect;
   int vehicles = 0, detected = 0, hidden = 0, false_positive = 0;
@@ -240,7 +239,7 @@ void visit_fields(Visitor& visit, S& s) {
               s.mean_score, "score_change", s.score_change, "seconds", s.seconds);
   if (s.logit) visit({.name = "logit"}, *s.logit);
 }
-/// Of the ladder of light (LightRungResult).
+/// A rung of the ladder of light (LightRungResult).
 struct LightRungSummary : RungSummary {
   std::string group, base;
   MeanChange change, crop, to_full;
@@ -253,7 +252,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, s.error);
   visit_named(visit, "group", s.group, "base", s.base, "crop", s.crop, "to_full", s.to_full);
 }
-/// Of the LiDAR's (LidarRungResult).
+/// A rung of the LiDAR's ladder (LidarRungResult).
 struct LidarRungSummary : RungSummary {
   double returns = 0, changed = 0, returns_change = 0;
 };
@@ -267,7 +266,7 @@ void visit_fields(Visitor& visit, S& s) {
 struct FooledSummary {
   int detected_clean = 0, hidden_raster = 0, hidden_cycles = 0, hidden_both = 0;
   int fooled_raster = 0, fooled_cycles = 0;
-  /// Of those found without the adversary, in [0, 1].
+  /// `count` as a share of the vehicles found without the adversary, in [0, 1].
   double share(int count) const { return count / (detected_clean > 0 ? double(detected_clean) : 1); }
 };
 template <class Visitor, FieldsOf<FooledSummary> S>
@@ -280,7 +279,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit.derived("asr_cycles", s.share(s.fooled_cycles));
 }
 
-/// Over the vehicles that show anything of the object.
+/// The summary of the vehicles on which the object is in view.
 struct ValidationSummary {
   int frames = 0, test_frames = 0, vehicles = 0;
   RoofCount rooftops;

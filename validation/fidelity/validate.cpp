@@ -32,7 +32,7 @@ bool is_inside(const fs::path& path) {
 }
 
 /// The vehicle's stored result if it is of the same key and whole, and if the pictures that it names are
-/// still there (the report embeds them); none otherwise: it is made again.
+/// still there (the report embeds them); empty otherwise, and it is made again.
 std::optional<VehicleResult> stored_result(const fs::path& out, const fs::path& file, const std::string& key,
                                            bool with_ladder) {
   if (!fs::exists(file)) return std::nullopt;
@@ -54,8 +54,8 @@ std::optional<VehicleResult> stored_result(const fs::path& out, const fs::path& 
   return vehicle;
 }
 
-/// A result.json that the report needs in the end, given as such or by its folder: complains now. `key`: what
-/// the command writes and others do not.
+/// Finds a result.json that the report needs at the end, by its path or its folder, and throws now if it is
+/// unusable. `key`: a field that only its command writes.
 void require_result(fs::path& file, const char* key, const std::string& command) {
   if (file.empty()) return;
   if (fs::is_directory(file)) file /= "result.json";
@@ -65,15 +65,15 @@ void require_result(fs::path& file, const char* key, const std::string& command)
         "give --" + std::string(command == "evaluate" ? "evaluation" : command) + " the folder of one");
 }
 
-/// The run that a result.json of mirage is of, by content; empty where it tells none.
+/// The hash of the run behind a result.json of mirage; empty if it states none.
 std::string run_of(const fs::path& file) {
   const json result = read_json(file);
   const json::json_pointer run("/provenance/inputs/run");
   return result.contains(run) && result.at(run).is_string() ? result.at(run).get<std::string>() : "";
 }
 
-/// Complains now of an evaluation whose object is not `run`'s, for the page calls it this object. Of another
-/// run's trade-off, where no figure is the object's, there is a warning.
+/// Throws now for an evaluation whose object is not `run`'s, because the page calls it this object. Another
+/// run's trade-off only causes a warning, because its figures are not the object's.
 void require_same_run(const ValidationSettings& settings) {
   const std::string own = settings.provenance->input("run");  // of the command's option; none in a library
   if (own.empty()) return;
@@ -88,7 +88,7 @@ void require_same_run(const ValidationSettings& settings) {
     spdlog::warn("{}: the trade-off was measured on another run's object", settings.tradeoff.string());
 }
 
-/// What words of --expect vary, however they are put; others as they are.
+/// The variation that words of --expect mean, however they are written; unknown words unchanged.
 json varied_by(const json& words) {
   try {
     return fields_json(parse_expectation(words.get<std::string>()));
@@ -97,9 +97,9 @@ json varied_by(const json& words) {
   }
 }
 
-/// The rules by which a result of `mirage evaluate` or this validation was made, by the names that a reader
-/// knows them by; what a result does not say is left out. `result`: result.json of mirage evaluate, or what
-/// of this validation stands under the same keys.
+/// The rules by which a result of `mirage evaluate` or this validation was made, by names for readers; rules
+/// that a result does not state are left out. `result`: result.json of mirage evaluate, or the part of this
+/// validation's under the same keys.
 std::vector<std::pair<std::string, json>> comparable_settings(const json& result) {
   std::vector<std::pair<std::string, json>> rules;
   const auto add = [&](const std::string& name, const char* place) {
@@ -127,8 +127,8 @@ std::vector<std::pair<std::string, json>> comparable_settings(const json& result
   return rules;
 }
 
-/// In what the evaluation was made otherwise than this validation: "detector: lidar there, fusion here".
-/// `own`: as comparable_settings() takes it.
+/// How the evaluation differs from this validation: "detector: lidar there, fusion here". `own`: as
+/// comparable_settings() takes it.
 std::vector<std::string> evaluation_differences(const fs::path& evaluation, const json& own) {
   std::vector<std::string> differences;
   if (evaluation.empty()) return differences;
@@ -153,8 +153,8 @@ std::vector<std::string> evaluation_differences(const fs::path& evaluation, cons
   return differences;
 }
 
-/// The hosts' results, kept or made, each stored as it is finished, so that ranks find what others made.
-/// Those that the renderer was lost on go to `failed`.
+/// The hosts' results, stored earlier or made now. Each is stored once finished, so that ranks find each
+/// other's results. Hosts on which the renderer was lost go to `failed`.
 std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std::vector<HostId>& hosts,
                                            std::vector<AbandonedVehicle>& failed) {
   const ValidationSettings& settings = context.settings;
@@ -203,8 +203,7 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
   return validated;
 }
 
-/// How many of the vehicles that the verdict is on the run was learned on. Warns of those that were held
-/// back.
+/// How many of the verdict's vehicles the run was learned on. Warns if held-back vehicles are among them.
 int trained_on(const Run& run, const std::vector<VehicleResult>& results, const Verdict& verdict,
                const std::set<std::string>& test_frames) {
   const bool held_back = &verdict.judged() == &verdict.held_back;
@@ -328,7 +327,7 @@ Validation validate(const ValidationSettings& requested, const StartReference& s
   DetectorPool detectors;
   detectors.push_back(load_detector(settings.detector));
   Validation validation;
-  if (rank() == 0)  // the only one that tells
+  if (rank() == 0)  // only this rank prints
     validation.reliance = cached_reliance(
         detectors, detector_identity(settings.detector, detectors.front()->capabilities().version),
         run.settings, settings.quiet);
@@ -387,7 +386,8 @@ std::string headline(const Validation& validation) {
                         100 * condition->asr.value, 100 * condition->asr.low, 100 * condition->asr.high,
                         sees ? "in Cycles " : "");
     if (condition->difference)
-      words += std::string("; against what was learned: ") + to_word(classify(*condition->difference));
+      words += std::string("; difference from Mirage's own rendering: ") +
+               to_word(classify(*condition->difference));
   }
   const std::vector<Target> targets = targets_of(validation.summary);
   const auto count = [&](std::optional<bool> met) {

@@ -25,20 +25,20 @@ struct AbandonedVehicle {
   std::string name, problem;
 };
 
-/// What a validation says.
+/// The result of a validation.
 struct Validation {
   ValidationSummary summary;
   Verdict verdict;
   std::optional<BudgetReport> budget;  ///< if asked for
   Reliance reliance;
   std::vector<std::string> hosts;  ///< names of the vehicles, in the order that they were looked at
-  /// With the vehicle's name; of the stopped runs before this one as well.
+  /// Losses with the vehicle's name, those of earlier stopped runs included.
   std::vector<std::pair<std::string, ReferenceLoss>> losses;
   std::vector<AbandonedVehicle> failed;
   std::vector<std::string> unseen;  ///< names of vehicles on which no camera shows the object: in no figure
   /// Vehicles of verdict.judged() that the run was learned on, in these frames or in others of their track.
   int trained_on = 0;
-  /// In what the evaluation that the report shows was made otherwise: detector, weights, defence and data,
+  /// How the evaluation in the report differs from this validation: detector, weights, defence and data,
   /// rules of judging, placement, and the simulation, of which this is the run's own.
   std::vector<std::string> evaluation_differences;
   ReferenceIdentity reference;
@@ -54,26 +54,26 @@ Validation validate(const ValidationSettings& settings, const StartReference& st
 /// Python; Failure if report.py fails.
 void write_report(const ValidationSettings& settings);
 
-/// What the page says first: success under the condition nearest to reality, what its difference from the
-/// first tells, and whether matched light misses a target or had nothing to measure. One sentence.
+/// The page's first sentence: success under the condition nearest to reality, the verdict on its difference
+/// from the first, and whether matched light misses a target or had nothing to measure.
 std::string headline(const Validation& validation);
 
 /// result.json (src/README.md): the summary's fields among its own.
 nlohmann::json to_json(const Validation& validation);
 
-/// A hash of all that a vehicle's stored result depends on (base/provenance.h); one with another key is
-/// recomputed. `settings`: with the run's detector, `run`: with what is asked for in its settings, InputError
-/// if a file of them can't be read.
+/// A hash of everything that a vehicle's stored result depends on (base/provenance.h); a result with another
+/// key is recomputed. `settings`: with the run's detector, `run`: with what is asked for in its settings,
+/// InputError if a file of them can't be read.
 std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& frame,
                            const ReferenceIdentity& reference);
 
-/// Vehicles of a verdict where the number of frames is not given, if the data have as many: a difference of
-/// shares of 100 vehicles is told to within ten points or so.
+/// Vehicles of a verdict if the number of frames is not set and the data have that many: 100 vehicles tell a
+/// difference of shares to within about ten points.
 inline constexpr std::size_t kVerdictVehicles = 100;
 /// Hosts of the first `frames` frames of the run, test frames first, training frames when those run out;
 /// 0: of as many whole frames as hold kVerdictVehicles.
 std::vector<HostId> select_hosts(const Run& run, int frames);
-/// Of what shows a run's vehicles: as select_hosts; 0: of all test frames, and of no others.
+/// The hosts that pages of a run show: as select_hosts, but 0 means all test frames and no others.
 std::vector<HostId> shown_hosts(const Run& run, int frames);
 
 /// Which of the hosts get the ladders: the first of each frame in the hosts' order, then the second of each,

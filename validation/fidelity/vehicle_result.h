@@ -1,4 +1,4 @@
-// What a validation knows of one vehicle, as it is stored (OUT/hosts/NAME.json) and as summary, verdict and
+// A validation's result for one vehicle, as it is stored (OUT/hosts/NAME.json) and as summary, verdict and
 // budget read it.
 #pragma once
 
@@ -17,7 +17,7 @@
 
 namespace mirage {
 
-/// What the detector makes of one picture and one sweep, at the vehicle.
+/// The detector's outcome at the vehicle for one picture and one sweep.
 struct OutcomeResult {
   double iou = 0, score = 0;  ///< of the best box on it; 0: none
   double logit = 0;           ///< of the proposal that speaks for it (detection/reliance.h)
@@ -30,7 +30,7 @@ void visit_fields(Visitor& visit, S& s) {
               s.false_positive);
 }
 
-/// Who draws the object under a condition, and how it meets the rays (vehicle_validation.h).
+/// The renderer of the object under a condition, and its LiDAR returns (vehicle_validation.h).
 enum class ConditionLight { learned, raster, visible, cycles };
 constexpr auto words_of(ConditionLight) {
   return std::to_array<const char*>({"learned", "raster", "visible", "cycles"});
@@ -39,17 +39,17 @@ enum class ConditionReturns { learned, ideal, realistic };
 constexpr auto words_of(ConditionReturns) {
   return std::to_array<const char*>({"learned", "ideal", "realistic"});
 }
-struct VerdictCondition {
+struct RenderCondition {
   ConditionLight light = ConditionLight::raster;
   ConditionReturns returns = ConditionReturns::ideal;
-  bool operator==(const VerdictCondition&) const = default;
+  bool operator==(const RenderCondition&) const = default;
 };
-template <class Visitor, FieldsOf<VerdictCondition> S>
+template <class Visitor, FieldsOf<RenderCondition> S>
 void visit_fields(Visitor& visit, S& s) {
   visit_named(visit, "light", s.light, "returns", s.returns);
 }
 
-/// The sensor whose view of the object a control takes away, and what it puts in its place.
+/// The sensor whose view of the object a control takes away, and the replacement.
 enum class Channel { image, lidar };
 constexpr auto words_of(Channel) {
   return std::to_array<const char*>({"image", "lidar"});
@@ -64,9 +64,9 @@ void visit_fields(Visitor& visit, S& s) {
   visit_named(visit, "channel", s.channel, "control", s.control);
 }
 
-/// What the detector makes of a condition, and of a control.
+/// The detector's outcome under a condition, and under a control.
 struct ConditionResult {
-  VerdictCondition condition;
+  RenderCondition condition;
   OutcomeResult outcome;
 };
 template <class Visitor, FieldsOf<ConditionResult> S>
@@ -83,7 +83,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, s.control);
   visit_fields(visit, s.outcome);
 }
-/// {arms, controls} of vehicle_validation.h: none of a vehicle that is not found without the adversary.
+/// {arms, controls} of vehicle_validation.h: empty for a vehicle that is not found without the adversary.
 struct VerdictResults {
   std::vector<ConditionResult> conditions;
   std::vector<ControlResult> controls;
@@ -96,7 +96,7 @@ void visit_fields(Visitor& visit, S& s) {
 /// Rasteriser and rays against the reference's, light for light (ladders.h).
 struct MatchedResult {
   double mask_iou = 1, mae = 0, max_error = 0;  ///< errors over the union of the masks, scene-linear
-  /// m, at the pixels' centres, largest and mean, against the reference's rays.
+  /// Depth error (m) at the pixels' centres against the reference's rays, largest and mean.
   double depth_error = 0, depth_error_mean = 0;
   int mask_both = 0, mask_either = 0;  ///< pixels
   /// Pixels that are off by more than 1e-3: their centre lies within float32 of a border between texels or
@@ -151,7 +151,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "seconds", .range = kNotNegative}, s.seconds);
   visit.among("score", s.outcome);
 }
-/// A rung of the LiDAR's (ladders.h).
+/// A rung of the LiDAR's ladder (ladders.h).
 struct LidarRungResult {
   std::string effect;
   int returns = 0;            ///< on the object
@@ -180,12 +180,12 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "samples", .range = kNotNegative}, s.samples);
   visit_named(visit, "seconds", s.seconds, "noise", s.noise);
 }
-/// What is found out of a vehicle that is on the ladder.
+/// The results of the ladders on one vehicle.
 struct LadderResult {
   std::vector<LightRungResult> light;
   std::vector<LidarRungResult> lidar;
   ReferenceResult reference;
-  std::map<std::string, double> features;  ///< ladders.h, and what two renders tell
+  std::map<std::string, double> features;  ///< scene_features() (ladders.h)
 };
 template <class Visitor, FieldsOf<LadderResult> S>
 void visit_fields(Visitor& visit, S& s) {
@@ -203,8 +203,8 @@ template <class Visitor, FieldsOf<CameraResult> S>
 void visit_fields(Visitor& visit, S& s) {
   visit_named(visit, "camera", s.camera, "matched", s.matched, "full", s.full);
 }
-/// Of a frame with several cameras, those that see the object: the one that its host's label is in first,
-/// else the one that shows most of it. Figures of one picture (FullResult, ladders) are that one's.
+/// The cameras of a frame with several that see the object: the one with its host's label first, else the one
+/// that shows most of it. Figures of one picture (FullResult, ladders) are of that camera.
 struct SurroundResult {
   std::vector<CameraResult> cameras;
 };
@@ -223,7 +223,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "score", .range = kNotNegative}, s.score);
 }
 
-/// What is known of a vehicle of which the object shows anything.
+/// The results for a vehicle on which the object is in view.
 struct SeenResult {
   MatchedResult matched;  ///< over all pixels of all cameras
   int samples = 0;
@@ -258,14 +258,14 @@ struct VehicleResult {
   double visible_share = 0;
   int adversary_points = 0;
   int victim = -1;  ///< the label that is judged in the host's place (HostOutcome::victim); −1: the host
-  /// Identity in the data set of what is judged; not stored: the set may learn it later.
+  /// Identity in the data set of the judged vehicle; not stored, because the set may gain identities later.
   int track = -1;
   std::optional<SeenResult> seen;
   std::vector<ReferenceLoss> losses;
-  /// What the report alone shows: bev, picture_boxes, host_rect, crop_rect.
+  /// Data that the report alone shows: bev, picture_boxes, host_rect, crop_rect.
   nlohmann::json shown = nlohmann::json::object();
 };
-/// All but the host and what the report alone shows.
+/// All fields but the host and `shown`.
 template <class Visitor, FieldsOf<VehicleResult> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "name", .plain = true}, s.name);
@@ -277,9 +277,9 @@ void visit_fields(Visitor& visit, S& s) {
   if (s.seen) visit({.name = "losses"}, s.losses);
 }
 
-/// As it is stored.
+/// The vehicle as it is stored.
 nlohmann::json to_json(const VehicleResult& vehicle);
-/// What to_json wrote. InputError naming file and field for what is missing or of another type.
+/// Reads JSON of to_json. InputError naming file and field if one is missing or of another type.
 VehicleResult read_vehicle(const std::filesystem::path& file, const nlohmann::json& json);
 
 }  // namespace mirage

@@ -48,7 +48,7 @@ json box_json(const PictureBox& b) {
   return {b.left, b.top, b.right, b.bottom};
 }
 
-/// None of a detector without boxes there.
+/// Empty for a detector without boxes there.
 json boxes_json(const std::vector<Detection>& proposals, bool in_picture, Matching judged_by) {
   auto list = json::array();
   if (in_picture != judged_by.in_picture()) return list;
@@ -57,8 +57,8 @@ json boxes_json(const std::vector<Detection>& proposals, bool in_picture, Matchi
   return list;
 }
 
-/// What the detector makes of a view: its detections, and the logit of the proposal that speaks for the host
-/// (detection/reliance.h), which goes on below the threshold of detections.
+/// The detector's response to a view: its detections, and the logit of the host's proposal
+/// (detection/reliance.h), which also exists below the detection threshold.
 struct ViewResponse {
   std::vector<Detection> found;
   double logit = 0;
@@ -130,7 +130,7 @@ ImageF difference(const ImageF& a, const ImageF& b, float gain) {
   return out;
 }
 
-/// What one camera shows of the vehicle, drawn by Mirage and by the reference.
+/// One camera's view of the vehicle, drawn by Mirage and by the reference.
 struct DrawnView {
   std::size_t camera = 0;
   std::optional<PreparedFrame> turned;  ///< its frame, where it is not the first camera
@@ -174,7 +174,7 @@ Pictures pictures_of(const Simulated& simulated) {
   return pictures;
 }
 
-/// `photograph` with noise in the place of what its `camera` saw, as far as its silhouette covers each pixel.
+/// `photograph` with noise in place of the object in `camera`, as far as its silhouette covers each pixel.
 ImageF noise_in_place(const CameraSight& seen, const ImageF& photograph, std::uint64_t seed,
                       std::size_t camera) {
   ImageF image = photograph;
@@ -189,8 +189,8 @@ ImageF noise_in_place(const CameraSight& seen, const ImageF& photograph, std::ui
   return image;
 }
 
-/// The ladders of light (in one camera) and LiDAR, each rung with what the detector makes of it, and the
-/// features by which a budget chooses (budget.h).
+/// The ladders of light (in one camera) and LiDAR, each rung with the detector's outcome, and the features by
+/// which a budget chooses (budget.h).
 template <class Outcome>
 LadderResult ladders(ReferenceRenderer& renderer, const DrawnView& at, const Simulated& simulated,
                      const Outcome& outcome) {
@@ -326,7 +326,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   std::vector<Detection>& clean = looked.first->second;
   if (looked.second)
     clean = clean_of(context.detector, prepared, scene.placement, scene.simulation, judge_by);
-  // What the detector made of the frame as recorded saves it work: pictures differ in the window alone.
+  // The detector reuses its results for the recorded frame: pictures differ in the window alone.
   UnchangedInput as_recorded = unchanged_input(prepared, simulated.rect);
   const Simulated learned = simulate(prepared, scene.placement, scene.adversary, built.simulation());
   as_recorded.changed = learned.rect;
@@ -370,7 +370,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
     seen.conditions =
         evaluate_conditions(scene, simulated, learned, in_cycles, evaluate);  // else no outcome to change
   if (with_ladder) {
-    // Where the detector misses the vehicle without the adversary there is no outcome to change.
+    // If the detector misses the vehicle without the adversary, there is no outcome to change.
     const auto outcome = [&](const Pictures& pictures, const Sweep& sweep) {
       return raster.detected ? std::optional(evaluate(pictures, sweep)) : std::nullopt;
     };

@@ -1,4 +1,4 @@
-// What a validation is asked for.
+// The settings of a validation, and its work on one vehicle.
 #pragma once
 
 #include <cstdint>
@@ -40,18 +40,17 @@ struct ValidationSettings {
   std::string expect = "none";
   std::uint64_t seed = 0;
   bool quiet = false;
-  /// What result.json says that it is made of: the command's options, to which validate() adds.
+  /// The provenance in result.json: the command's options, to which validate() adds.
   std::shared_ptr<Provenance> provenance = std::make_shared<Provenance>();
 };
 
-// What the verdict rests on at one vehicle: the detector before the object as the attack learned it, before
-// the same object drawn in three kinds of light and met by two kinds of returns, and before controls that
-// take a sensor's view of the object away.
+// The outcomes behind the verdict at one vehicle. The detector sees the object as the attack learned it, then
+// in three kinds of light with two kinds of returns. Controls take one sensor's view of the object away.
 
 /// The frame's picture in each of its cameras, by their numbers; null: as recorded.
 using Pictures = std::vector<const ImageF*>;
 
-/// What the detector makes of pictures of the frame and a sweep.
+/// The detector's outcome for pictures of the frame and a sweep.
 using ViewEvaluator = std::function<OutcomeResult(const Pictures& pictures, const Sweep& sweep)>;
 
 /// Conditions and controls of a vehicle.
@@ -68,21 +67,21 @@ VerdictResults evaluate_conditions(const HostScene& scene, const Simulated& atta
                                    const Simulated& learned, const Pictures& cycles,
                                    const ViewEvaluator& evaluate);
 
-// Finds out about one vehicle everything that `mirage validate` says of it.
+// Computes everything that `mirage validate` reports on one vehicle.
 
-/// What the vehicles of a validation share.
+/// The context that the vehicles of a validation share.
 struct ValidationContext {
   const ValidationSettings& settings;
   const Run& run;
-  const SimulationSettings& learned;  ///< the run's own, which `run` may have other than
+  const SimulationSettings& learned;  ///< the run's own settings, which may differ from `run`'s
   FrameStore& store;
   Detector& detector;
   ReferenceRenderer& renderer;
   std::map<std::string, std::vector<Detection>> clean;  ///< a frame's clean detections serve all its vehicles
 };
 
-/// Writes the vehicle's scene and pictures under settings.out. An object of which nothing is in view has no
-/// figures. ReferenceLost if the renderer was lost too often on one of its renders.
+/// Writes the vehicle's scene and pictures under settings.out. An object out of view has no figures.
+/// ReferenceLost if the renderer was lost too often on one of its renders.
 VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, bool with_ladder);
 
 }  // namespace mirage

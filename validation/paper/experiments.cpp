@@ -107,8 +107,8 @@ class CaseList {
     return add(command);
   }
 
-  /// Of a run on its own held-back hosts (or all of the frames that are there to judge), beside random meshes
-  /// of its size. The usual attack on a detector, through all of its sensors, stands also beside the paper's
+  /// A run on its own held-back hosts (or all of the frames that are there to judge), beside random meshes of
+  /// its size. The usual attack on a detector, through all of its sensors, stands also beside the paper's
   /// random meshes and beside the cuboid that fills the box; that on `fusion` has pictures.
   std::string evaluate(const std::string& run) {
     const std::string name = last_part(run);
@@ -121,7 +121,7 @@ class CaseList {
     return add(command);
   }
 
-  /// Of a run on the held-back hosts, data and detector of another, beside random meshes of its size.
+  /// A run on the held-back hosts, data and detector of another, beside random meshes of its size.
   std::string transfer(const std::string& from, const std::string& onto) {
     const AttackName there(last_part(onto));
     Case command = evaluation_case(last_part(from) + "--on--" + there.text, from, "sized");
@@ -134,8 +134,8 @@ class CaseList {
     return add(command);
   }
 
-  /// Of a run on all usable vehicles of the user's frames, judged by the detector, beside random meshes of
-  /// its size; with `cuboid` beside that, too.
+  /// A run on all usable vehicles of the user's frames, judged by the detector, beside random meshes of its
+  /// size; with `cuboid` beside that, too.
   std::string on_real(const std::string& run, const std::string& detector, bool cuboid) {
     Case command =
         evaluation_case(last_part(run) + "--on--real-" + detector, run, cuboid ? "sized,cuboid" : "sized");
@@ -172,8 +172,8 @@ class CaseList {
                 {}});
   }
 
-  /// Lets the evaluation judge on frames made for that, if any are asked for, in place of the hosts that the
-  /// run has held back.
+  /// Lets the evaluation judge on extra frames, if any are asked for, instead of the hosts that the run has
+  /// held back.
   void add_hosts(Case& command, const std::string& rig) {
     if (settings_.judge_frames > 0 && rig != "real")
       command.needs.emplace_back("data", generated(rig + "-judge", rig, settings_.judge_frames, "23"));
@@ -187,7 +187,7 @@ class CaseList {
       command.needs.emplace_back("data", generated(rig, rig, settings_.frames, "3"));
   }
 
-  /// One of a name that is there already must be the same.
+  /// A case whose name exists already must be the same.
   std::string add(const Case& command) {
     const auto known = std::ranges::find(cases, command.name, &Case::name);
     if (known == cases.end())
@@ -207,8 +207,8 @@ Strings words_in(const std::string& text) {
   return {words.begin(), words.end()};
 }
 
-/// Whether what a defence (a word of --defense, or several) does is about the picture. It is not: adversarial
-/// training, its control on roofs and the sweep's bodies.
+/// Whether a defence (one or several words of --defense) works on the picture. These do not: adversarial
+/// training, its control on roofs, and the sweep's bodies.
 bool concerns_picture(const std::string& text) {
   const Defense defense = read_defense(text);
   const std::set<std::string> of_both = {"", "adversarial", "roof-objects", kCeiling};
@@ -251,8 +251,8 @@ Row read_row(ConfigTable fields, const Table& table, CaseList& list) {
   return row;
 }
 
-/// The matrix on frames of a rig: one row for each mesh and judge. On "real" ones what was learned on kitti64
-/// is judged on all usable vehicles.
+/// The matrix on frames of a rig: one row for each mesh and judge. On "real" frames, meshes learned on
+/// kitti64 are judged on all usable vehicles.
 void add_matrix(Table& table, const std::string& rig, const Strings& detectors, CaseList& list) {
   const std::string learned_on = rig == "real" ? "kitti64" : rig;
   const auto add = [&](const std::string& source, const AttackName& attack, const std::string& judge) {
@@ -299,7 +299,7 @@ class Tables {
  private:
   bool is_there(const std::string& rig) const { return rig != "real" || !settings_.real.empty(); }
 
-  /// Without rows where it is not asked for.
+  /// Without rows if it is not asked for.
   Table read_table(ConfigTable fields, const nlohmann::json& rows) {
     const auto text = [&](const char* key) { return fields.has(key) ? fields.text(key) : std::string(); };
     Table table{fields.text("name"), fields.text("title"), text("note"), {}, {}};

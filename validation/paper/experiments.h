@@ -1,6 +1,6 @@
 // The experiments of Tu et al. (CoRL 2021) and our own, as a list: the commands of mirage that each needs,
-// and the rows and columns that they fill. experiments.toml has the rows and what the paper printed, and
-// between which detectors the matrices are.
+// and the rows and columns that they fill. experiments.toml has the rows and what the paper printed, and the
+// detectors of the matrices.
 #pragma once
 
 #include <array>
@@ -27,8 +27,8 @@ struct ReproduceSettings {
   int frames = 60;                              ///< generated frames of a rig
   int judge_frames =
       0;  ///< others, on all of whose vehicles attacks are judged; 0: on a run's held-back ones
-  /// Rows of the tables by their evaluations' folders (OUT/evaluations/NAME), and what these need; empty:
-  /// all.
+  /// Rows of the tables by their evaluations' folders (OUT/evaluations/NAME), and the cases that these need;
+  /// empty: all.
   std::vector<std::string> only;
   int iterations = AttackSettings().iterations;
   int random_meshes = 1;  ///< of the random baseline, pooled
@@ -45,15 +45,14 @@ struct Case {
   std::string name;  ///< folder under OUT: "runs/kitti64-fusion-both"
   Kind kind = Kind::attack;
   NamedSettings settings;  ///< without out, threads, quiet and those in `needs`
-  /// The settings that are folders of cases that come before, and the names of those; an evaluation's first
-  /// is its run.
+  /// Settings that name folders of earlier cases, with those cases' names; an evaluation's first is its run.
   std::vector<std::pair<std::string, std::string>> needs;
 
   /// The setting, or `otherwise`.
   std::string setting(const std::string& key, const std::string& otherwise = "") const;
-  /// With the folders of the cases that it needs.
+  /// The settings with the folders of the cases that it needs.
   NamedSettings settings_in(const std::filesystem::path& out) const;
-  /// Of an evaluation: the run whose mesh is judged, and the run on whose hosts.
+  /// Of an evaluation: the run whose mesh is judged, and the run whose hosts carry it.
   const std::string& run() const { return needs.front().second; }
   const std::string& hosts_of() const;
 };
@@ -88,11 +87,12 @@ struct Table {
 
 struct Experiments {
   std::vector<Table> tables;
-  /// In the order to run: each after what it needs, table by table; and all of a seed before the next.
+  /// In the order to run: each after the cases that it needs, table by table; all of one seed before the
+  /// next.
   std::vector<Case> cases;
   int seeds = 1;
   const Case& at(const std::string& name) const;
-  /// Adds the case and all it needs; nothing for an empty name.
+  /// Adds the case and all cases that it needs; nothing for an empty name.
   void add_closure(const std::string& name, std::set<std::string>& names) const;
 };
 
@@ -100,15 +100,15 @@ struct Experiments {
 std::string repetition(const std::string& name, int number);
 bool is_repetition(const std::string& name);
 
-/// The folder of a rig's data: what was given, or OUT/data/RIG.
+/// The folder of a rig's data: the user's, or OUT/data/RIG.
 std::filesystem::path data_folder(const ReproduceSettings& settings, const std::string& rig);
 
-/// How an attack departs from the tables' standing one.
+/// How an attack differs from the tables' usual attack.
 struct Variant {
   double size = 0;           ///< L, m; 0: the default box
   std::string defense = {};  ///< word of --defense; empty: none
   std::string parts = {};    ///< word of --parts; empty: shape and texture
-  bool solid = false;        ///< as --free is not given: a mesh that can be printed
+  bool solid = false;        ///< without --free: a mesh that can be printed
 };
 
 /// With a box of half length `size`, m; 0.8 is the default one's.
@@ -120,12 +120,12 @@ inline Variant of_size(double size) {
 /// "kitti64-fusion-both-jpeg50". `attack`: "RIG-DETECTOR-TARGET".
 std::string run_name(const std::string& attack, const Variant& variant = {});
 
-/// Fewer frames and iterations, each unless the user asked for a number, and some rows of many alike: every
+/// Fewer frames and iterations, each unless the user asked for a number, and some of many similar rows: every
 /// kind of experiment runs in minutes, and its figures say nothing.
 void make_quick(ReproduceSettings& settings, bool fewer_frames = true, bool fewer_iterations = true);
 
-/// What `settings.what` asks for. InputError for another word. Each attack and evaluation again for
-/// settings.seeds − 1 more seeds, a whole seed after the other: learned anew, on another split of the frames.
+/// The experiments that `settings.what` names. InputError for another word. Each attack and evaluation is
+/// repeated for settings.seeds − 1 more seeds, seed by seed: learned anew, on another split of the frames.
 Experiments experiments(const ReproduceSettings& settings);
 
 }  // namespace mirage::paper

@@ -32,7 +32,7 @@ Above as_above(Claim claim, const Interval& d) {
   return {{-d.value, -d.high, -d.low}, -kMargin};
 }
 
-/// p of a difference `away` from its bound whose 95 % interval reaches `end` to each side.
+/// p of a difference that lies `away` from its bound and has a 95 % interval of ±`end`.
 double p_of(double away, double end, int clusters) {
   return mirage::p_value(Interval{away, away - end, away + end}, clusters);
 }
@@ -133,9 +133,9 @@ void settle_check(Check& check) {
   check.sentence += fmt::format("; it would take about {} vehicles", with_thousands(*check.vehicles_needed));
 }
 
-/// Corrects the comparisons of these findings as one family, and says what follows: verdicts of the checks,
-/// and in their sentences which of several comparisons tell what, what the correction leaves open, and how
-/// many vehicles it would take.
+/// Corrects the comparisons of these findings as one family, and sets the results: verdicts of the checks,
+/// and in their sentences the verdict of each of several comparisons, those that the correction leaves open,
+/// and the vehicles needed to decide.
 void settle(std::vector<Finding>& findings) {
   std::vector<Comparison*> family;
   for (Finding& finding : findings)
@@ -147,8 +147,8 @@ void settle(std::vector<Finding>& findings) {
     for (Check& check : finding.checks) settle_check(check);
 }
 
-/// A check of a claim about images. Where one of the detectors that were attacked does not use its picture,
-/// nothing can be told, and its note stands in place of all sentences.
+/// A check of a claim about images. If an attacked detector does not use its picture, the check stays open,
+/// and the detector's note replaces all sentences.
 Check about_images(Check check, const std::vector<const Outcomes*>& attacked) {
   for (const Outcomes* outcomes : attacked)
     if (const std::string note = outcomes->note(); !note.empty()) {
@@ -161,11 +161,11 @@ Check about_images(Check check, const std::vector<const Outcomes*>& attacked) {
   return check;
 }
 
-// The findings of findings.toml: which evaluations each compares, and what it says of them.
+// The findings of findings.toml: the evaluations that each compares, and its sentences on them.
 
 using Variables = std::map<std::string, std::string>;
 
-/// Each $NAME by its value, which may hold others.
+/// Replaces each $NAME by its value, which may hold other names.
 std::string filled(std::string text, const Variables& variables) {
   for (std::size_t at; (at = text.find('$')) != std::string::npos;) {
     const std::size_t end =
@@ -212,7 +212,7 @@ class Checked {
     }
   }
 
-  /// None where a mesh is missing.
+  /// Empty if a mesh is missing.
   std::optional<Check> check() {
     std::string sentence;
     for (const json& asked : finding_.value("compare", json::array()))
@@ -239,7 +239,7 @@ class Checked {
  private:
   std::string text(const char* key) const { return filled(finding_.value(key, ""), variables_); }
 
-  /// Of "a − b + c"; none where a mesh is missing.
+  /// The terms of "a − b + c"; empty if a mesh is missing.
   std::optional<std::vector<Term>> terms(const std::string& text) const {
     std::vector<Term> list;
     double sign = 1;
@@ -273,7 +273,7 @@ class Checked {
     check.agree = true;
   }
 
-  /// With what stands in braces; none where a mesh of it is missing.
+  /// The text with its braces filled in; empty if one of its meshes is missing.
   std::optional<std::string> expanded(const std::string& text) const {
     std::string out;
     for (std::size_t at = 0; at < text.size();) {
@@ -311,7 +311,7 @@ class Checked {
   std::string hidden_;  ///< the rule that {hidden …} stands for
 };
 
-// Those that are no plain comparison, on a rig.
+// Findings on a rig that are not plain comparisons.
 
 using Checks = std::vector<Check>;
 
@@ -470,7 +470,7 @@ double p_value(Claim claim, const Interval& difference, int clusters) {
   if (away == 0 || !std::isfinite(end) || clusters < 2) return 1;
   if (end <= 0) return 0;
   const double p = p_of(away, end, clusters);
-  // Where the interval's end lies on the bound rounding must not tell what judge() does not.
+  // If the interval's end lies on the bound, rounding must not decide what judge() leaves open.
   return judge(claim, difference) == Verdict::open ? std::max(p, kAlpha)
                                                    : std::min(p, std::nextafter(kAlpha, 0.0));
 }
@@ -504,7 +504,7 @@ std::optional<long> vehicles_needed(const Comparison& comparison, int vehicles) 
   const double away = std::abs(above.difference.value - above.bound), end = reach(above);
   const int clusters = comparison.difference.clusters;
   if (!(away > 0) || !std::isfinite(end) || vehicles <= 0 || clusters < 2) return std::nullopt;
-  // What an interval of ±0.1 can show with a chance of 80 % is one reach and this much more.
+  // An interval of ±0.1 shows, with a chance of 80 %, a difference of one reach and this much more.
   const double power = detectable_difference({0, -0.1, 0.1}, clusters) / 0.1 - 1;
   const double threshold = kAlpha / std::max(1, comparison.family - comparison.rank);
   return sample_size(vehicles, (reaches_for(threshold, clusters) + power) * end, away);
@@ -515,11 +515,10 @@ std::string title(const std::string& rig) {
 }
 
 std::string points(const Interval& difference) {
-  std::string text =
-      difference.high - difference.low < 2  // wider than what a difference of shares can be
-          ? fmt::format("{:+.1f} points ({:+.1f} to {:+.1f})", 100 * difference.value, 100 * difference.low,
-                        100 * difference.high)
-          : fmt::format("{:+.1f} points (too few to draw an interval from)", 100 * difference.value);
+  // An interval wider than any difference of shares says nothing.
+  std::string text = difference.high - difference.low < 2
+                         ? signed_points(difference) + " points"
+                         : signed_points(difference.value) + " points (too few vehicles for an interval)";
   for (std::size_t at; (at = text.find('-')) != std::string::npos;) text.replace(at, 1, "−");
   return text;
 }

@@ -51,7 +51,7 @@ def text(kind, x, y, said, anchor="middle", style=""):
 
 
 def cell(row, key, x, y, full, own):
-    """Colour and figure are the net, below it its interval; without a net the share alone."""
+    """Colour and number are the net value, with its interval below; without a net value only the share."""
     if row is None or key not in row["values"]:
         return text("tick", x + CELL / 2, y + HIGH / 2 + 4, "–")
     value, net = row["values"][key], row["values"].get("net_" + key)
@@ -78,12 +78,12 @@ def legend(x, y, full):
 
 
 def heat(table):
-    """The table's map, or None where nothing was judged."""
+    """The table's heat map, or None without evaluations."""
     rows = [row for row in table["rows"] if any(key in row["values"] for key, _ in PANELS)]
     if not rows:
         return None
     cells = {(row["source"], row["target"]): row for row in rows}
-    sources, targets, full = each_once(rows, "source"), each_once(rows, "target"), reach(rows)  # what was judged
+    sources, targets, full = each_once(rows, "source"), each_once(rows, "target"), reach(rows)  # judged
     wide = CELL * len(targets)
     panel_wide = max(wide, PANEL)
     width, height = LEFT + 2 * panel_wide + GAP + 8, TOP + HIGH * len(sources) + 62 + 16 * len(CAPTION)
@@ -115,7 +115,7 @@ def heat(table):
 
 
 def standalone(svg):
-    """The same as a file of its own, on white."""
+    """The same as a standalone file, on white."""
     style = (f"text{{font-family:{FONT};font-size:12px;fill:#5b6776}}.name{{fill:#16202c}}.label{{font-size:12.5px}}"
              ".axis{stroke:#b6bec8;stroke-width:1}")
     head, rest = str(svg).split(">", 1)

@@ -7,12 +7,12 @@ from atomic import write as write_file
 
 
 def number(value, otherwise=math.nan):
-    """JSON has null for what is infinite."""
+    """JSON stores infinite values as null."""
     return otherwise if value is None else value
 
 
 def percent(share):
-    """"31.9 (24.1–40.0)"; the value alone where it has no interval."""
+    """"31.9 (24.1–40.0)"; the value alone if it has no interval."""
     text = f"{100 * number(share['value']):.1f}"
     if "low" not in share:
         return text
@@ -20,19 +20,19 @@ def percent(share):
 
 
 def points(difference):
-    """"+7.1 (0.0 to +17.5)": of shares, in points."""
+    """"+7.1 (0.0 to +17.5)": a difference of shares, in points."""
     text = (f"{100 * number(difference['value']):+.1f} ({100 * number(difference['low'], -math.inf):+.1f} to "
             f"{100 * number(difference['high'], math.inf):+.1f})").replace("-", "−")
-    return text.replace("+0.0", "0.0").replace("−0.0", "0.0")  # a sign would say more of a zero than is known
+    return text.replace("+0.0", "0.0").replace("−0.0", "0.0")  # the sign of a zero is not known
 
 
 def escaped(text):
-    """A bar in a cell would end it."""
+    """Escapes bars, which would end a cell."""
     return text.replace("|", "\\|").replace("\n", " ")
 
 
 def remarks(row):
-    """What the row's numbers rest on, and what is to be said of them."""
+    """The basis of the row's numbers, and its warnings."""
     parts = []
     if "vehicles" in row:
         parts.append(f"{row['vehicles']} in {row['frames']} frames" +
@@ -54,7 +54,7 @@ def plain_table(table):
     head = ["data", ""] if rigs else [""]
     for column in columns:
         head += [f"{column['title']}, {'points' if column['key'].startswith('net') else '%'}"] + (["paper"] if column["key"] in paper else [])
-    head += ["found clean at IoU 0.7", "minutes"]  # what FN ASR and ASR count; *vanished* counts those at 0.1 (arms)
+    head += ["found clean at IoU 0.7", "minutes"]  # FN ASR and ASR count these; *vanished* those at 0.1 (arms)
     lines = ["|" + "".join(f" {cell} |" if cell else " |" for cell in head), "|" + "---|" * len(head)]
     for row in rows:
         cells = ([row["rig"]] if rigs else []) + [escaped(row["label"])]
@@ -81,7 +81,7 @@ def net_cell(values, key):
 
 
 def matrix(table):
-    """By source and target: a matrix a quantity that has a net, and one of the vehicles; then what is missing and why."""
+    """By source and target: a matrix a quantity that has a net, and one of the vehicles; then missing entries and why."""
     rows = table["rows"]
     sources, targets = (list(dict.fromkeys(row[end] for row in rows)) for end in ("source", "target"))
     cells = {}

@@ -4,7 +4,7 @@
 
 Reads DIR/reproduce.json and the pictures under DIR/evaluations; writes DIR/reproduce.md and DIR/TABLE.md (paper_markdown.py), and,
 where there are jinja2 and PIL, DIR/reproduce.html and DIR/fusions*.svg, the heat maps alone. Every figure of the page
-stands in reproduce.json. What was not measured is left out, never made up.
+stands in reproduce.json. Missing measurements are left out, never made up.
 """
 
 import io
@@ -38,7 +38,7 @@ TAGS = {"holds": "good", "does not hold": "bad", "holds in part": "raster"}
 SECTIONS = [("table1", "attack"), ("real", "attack"), ("table2", "attack"), ("fig3", "recall"), ("fig4", "size"),
             ("table3", "transfer"), ("table4", "defences"), ("parts", "attack"),
             ("fusions", "heat"), ("fusions-real", "heat"), ("fusions-xenith", "heat")]
-# Pictures of an evaluation: how many of a kind, and what they show.
+# Pictures of an evaluation: number of each kind, and their content.
 PICTURED = {"hidden": (3, "A vehicle that the mesh hides: as recorded and attacked, with the detections."),
             "false_positives": (2, "Detections that the mesh makes, from above."),
             "features": (2, "Magnitude of the image features in the image and projected to the bird's-eye view.")}
@@ -46,7 +46,7 @@ WIDE = 1400  # pixels of a picture, at most
 
 
 def headline(findings):
-    """How the paper's findings fared, in a line; ours are not the paper's."""
+    """The paper's findings and their outcomes, in one line; ours are not the paper's."""
     own = [f for f in findings if not f["claim"].startswith("Not in the paper") and f["checks"]]
     if not own:
         return "The paper's experiments"
@@ -62,7 +62,7 @@ def headline(findings):
 
 
 def outside(row, key):
-    """Where the paper's number lies, if not in our interval."""
+    """The position of the paper's number, if it is outside our interval."""
     value, paper = row["values"].get(key, {}), row["paper"].get(key)
     if paper is None or "low" not in value:
         return ""
@@ -140,7 +140,7 @@ def page(result, folder):
 def main(folder):
     result = atomic.read_json(folder, "reproduce.json")
     atomic.write(os.path.join(folder, "reproduce.html"), page(result, folder))
-    for table in result["tables"]:  # for pages of others
+    for table in result["tables"]:  # for other pages
         svg = paper_heat.heat(table) if table.get("matrix") else None
         if svg:
             atomic.write(os.path.join(folder, table["name"] + ".svg"), paper_heat.standalone(svg))

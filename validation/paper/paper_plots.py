@@ -11,7 +11,7 @@ SHORT = {"LiDAR-only detector, ": "LiDAR-only, "}
 
 
 def kind(label):
-    """The class of a row's attack: what stands after the comma says it."""
+    """The class of a row's attack, from the words after the comma."""
     attack = label.split(", ", 1)[-1]
     return next((name for word, name in KINDS if word in attack), "both")
 
@@ -27,7 +27,7 @@ def words(value):
 
 
 def success(rows, key="asr", label="attack success rate (95 % interval); ring: the paper's"):
-    """A row each: our share with its interval, and the paper's as a ring."""
+    """One line per row: our share with its interval, and the paper's as a ring."""
     rows = [row for row in rows if key in row["values"]]
     if not rows:
         return None
@@ -84,7 +84,7 @@ def legend(rows):
 
 
 def size(rows):
-    """Success over L; misses and false positives beside the whole."""
+    """Success over L; misses and false positives besides their sum."""
     rows = sorted((row for row in rows if "asr" in row["values"]), key=lambda row: row["size"])
     if not rows:
         return None
@@ -113,12 +113,12 @@ def matrix(rows):
 
 
 def shade(value):
-    """Of a cell of the matrix, by its ASR."""
+    """The shade of a matrix cell, by its ASR."""
     return f"color-mix(in srgb, var(--raster) {round(85 * value)}%, transparent)"
 
 
 def distances(rows):
-    """How far from the host false positives lie, a stair an attack."""
+    """Distances of false positives from the host, as a step curve per attack."""
     edges = list(range(0, 75, 5))
     series = []
     for row in rows:

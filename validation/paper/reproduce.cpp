@@ -32,7 +32,7 @@ namespace {
 
 using nlohmann::json;
 
-/// Why the row has no numbers: what failed by itself rather than what was left out for it.
+/// Why the row has no numbers: the case that failed by itself, rather than those left out because of it.
 std::string why_missing(const std::set<std::string>& names, const Evidence& evidence) {
   std::string why;
   for (const std::string& name : names) {
@@ -47,7 +47,7 @@ std::string why_missing(const std::set<std::string>& names, const Evidence& evid
   return why;
 }
 
-/// Of the row's mesh, or net of its control; null for a column of another kind.
+/// The figure of the row's mesh, or net of its control; null for a column of another kind.
 json value_of(const std::string& key, const Row& row, const Outcomes& outcomes, const Outcomes* sized) {
   if (key == "recall_mean") return to_json(mean_recall(outcomes, row.mesh == "none"));
   if (key.starts_with("recall"))
@@ -58,7 +58,7 @@ json value_of(const std::string& key, const Row& row, const Outcomes& outcomes, 
   return sized ? to_json(difference(outcomes, *sized, asked)) : json();
 }
 
-/// What the row's meshes did; `sized`: their control, if they have one.
+/// Adds the outcomes of the row's meshes; `sized`: their control, if they have one.
 void add_outcomes(json& entry, const Table& table, const Row& row, const Outcomes& outcomes,
                   const Outcomes* sized) {
   const ClusterCount clusters = outcomes.clusters();
@@ -87,7 +87,7 @@ void add_outcomes(json& entry, const Table& table, const Row& row, const Outcome
   }
 }
 
-/// Of the cases that are no data; none where none of them knows.
+/// Minutes of the cases that are not data; empty if none of them knows.
 std::optional<double> minutes(const std::set<std::string>& names, const Experiments& experiments,
                               const Evidence& evidence) {
   double seconds = 0;
@@ -169,7 +169,7 @@ fs::path failure_file(const Case& command, const fs::path& out) {
   return step_file(command, out, ".failed.json");
 }
 
-/// What is recorded of a case that was begun; null without a record, or one that can't be read.
+/// The recorded provenance of a case that was begun; null without a readable record.
 json recorded(const Case& command, const fs::path& out) {
   try {
     return read_json(record_file(command, out)).value("made_of", json());
@@ -201,8 +201,8 @@ DetectorOptions detector_of(const Case& command, const fs::path& out) {
   return detector;
 }
 
-/// What the case's result is made of (base/provenance.h): cases that it needs count by what those are made
-/// of, so that OUT may be moved.
+/// The provenance of the case's result (base/provenance.h): cases that it needs count by their provenance, so
+/// that OUT may be moved.
 json provenance(const Case& command, const fs::path& out) {
   Provenance provenance;
   provenance.set("command", to_word(command.kind));
@@ -213,7 +213,7 @@ json provenance(const Case& command, const fs::path& out) {
     if (folder == "data")
       provenance.input(folder, content_hash(recorded(Case{need, {}, {}, {}}, out).dump()));
   }
-  // What is missing or can't be read: the command itself says so.
+  // Missing or unreadable data: the command itself says so.
   if (const std::string data = command.setting("data"); !data.empty()) try {
       provenance.input("data", data_hash(data));
     } catch (const InputError&) {
@@ -264,7 +264,7 @@ class Steps {
   }
 
  private:
-  /// Sees the case through. False if it must wait for another, or is another rank's.
+  /// Brings the case to its end. False if it must wait for another case or belongs to another rank.
   bool end(const Case& command, Step& step) {
     for (const auto& [folder, need] : command.needs) {
       const Step::Status of_need = steps_[need].status;
@@ -319,7 +319,7 @@ class Steps {
     return true;
   }
 
-  /// Drops what the folder holds of a case that was begun as something else: no command may go on from it.
+  /// Empties the folder of a case that was begun with other settings: no command may resume from it.
   void start_afresh(const Case& command, const json& now) const {
     const json before = recorded(command, settings_.out);
     if (before.is_null() || before == now) return;
@@ -375,7 +375,7 @@ class Steps {
 
 /// Texts and page. The page's file; empty if it could not be written.
 fs::path write_page(const fs::path& out, const json& tables) {
-  // None of an earlier run stays where Python is missing.
+  // If Python is missing, no page of an earlier run stays.
   fs::remove(out / "reproduce.html");
   fs::remove(text_file(out, "reproduce"));
   for (const json& table : tables) fs::remove(text_file(out, table.at("name")));

@@ -1,6 +1,6 @@
-// Running the cases: what is finished is kept, and what is not is run. Under mpirun the ranks take cases side
-// by side, each one whole: a case is its rank's while that holds the lock of the case's folder, and what
-// became of it the others read from OUT/steps, which all of them must see.
+// Runs the cases: finished cases are kept, the others are run. Under mpirun the ranks take cases side by
+// side, each case on one rank, which holds the lock of the case's folder. The others read its outcome from
+// OUT/steps, which all ranks must see.
 #pragma once
 
 #include <filesystem>
@@ -25,8 +25,8 @@ namespace mirage::paper {
 /// and run.
 nlohmann::json table_json(const Table& table, const Experiments& experiments, const Evidence& evidence);
 
-/// A mesh of each evaluation that was judged, in the cases' order; repetitions are pooled. [{name, detector
-/// and target (attacked), defense?, parts?, rig (of the frames), judge, mesh ("learned" or a control's word),
+/// Every judged mesh of each evaluation, in the cases' order; repetitions are pooled. [{name, detector and
+/// target (attacked), defense?, parts?, rig (of the frames), judge, mesh ("learned" or a control's word),
 /// seeds, vehicles, frames, hidden: {rule: {value, low, high, vehicles} or null}, net?: {rule: {value, low,
 /// high} or null}, fp_asr, interval: {confidence, drawn}}]. net: less random meshes of its size.
 nlohmann::json arms_json(const Experiments& experiments, const ReproduceSettings& settings,
@@ -38,13 +38,13 @@ using Execute = std::function<void(const std::string& command, const NamedSettin
 /// Whether the case's folder holds the result of exactly these settings, made of what its inputs are now.
 bool is_finished(const Case& command, const std::filesystem::path& out);
 
-/// Executes the cases that are not finished, in order. One that fails, and all that need it, become failed
-/// steps; an interrupt (base/error.h, Interrupted) ends everything. A call of all ranks, each of which learns
-/// how every case went.
+/// Executes the cases that are not finished, in order. A case that fails, and all cases that need it, become
+/// failed steps; an interrupt (base/error.h, Interrupted) ends everything. Collective: each rank learns how
+/// every case went.
 std::map<std::string, Step> execute(const Experiments& experiments, const ReproduceSettings& settings,
                                     const Execute& run);
 
-// `mirage reproduce`: runs what the experiments need and have not got, and writes tables, findings and page.
+// `mirage reproduce`: runs the cases that the experiments still lack, and writes tables, findings and page.
 //
 //     OUT/data/RIG               generated frames, unless a data set is given
 //     OUT/runs/NAME              run folders of mirage attack
@@ -55,13 +55,13 @@ std::map<std::string, Step> execute(const Experiments& experiments, const Reprod
 //     OUT/reproduce.json
 //     OUT/reproduce.{md,html}, OUT/TABLE.md   by paper_page.py
 
-/// A table's text in Markdown; there is none without Python.
+/// The file of a table's text in Markdown; missing without Python.
 std::filesystem::path text_file(const std::filesystem::path& out, const std::string& table);
 
-/// All of it; writes OUT. What reproduce.json holds: {what, settings, tables, arms, findings
-/// (finding.h), reliance: each detector on its data once, as Reliance, and case, words; steps: {case: step}},
-/// and the page, if it could be written. A call of all ranks, of which the first makes tables, findings and
-/// page; empty on the others.
+/// Runs everything and writes OUT. Returns the content of reproduce.json: {what, settings, tables, arms,
+/// findings (finding.h), reliance: each detector on its data once, as Reliance, and case, words; steps:
+/// {case: step}}, and the page, if it could be written. Collective: the first rank makes tables, findings and
+/// page; the others return an empty object.
 nlohmann::json reproduce(const ReproduceSettings& settings, const Execute& run);
 
 }  // namespace mirage::paper

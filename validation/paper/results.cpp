@@ -281,7 +281,7 @@ Evidence gather(const Experiments& experiments, const std::filesystem::path& out
       step.error = error.what();
     }
   }
-  // A repetition that failed is missing; what stands in for its experiment is the first, which has the name.
+  // A failed repetition is missing. The first run has the experiment's name and stands for the experiment.
   for (const auto& [name, first] : judged_runs) {
     if (is_repetition(name)) continue;
     std::map<int, Judged> runs{{0, first}};

@@ -1,5 +1,5 @@
-// What the finished cases say: how each went, and what its result.json holds: of each host that
-// `mirage evaluate` judged, and shares over them with intervals.
+// The results of the finished cases: how each went, the outcome of each host that `mirage evaluate` judged,
+// and shares over hosts with intervals.
 #pragma once
 
 #include <filesystem>
@@ -17,14 +17,14 @@
 
 namespace mirage::paper {
 
-/// What mends a result that can't be read, in errors.
+/// The fix that errors name for an unreadable result.
 inline constexpr const char* kMakeAgain = "delete the folder and run the same command again";
 
 /// One host under one mesh, without its detections (attack/evaluation.h).
 struct Outcome : HostOutcome {
   int run = 0;  ///< of the attack, from another seed
 
-  /// m from the host to each of its false positives; none in the picture's plane, which has no metres.
+  /// m from the host to each false positive; empty in the picture's plane, which has no metres.
   std::vector<double> distances() const;
 };
 
@@ -37,42 +37,41 @@ struct Outcomes {
   /// Whether the detector uses its picture on these frames; none: not known.
   std::optional<Reliance> reliance = {};
 
-  /// What stands in place of statements about images; empty if they may be made.
+  /// The note that replaces statements about images; empty if they may be made.
   std::string note() const;
   int frames() const;
   ClusterCount clusters() const;  ///< of the hosts detected clean
 };
 
-/// The outcomes of an evaluation by whose they are: "learned", and the controls that it was asked for, by
-/// their words (attack/baseline.h).
+/// The outcomes of an evaluation by mesh: "learned", and its controls by their words (attack/baseline.h).
 using Judged = std::map<std::string, Outcomes>;
-/// Of its result.json. `data` names the frames. InputError naming file and field.
+/// Reads them from its result.json. `data` names the frames. InputError naming file and field.
 Judged read_evaluation(const std::filesystem::path& file, const std::string& data);
-/// The same experiment's runs, by their numbers, as one; what one of them lacks is missing. `runs` is not
-/// empty.
+/// Pools the runs of one experiment, by their numbers; a mesh that one lacks is missing. `runs` is not empty.
 Judged pooled(const std::map<int, Judged>& runs);
 
-/// Of the hosts that count, the share for which it holds.
+/// A share: for how many of the hosts that count `holds` is true.
 struct Question {
   std::function<bool(const Outcome&)> counts, holds;
 };
 /// A false positive is far from the host beyond this, m: about three lengths of a car, as the pictures of
 /// mirage evaluate have it.
 inline constexpr double kFar = 12;
-/// By its key. Of the hosts detected clean: "fn_asr", "fp_asr", "asr"; "far": with a false positive beyond
-/// kFar; "close": with an IoU below 0.75 as recorded. Of those within 30 m, and of the others: "near_asr",
-/// "beyond_asr". Of those that the rule finds clean: a rule's name (attack/host_outcome.h). Of all, found at
-/// that IoU: "recall50", "recall70", and as recorded "clean_recall50", "clean_recall70".
+/// The question with that key. Of the hosts detected clean: "fn_asr", "fp_asr", "asr"; "far": with a false
+/// positive beyond kFar; "close": with an IoU below 0.75 as recorded. Of those within 30 m, and of the
+/// others: "near_asr", "beyond_asr". Of those that the rule finds clean: a rule's name
+/// (attack/host_outcome.h). Of all, found at that IoU: "recall50", "recall70", and as recorded
+/// "clean_recall50", "clean_recall70".
 Question question(const std::string& key);
-/// Of all hosts: found with the IoU or better, clean or attacked.
+/// The question over all hosts: found with that IoU or better, clean or attacked.
 Question recall(double iou, bool clean);
 
-/// With its 95 % interval over clusters and runs (base/intervals.h), as all figures below.
+/// The share with its 95 % interval over clusters and runs (base/intervals.h), as for all figures below.
 Interval share(const Outcomes& outcomes, const Question& question);
 /// Vehicles that count, each once whatever the meshes and runs.
 int vehicles(const Outcomes& outcomes, const Question& question);
 
-/// Whether a detection has a distance, which rules ask for: none has in the picture's plane.
+/// Whether detections have a distance, which some rules need; those in the picture's plane have none.
 bool has_metres(const Outcomes& outcomes);
 
 /// A summand of a difference.
@@ -80,12 +79,12 @@ struct Term {
   const Outcomes* of;
   double factor = 1;
 };
-/// So many clusters that Student's t is the normal law.
+/// A number of clusters for which Student's t is the normal law.
 inline constexpr int kManyClusters = 1'000'000'000;
-/// Student's t has as many degrees of freedom as there are clusters but one, fewer where runs are crossed
-/// with them: those count by what they are worth, rounded down.
+/// The clusters of an estimate: its degrees of freedom, rounded down, plus one. Runs crossed with clusters
+/// lower the number.
 int clusters_of(const Estimate& estimate);
-/// A difference with the clusters by which its interval was drawn.
+/// A difference with the number of clusters of its interval.
 struct Difference : Interval {
   int clusters = kManyClusters;
 };
@@ -96,7 +95,7 @@ inline Difference difference(const Outcomes& a, const Outcomes& b, const Questio
   return difference({{&a, 1}, {&b, -1}}, question);
 }
 
-/// Those outcomes of `a` whose hosts also stand in `b`, in the run of the same number.
+/// The outcomes of `a` whose hosts also stand in `b`, in the run of the same number.
 Outcomes shared_hosts(const Outcomes& a, const Outcomes& b);
 
 /// Mean of the recall over IoU 0, 0.05, …, 1.
@@ -113,8 +112,8 @@ struct Step {
 /// {status: "missing", "done" or "failed", error?, seconds?}
 nlohmann::json to_json(const Step& step);
 
-/// Of mirage detect's result.json: the clean "ap50" and "ap70" that it holds, each {value, low?, high?}.
-/// InputError naming file and field.
+/// The clean "ap50" and "ap70" in mirage detect's result.json, each {value, low?, high?}. InputError naming
+/// file and field.
 nlohmann::json read_detection(const std::filesystem::path& file);
 
 struct Evidence {
@@ -122,7 +121,7 @@ struct Evidence {
   std::map<std::string, Judged> evaluations;         ///< by case; its repetitions by other seeds pooled
   std::map<std::string, nlohmann::json> detections;  ///< by case
 
-  /// Null where it is missing or failed.
+  /// The outcomes of an evaluation's mesh; null if it is missing or failed.
   const Outcomes* of(const std::string& evaluation, const std::string& mesh = "learned") const;
 };
 

@@ -13,7 +13,7 @@
 
 namespace mirage {
 
-/// What a vehicle's steps share.
+/// The data that a vehicle's steps share.
 struct HostScene {
   const PreparedFrame* prepared = nullptr;
   const Label* host = nullptr;
@@ -33,12 +33,12 @@ HostScene scene_of(const HostInWorld& host, const TexturedMesh& adversary);
 SimulationSettings hard_limit(SimulationSettings settings, bool occluded);
 Simulated simulate_host(const HostScene& scene, const SimulationSettings& settings);
 
-/// The frame with its `camera` as the first, and the first in that one's place; labels are numbered so.
+/// The frame with `camera` and the first camera swapped; the labels' cameras are numbered accordingly.
 PreparedFrame facing(const PreparedFrame& prepared, std::size_t camera);
-/// The scene in such a frame, which it refers to. Its files are the same.
+/// The scene in the frame `turned`, which it refers to. Its files are the same.
 HostScene facing(const HostScene& scene, const PreparedFrame& turned, std::size_t camera);
 
-/// How much of each pixel of the window it drew the object over: its silhouette.
+/// The object's silhouette: the share of each pixel of the window that it covers.
 ImageF coverage_of(const Simulated& simulated, const PixelRect& rect);
 
 /// Share of the object that the photograph's depth lets through at each pixel of the window. Pixels that the
@@ -48,11 +48,11 @@ ImageF visible_share(const HostScene& scene, const PixelRect& rect);
 /// A job with the scene's files, samples and seed.
 RenderJob job_for(const HostScene& scene, const PixelRect& rect);
 
-/// Which random numbers a render takes: each has seeds of its own, and so is independent of the others.
+/// The random numbers of a render: each stream has its own seeds, and so is independent of the others.
 enum class RenderStream : std::uint64_t {
   full = 0,       ///< the picture in full light, which the detector sees
-  rungs = 2,      ///< those of the ladder: noise cancels where one is compared with another
-  reference = 4,  ///< what their errors are against
+  rungs = 2,      ///< the ladder's rungs: noise cancels between them
+  reference = 4,  ///< the reference of their errors
   noise = 6
 };
 /// The job's picture as two independent renders of half of its samples each (rounded up).
@@ -70,8 +70,8 @@ Halves over(const RenderedHalves& rendered, const ImageF& visible, const ImageF&
 RenderEffects full_effects(RenderEffects::Surroundings surroundings = RenderEffects::Surroundings::catcher);
 
 /// foreground + (1 − α) background · shadow, in linear light, onto `picture` (the photograph's window).
-/// `visible` scales the object; where it is hidden (something of the photograph is in front) there is no
-/// shadow either. Empty: all visible.
+/// `visible` scales the object; where it is hidden behind the photograph there is no shadow either. Empty:
+/// all visible.
 void composite(const Rendered& render, const ImageF& visible, ImageF& picture);
 /// Pixels of which the object covers more than half.
 ImageF alpha_mask(const ImageF& rgba);

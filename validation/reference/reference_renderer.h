@@ -1,4 +1,4 @@
-// What the studies work with below their output folder, and remove at the end.
+// The studies' scratch folder below their output folder, which they remove at the end.
 #pragma once
 
 #include <fmt/format.h>
@@ -19,20 +19,20 @@
 
 namespace mirage {
 
-/// A folder below --out. It goes with its contents: its name is one that no user gives a folder.
+/// A folder below --out. It is removed with its contents, so its name is one that no user chooses.
 inline constexpr const char* kScratchFolder = ".mirage-scratch";
 
-/// This process's own below `out`, which others that work there leave alone (base/ranks.h).
+/// This process's own scratch folder below `out`, which other ranks leave alone (base/ranks.h).
 inline std::filesystem::path scratch_folder(const std::filesystem::path& out) {
   std::filesystem::path folder = out / kScratchFolder;
   if (rank() > 0) folder += fmt::format("-{}", rank());
   return folder;
 }
 
-// What stands for reality: a renderer of physically based light that the light-weight ones are compared with.
-// Blender Cycles is one (validation/blender/blender_process.h).
+// The reference in place of reality: a renderer of physically based light that the light-weight ones are
+// compared with. Blender Cycles is one (validation/blender/blender_process.h).
 
-/// The renderer was lost on one job as often as it is tried.
+/// The renderer was lost at every attempt at one job.
 class ReferenceLost : public Failure {
  public:
   using Failure::Failure;
@@ -49,7 +49,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "attempt", .range = kFromOne}, s.attempt);
 }
 
-/// What a render adds to matched light (ambient + hemisphere + sun without shadows, Lambert, no bounces).
+/// The effects added to matched light (ambient + hemisphere + sun without shadows, Lambert, no bounces).
 struct RenderEffects {
   bool shadows = false;  ///< sun of 0.53° with shadows
   bool sky = false;      ///< ambient light from a sky, so that it can be occluded
@@ -79,11 +79,11 @@ struct RenderJob {
 
 struct Rendered {
   ImageF rgba;     ///< rect-sized, premultiplied, scene-linear
-  ImageF catcher;  ///< rect-sized RGB: factor by which what lies behind is darkened; empty without catcher
+  ImageF catcher;  ///< rect-sized RGB: factor that darkens the background; empty without catcher
   double seconds = 0;
 };
 
-/// Who rendered, and what decides the picture.
+/// The renderer, and the files that decide its picture.
 struct ReferenceIdentity {
   std::string key;   ///< of files: "blender"
   std::string name;  ///< for readers: "Blender Cycles"
@@ -99,8 +99,8 @@ struct ReferenceIdentity {
 class ReferenceRenderer {
  public:
   virtual ~ReferenceRenderer() = default;
-  /// The adversary of the scene, and the shadow that it casts. The same job gives the same picture; one of
-  /// another seed has independent noise. ReferenceLost, Failure for a job that can't be done, Interrupted.
+  /// Renders the scene's adversary and its shadow. The same job gives the same picture; one of another seed
+  /// has independent noise. ReferenceLost, Failure for a job that can't be done, Interrupted.
   virtual Rendered render(const RenderJob& job) = 0;
   /// Distance along each ray (`velo`, m) to the adversary of the scene; −1 where it is missed. `scratch`: a
   /// folder for temporary files. Errors as render().

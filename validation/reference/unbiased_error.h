@@ -1,4 +1,4 @@
-// How far a picture is from what Cycles converges to, told from renders that are noisy themselves.
+// The error of a picture against the limit of Cycles' renders, estimated from noisy renders.
 //
 // Let R1, R2 be two independent renders of expectation r, and A1, A2 two of the picture in question, of
 // expectation a (one without noise is both of its halves). With A and R the means of the halves, at each
@@ -8,12 +8,12 @@
 //     unbiased = plain − floor
 //              = ½ [(A1 − R1)(A2 − R2) + (A1 − R2)(A2 − R1)]        expectation: (a − r)²
 //     drawn    = plain − (R1 − R2)²/4                    expectation over R1, R2: (A − r)²
-// `unbiased` is the error of the way of drawing, were it given samples without end; `drawn` that of the very
-// picture at hand, whose own noise is an error of it. Both may come out negative where the error is below the
-// noise; roots keep the sign (signed_root), so that a mean over many is not bent upwards.
+// `unbiased` is the error of the drawing method with infinitely many samples; `drawn` is that of this very
+// picture, its own noise included. Both may come out negative where the error is below the noise; roots keep
+// the sign (signed_root), so that a mean over many is not biased upwards.
 //
-// Nothing may be clamped before: the mean of clamped renders is not the clamped mean, and what is
-// over-exposed counts.
+// Nothing may be clamped before: the mean of clamped renders is not the clamped mean, and over-exposure
+// counts.
 #pragma once
 
 #include "base/fields.h"
@@ -31,7 +31,7 @@ struct Halves {
 
 /// √|x| with the sign of x.
 double signed_root(double x);
-/// Of a mean square, with its ends.
+/// The same for a mean square and the ends of its interval.
 Interval signed_root(const Interval& square);
 
 /// Squared errors over a region as shares of the object's mean radiance, squared.
@@ -59,8 +59,8 @@ void visit_fields(Visitor& visit, S& s) {
 }
 
 /// Sums over the pixels of `region` (1 channel, > 0.5 counts) and all channels, divided by `pixels` ×
-/// channels × mean². `pixels`: how many the object has, so that what is drawn beside it adds to the error and
-/// does not dilute it. All 0 if `pixels` or `mean` is. Failure for images of different size.
+/// channels × mean². `pixels`: the object's number of pixels, so that errors beside the object add to the
+/// error and do not dilute it. All 0 if `pixels` or `mean` is. Failure for images of different size.
 SquaredError squared_error(const Halves& drawn, const Halves& reference, const ImageF& region, double pixels,
                            double mean);
 

@@ -1,4 +1,4 @@
-"""Files that are whole or not there, as src/base/files.cpp writes them. Needs nothing beside Python."""
+"""Writes files completely or not at all, like src/base/files.cpp. Needs nothing beside Python."""
 
 import errno
 import io
@@ -33,19 +33,19 @@ def write(path, data):
 
 
 def read_json(*path):
-    """Of a file by the parts of its path."""
+    """The content of the JSON file at a path, given by its parts."""
     with open(os.path.join(*path), encoding="utf-8") as file:
         return json.load(file)
 
 
 def add_figures(path, figures):
-    """Into a JSON object of figures by name, which other benchmarks wrote or nobody yet."""
+    """Adds figures by name to a JSON file, which may contain those of other benchmarks, or not exist."""
     known = read_json(path) if os.path.exists(path) else {}
     write(path, json.dumps({**known, **figures}, indent=1))
 
 
 def fix_for(number):
-    """How to mend it, as src/base/files.cpp says it."""
+    """The fix for an error number, as in src/base/files.cpp."""
     if number in (errno.ENOSPC, errno.EDQUOT):
         return "free some space"
     if number in (errno.EACCES, errno.EPERM, errno.EROFS):
@@ -54,7 +54,7 @@ def fix_for(number):
 
 
 def run(main, *arguments):
-    """A script's main function, whose trouble with files is one line."""
+    """Runs a script's main function; prints its file errors in one line."""
     try:
         main(*arguments)
     except OSError as error:

@@ -35,7 +35,7 @@ def scientific(value, digits=2):
 
 
 def short(value, digits=6):
-    """With as many digits as it takes, and as a power of ten far from 1."""
+    """With as many digits as needed, and as a power of ten far from 1."""
     far = value != 0 and not 1e-3 <= abs(value) < 1e5
     return scientific(value, min(digits, 3)) if far else f"{value:.{digits}g}"
 
@@ -45,10 +45,10 @@ def percent(value):
 
 
 class Axis:
-    """Values onto a span of the page."""
+    """Maps values to a span of the page."""
 
     def __init__(self, low, high, start, end, log=False, marks=None, label=short):
-        if not high > low:  # of values that are all the same, as errors of 0: any span shows them
+        if not high > low:  # all values are equal, such as errors of 0: any span shows them
             high = 10 * low if log else low + 1
         self.low, self.high, self.start, self.end, self.log, self.label = low, high, start, end, log, label
         self.marks = marks if marks is not None else (log_ticks if log else ticks)(low, high)

@@ -59,7 +59,7 @@ def audit_values(result):
 ANSWERS = {"more": "The second detector is easier to fool", "less": "The second detector is harder to fool",
            "the same within 5 points": "Both detectors are as easy to fool, within 5 points",
            "cannot be told": "Which detector is easier to fool cannot be told"}
-WORSE = 40  # of the vehicles that got worse, the nearest
+WORSE = 40  # of the vehicles with a worse outcome, the nearest
 
 
 def compare_label(part):
@@ -86,7 +86,7 @@ LEVELS = [("recorded", "no object"), ("loads", "loads"), ("shapes", "shapes"), (
 
 
 def cells(row, place):
-    """What the cells of a row say, and where it stands."""
+    """The texts of a row's cells, and its place."""
     return [dict(cell, words=HELD[cell["held"]][0], kind=HELD[cell["held"]][1], at=f"{place}.cells.{at}",
                  bound="at_least" if cell["held"] == "does not hold" else "at_most") for at, cell in enumerate(row["cells"])]
 
@@ -96,7 +96,7 @@ def spans(bands):
 
 
 def worst(score, level, band, place):
-    """Of a level's rows the cell that decides."""
+    """The cell that decides for the rows of a level."""
     found = [cells(row, f"{place}.rows.{at}")[band] for at, row in enumerate(score["rows"]) if row["level"] == level]
     order = ["holds", "cannot be told", "does not hold"]
     return max(found, key=lambda cell: (order.index(cell["held"]), cell["at_most"])) if found else None

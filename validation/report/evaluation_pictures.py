@@ -40,13 +40,13 @@ def floats(folder, about):
 def box_lines(axes, pixels, colour, width=1.4, style="-"):
     if pixels is None:
         return
-    edges = EDGES if len(pixels) == 8 else EDGES[:4]  # a box of the picture has four corners
+    edges = EDGES if len(pixels) == 8 else EDGES[:4]  # a box in the picture has four corners
     axes.add_collection(LineCollection([[pixels[a], pixels[b]] for a, b in edges], colors=colour, linewidths=width,
                                        linestyles=style))
 
 
 def show_image(axes, image, boxes, host, colour, window=None):
-    """The image with the detections' boxes and that of what is judged; `window`: (left, right, bottom, top) of a close-up."""
+    """The image with the detections' boxes and the judged box; `window`: (left, right, bottom, top) of a close-up."""
     axes.imshow(image, interpolation="nearest" if window else "antialiased")
     box_lines(axes, host["pixels"], HOST, 1.6, ":")
     for box in boxes:
@@ -69,7 +69,7 @@ def show_image(axes, image, boxes, host, colour, window=None):
 
 
 def close_up(window, size, aspect):
-    """A window of the given width/height around that 2-D box with room for what stands on its roof."""
+    """A window of the given width/height around that 2-D box with room for an object on its roof."""
     left, top, right, bottom = window
     top -= 0.6 * (bottom - top)
     height = max(1.25 * (bottom - top), 1.3 * (right - left) / aspect, 60)
@@ -88,7 +88,7 @@ def legend(figure, entries, y=0.0):
 
 
 def judged(data):
-    """Whose boxes are looked at, in one word."""
+    """The judged thing, in one word."""
     return {"neighbour": "neighbour", "object": "object"}.get(data["victim"], "host")
 
 
@@ -211,7 +211,7 @@ def false_positives(data, host, folder, path):
 
 
 def mark_host(axes, host, colour, stride):
-    """The 2-D box of what is judged."""
+    """The 2-D box of the judged thing."""
     left, top, right, bottom = (value / stride - 0.5 for value in host["window"])
     axes.plot([left, right, right, left, left], [top, top, bottom, bottom, top], color=colour, linewidth=0.9)
 
@@ -241,7 +241,7 @@ def features(data, host, folder, path):
             axes.set_title(("image: " if kind == "image" else "bird's-eye view: ") + title, loc="left")
             if kind == "image":
                 shown = axes.imshow(values, interpolation="nearest", aspect="auto", **scale)
-                if not host.get("camera"):  # else its 2-D box is in another camera than these features
+                if not host.get("camera"):  # otherwise its 2-D box is in another camera than these features
                     mark_host(axes, host, "white" if k < 2 else TEXT, about["stride"])
                 axes.set_xticks([])
                 axes.set_yticks([])

@@ -1,5 +1,5 @@
 """The figures of the page, each from result.json or from a file beside it (a vehicle, the evaluation, the trade-off): the
-page names for every figure the file and the place that it was read from. Nothing is judged here."""
+page names for every figure the file and the place that it was read from. This file judges nothing."""
 
 import csv
 import math
@@ -10,14 +10,14 @@ from markupsafe import Markup, escape
 
 import charts
 
-# How the targets of result.json are written: place: (what, format, to reach).
+# Format of the targets of result.json: place: (name, format, target).
 TARGETS = {
     "matched.mask_iou": ("Mask IoU", "f6", "≥ 0.9999"),
     "matched.mae": ("Mean colour error, scene-linear", "sci", "≤ 10⁻⁴"),
     "matched.hit_disagreements": ("Hit disagreements of LiDAR rays", "int", "0"),
     "matched.range_error_m": ("Largest LiDAR range error, m", "sci", "≤ 10⁻⁴"),
 }
-# What the head says of how the result was made: (what, places in result.json, of which the first that is there counts).
+# How the result was made, for the page's head: (name, places in result.json; the first that exists counts).
 MADE_OF = [
     ("detector", ("provenance.detector", "provenance.settings.detector")),
     ("weights", ("provenance.weights", "provenance.settings.weights")),
@@ -53,7 +53,7 @@ def templates(*folders):
 
 
 def asset(folder, name):
-    """A text that goes into a page as it is."""
+    """A text that is inserted into a page unchanged."""
     with open(os.path.join(folder, name), encoding="utf-8") as file:
         return Markup(file.read())
 
@@ -127,7 +127,7 @@ def loss_curve(path):
 
 
 def outcome(host, key):
-    """(text, class): what the detector makes of the attacked vehicle."""
+    """(text, class): the detector's result for the attacked vehicle."""
     if not host["detected"]:
         return "not found clean", "none"
     if not host[key]["hidden"]:
@@ -136,7 +136,7 @@ def outcome(host, key):
 
 
 def realistic(host, light):
-    """What the detector makes of a vehicle found clean, drawn by that light and met by realistic returns."""
+    """The detector's result for a vehicle found clean, under that light and with realistic returns."""
     return next(arm for arm in host["arms"] if arm["light"] == light and arm["returns"] == "realistic")
 
 
@@ -146,7 +146,7 @@ def judges_object(result):
 
 
 def title(result, host):
-    """What is judged, by name: the host, its neighbour, or the object."""
+    """The name of the judged thing: the host, its neighbour, or the object."""
     name, victim = host["name"], host.get("victim", -1)
     if victim >= 0:
         return f"{name.rpartition('_')[0]}_{victim} (host {name})"
@@ -154,7 +154,7 @@ def title(result, host):
 
 
 def made_of(result):
-    """[(what, place)] of what is known."""
+    """[(name, place)] of the known provenance."""
     rows = [(what, next((place for place in places if has(result, place) and at(result, place) not in ("", {}, [])), None))
             for what, places in MADE_OF]
     return [(what, place) for what, place in rows if place]
@@ -164,7 +164,7 @@ SAID = {True: ("met", "good"), False: ("missed", "bad"), None: ("nothing measure
 
 
 def targets(result):
-    """[{place, met, name, format, target_text, said, tag}]; met None: there was nothing to measure"""
+    """[{place, met, name, format, target_text, said, tag}]; met None: nothing was measured"""
     rows = []
     for target in result.get("targets", []):
         camera = target.get("camera")

@@ -50,7 +50,7 @@ def beside(start, end, place_a, place_b, place_c):
     net = flat(place_a, place_b, place_c)
     along = (end - start) / numpy.linalg.norm(end - start)
     across = numpy.array([along[1], -along[0]])
-    # As seen from outside the next face runs over its edge the other way.
+    # From outside, the next face traverses its edge in the other direction.
     return start + along * (numpy.linalg.norm(end - start) - net[2, 0]) + across * net[2, 1]
 
 
@@ -104,7 +104,7 @@ def nets(vertices, faces, size):
             for g in across[frozenset((i, j))]:
                 if g not in free:
                     continue
-                # Its corners so that the shared edge is j–i.
+                # Its corners, ordered so that the shared edge is j–i.
                 at = [n for n in range(3) if faces[g][n] == j and faces[g][(n + 1) % 3] == i]
                 if not at:
                     continue
@@ -125,7 +125,7 @@ def nets(vertices, faces, size):
 
 
 def packed(found, size):
-    """[[net]]: of each sheet, moved to where they lie: rows of nets, the tallest first."""
+    """[[net]] for each sheet, moved to their places: rows of nets, the tallest first."""
     sheets, row = [], None
     extents = [numpy.max([t.max(0) for t in net.values()], 0) for net in found]
     for k in sorted(range(len(found)), key=lambda k: -extents[k][1]):

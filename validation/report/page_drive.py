@@ -1,4 +1,4 @@
-"""What the page of `mirage drive` shows: medians, how long gaps last, and one strip a vehicle with its distance over
+"""The data of `mirage drive`'s page: medians, lengths of gaps, and one strip per vehicle with its distance over
 time and, for each version, where it was found, coasting or lost."""
 
 import math
@@ -13,7 +13,7 @@ LEFT, WIDTH, HEIGHT, BAR, GAP = 130, 1000, 90, 12, 5  # px: of names, of the tim
 
 
 def runs(states, away, starts, ends):
-    """(state, from, to) of frames on end that are of one state; an absence ends one."""
+    """(state, from, to) of consecutive frames with one state; an absence ends a run."""
     found = []
     for i, state in enumerate(states):
         if found and found[-1][0] == state and not away[i - 1]:
@@ -24,7 +24,7 @@ def runs(states, away, starts, ends):
 
 
 def strip(vehicle):
-    """What one vehicle's drawing needs, in pixels."""
+    """The data of one vehicle's drawing, in pixels."""
     times = [t - vehicle["strip"]["time_s"][0] for t in vehicle["strip"]["time_s"]]
     ends = [t + stands for t, stands in zip(times, vehicle["strip"]["stands_s"])]
     away = vehicle["strip"]["away"]
@@ -60,7 +60,7 @@ def strip(vehicle):
 
 
 def survival(vehicles, width, height):
-    """What the curve of gaps needs, in pixels: for each version the share of vehicles whose longest gap is longer than s."""
+    """The curve of gaps, in pixels: for each version the share of vehicles whose longest gap is longer than s."""
     longest = max([1.0, *(vehicle["gap_s"][v] for vehicle in vehicles for v in VERSIONS)])
     x, y = charts.Axis(0, longest, CURVE_LEFT, width - 20), charts.Axis(0, 1, height - 34, 10)
     curves = []

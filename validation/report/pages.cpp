@@ -20,7 +20,7 @@
 namespace mirage {
 namespace {
 
-/// Why a script made no plot, by its last line.
+/// The reason why a script made no plot, by its last line.
 std::string reason(const std::string& last_line) {
   return last_line.empty() ? "install python3-matplotlib" : last_line;
 }
@@ -132,15 +132,15 @@ std::string picture_name(const RunEvaluation& evaluation, const HostOutcome& out
   return name;
 }
 
-/// What the pictures call it: `name`, and before it what is judged in the host's place. `itself`: the object
-/// is.
+/// The title of the pictures: `name`, after the label that is judged in the host's place. `itself`: the
+/// object is judged.
 std::string picture_title(const HostOutcome& outcome, bool itself, const std::string& name) {
   if (itself) return "object at " + name;
   if (outcome.victim < 0) return name;
   return fmt::format("{} (host {})", host_name({outcome.id.frame, outcome.victim}), name);
 }
 
-/// Simulates the host again and writes what its pictures show.
+/// Simulates the host again and writes the data of its pictures.
 json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, const fs::path& data) {
   FrameStore& store = *evaluation.store;
   Detector& detector = *evaluation.detectors.front();
@@ -216,7 +216,7 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
           {"features", features_json(detector, clean, attacked, folder)}};
 }
 
-/// `count` of `places`, in their order, hosts of frames that have none yet before the others.
+/// `count` of `places`, in their order, hosts of frames that are not among them yet before the others.
 std::vector<std::size_t> spread_over_frames(const std::vector<HostOutcome>& hosts,
                                             const std::vector<std::size_t>& places, int count) {
   std::vector<std::size_t> first, others;

@@ -30,7 +30,7 @@ def photo(path, box):
 
 
 def pixels(path):
-    """A crop as PNG; the page enlarges it with its pixels kept apart."""
+    """A crop as PNG; the page enlarges it without smoothing."""
     with Image.open(path) as file:
         image = file.convert("RGB")
     out = io.BytesIO()
@@ -39,7 +39,7 @@ def pixels(path):
 
 
 def window(host, size):
-    """A wide window (WINDOW : 1) of the photograph around the vehicle and what stands on it."""
+    """A wide window (WINDOW : 1) of the photograph around the vehicle and the object on it."""
     (l, t, r, b), (cl, ct, cr, cb) = host["host_rect"], host["crop_rect"]
     left, top, right, bottom = min(l, cl), min(t, ct), max(r, cr), max(b, cb)
     width = max(300, 2.4 * (right - left), 2.6 * (bottom - top))
@@ -52,7 +52,7 @@ def window(host, size):
 
 
 def triptych(folder, host):
-    """Clean, attacked and Cycles on top of one another, and where the bars between them stand at first."""
+    """Clean, attacked and Cycles on top of one another, and the initial places of the bars between them."""
     files = {name: os.path.join(folder, host["pictures"][name]) for name in ("clean", "attacked", "cycles")}
     with Image.open(files["clean"]) as image:
         box = window(host, image.size)

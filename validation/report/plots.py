@@ -54,7 +54,7 @@ def ladder(result):
 
 
 def remaining(result):
-    """What each rung leaves to full Cycles without noise, and the band that noise alone would fill."""
+    """The remaining error of each rung against full Cycles without noise, and the band of noise alone."""
     rungs = result["ladder"]
     if not rungs:
         return None
@@ -85,7 +85,7 @@ def ladder_cost(result):
 
 
 def front(points):
-    """The points that no other beats in both, by cost; a stair for the eye."""
+    """The points that no other point beats in both values, by cost; drawn as a step curve."""
     kept = []
     for cost, error in sorted(points):
         if not kept or error < kept[-1][1]:

@@ -3,8 +3,8 @@
     python3 report.py --validation DIR --run RUN [--evaluation result.json] [--tradeoff result.json] [--viewer FILE.js] [--sign-off]
 
 Reads DIR/result.json, DIR/hosts/*.json, DIR/pictures/*.png, RUN/loss.csv, RUN/adversary.glb, and what `mirage evaluate`
-and `mirage tradeoff` wrote; `--viewer` is model-viewer's module. Writes DIR/report.html, with --sign-off DIR/sign-off.html, and nothing else. It shows what the
-program has judged. What is missing is left out of the page, never made up.
+and `mirage tradeoff` wrote; `--viewer` is model-viewer's module. Writes DIR/report.html, with --sign-off DIR/sign-off.html, and nothing else. It shows the
+program's own judgements. Missing data are left out of the page, never made up.
 """
 
 import argparse
@@ -37,7 +37,7 @@ NO_VIEWER = ("model-viewer was not there when Mirage was built. Build once with 
 
 
 def viewer_script(path):
-    """model-viewer's module, fit to stand inside a <script>; None without one."""
+    """model-viewer's module, made safe inside a <script>; None without one."""
     if not path or not os.path.isfile(path):
         return None
     with open(path, encoding="utf-8") as file:
@@ -71,7 +71,7 @@ def flips_of(result, titles, folder):
 
 
 def words(result):
-    """What the page calls the frame that counts as clean, and what is judged."""
+    """The page's words for the clean frame and for the judged thing."""
     if figures.judges_object(result):
         return {"recorded": "with a plain cuboid", "without": "with a plain cuboid in the object's place", "judged": "the object"}
     return {"recorded": "as recorded", "without": "without the object", "judged": "the vehicle"}
@@ -89,13 +89,13 @@ def pictured_view(result, folder, index, host):
 
 
 def judged(result, host):
-    """Whether the verdict is on the vehicle: it was held back, or none was."""
+    """Whether the verdict covers the vehicle: it was held out, or no vehicle was."""
     split = {pair["name"]: pair["split"] for pair in result["verdict"]["pairs"]}
     return result["verdict"]["of"] != "held_back" or split.get(host["name"]) == "test"
 
 
 def speaks_against(result):
-    """Sentences: what takes from the figures above, in words of the report."""
+    """Sentences on limitations of the figures above, in words of the report."""
     lines = []
     if result.get("hosts_trained_on"):
         held_back = result["verdict"]["of"] == "held_back"
@@ -126,7 +126,7 @@ def by_distance(hosts):
 
 
 def untested(result):
-    """Sentences: what a reader might take for tested and is not."""
+    """Sentences: properties that a reader might wrongly take for tested."""
     cameras = f"these {len(result['cameras'])} cameras" if "cameras" in result else "one front camera"
     lines = ["A physical object: material, mounting and weather are simulated.",
              "What a tracker makes of the missed frames: each frame was judged alone.",
@@ -151,7 +151,7 @@ def sign_off(environment, hosts):
 def page(environment, result, hosts, folder, model, viewer, origin, signed):
     fig = figures.figure_function(result, origin)
     beside, verdict = result["beside"], result["verdict"]
-    note = result["reliance"]["note"]  # stands in place of statements about images
+    note = result["reliance"]["note"]  # replaces statements about images
     # Those that vanish under Cycles first, then those that are misplaced, then those that the detector finds, the nearest first.
     seen = ["vanished", "misplaced", "found", "not found clean"]
     order = sorted(range(len(hosts)), key=lambda i: ([seen.index(figures.outcome(hosts[i], key)[0])

@@ -40,7 +40,7 @@ def outcomes(folder, seed):
     test = {(h["frame"], h["label"]) for h in json.loads((folder / "run.json").read_text())["test"]}
     own = {(h["frame"], h["label"]): h for h in json.loads((folder / "evaluate" / "result.json").read_text())["outcomes"]}
     found = {}
-    for name in json.loads((folder / "validate" / "result.json").read_text())["hosts"]:  # files of others may lie there, too
+    for name in json.loads((folder / "validate" / "result.json").read_text())["hosts"]:  # other files may be in the folder
         host = json.loads((folder / "validate" / "hosts" / f"{name}.json").read_text())
         vehicle = (host["frame"], host["label"])
         if vehicle not in test or not host.get("detected"):

@@ -1,4 +1,4 @@
-"""A vehicle of a recorded drive as a mesh, from the frames of its track, and that mesh in another frame, as both sensors see it
+"""A vehicle of a recorded drive as a mesh, from the frames of its track, and that mesh in another frame, in both sensors
 (real_to_sim.py). The surface is an implicit one through the registered, mirrored returns (Kolluri, SODA 2005) over a saloon's outline;
 what came back of the rays that met it, and its colours, are those of the same frames."""
 
@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull, cKDTree
 HERE = pathlib.Path(__file__).resolve().parents[2]
 STEP = 0.1  # m, of the grid
 REACH = 0.12  # m, of a return's weight
-FAR = 90.0  # m: where returns of a removed car go along their rays; nothing is recorded beyond 80
+FAR = 90.0  # m: the range of a removed car's returns along their rays; recorded ones end at 80
 LEAST_HEIGHT = 0.25  # m over the label's bottom; lower returns may be the road's
 DEEP = 0.25  # m behind the surface: seen through a window
 BEAMS = np.array(tomllib.loads((HERE / "scenes/rigs/kitti64.toml").read_text())["lidar"]["beams"])
@@ -62,12 +62,12 @@ class Sight:
 
     @property
     def registered(self):
-        """The car's pose in `velo`, which is the label's but for what its returns say."""
+        """The car's pose in `velo`: the label's, corrected by its returns."""
         x, y, yaw = self.shift
         return np.append(from_box(np.array([[x, y, 0]]), self.pose)[0], self.pose[3] + yaw)
 
     def on(self, points, margin=0.2):
-        """Which points (`velo`) are the car's."""
+        """Whether each point (`velo`) lies on the car."""
         p = to_box(points[:, :3], self.pose)
         return (np.abs(p[:, :2]) < self.size[:2] / 2 + margin).all(1) & (p[:, 2] > LEAST_HEIGHT) & (p[:, 2] < self.size[2] + margin)
 
@@ -79,8 +79,8 @@ class Sight:
 # The mesh.
 
 def outer(p, margin=0.25):
-    """Which points are the shell's: near the convex hull of their slice across x, y or z. The rest was seen through windows, or is
-    alone: glare before a plate or a lamp."""
+    """Whether each point belongs to the shell: near the convex hull of their slice across x, y or z. The others were seen through
+    windows, or are isolated: glare before a plate or a lamp."""
     lonely = cKDTree(p).query(p, 6)[0][:, 5]
     near, dense = np.zeros(len(p), bool), lonely < 4 * np.median(lonely)
     q = p[dense]
@@ -89,7 +89,7 @@ def outer(p, margin=0.25):
 
 
 def near_hulls(p, axis, margin, thick=0.15):
-    """Which points are within `margin` of the convex hull of their slice across an axis."""
+    """Whether each point is within `margin` of the convex hull of its slice across an axis."""
     near, others = np.zeros(len(p), bool), [k for k in range(3) if k != axis]
     slices = np.round(p[:, axis] / thick)
     for at in np.unique(slices):
@@ -104,7 +104,7 @@ def near_hulls(p, axis, margin, thick=0.15):
 
 
 def normals_of(p, towards):
-    """Of the planes through each point's neighbours, and how flat these are, 0 ... 1."""
+    """Normals of the planes through each point's neighbours, and the flatness of these, 0 ... 1."""
     _, around = cKDTree(p).query(p, min(20, len(p)))
     near = p[around] - p[around].mean(1, keepdims=True)
     spread, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", near, near))
@@ -113,7 +113,7 @@ def normals_of(p, towards):
 
 
 def outline(grid, size, kind):
-    """Signed distance, about, of a saloon or van of that size."""
+    """Approximate signed distance of a saloon or van of that size."""
     x, y, z = grid[..., 0] / size[0], np.abs(grid[..., 1]), grid[..., 2] / size[2]
     tops = [0.95, 1, 1, 1, 0.65, 0.5] if kind == "Van" else [0.6, 0.85, 1, 1, 0.65, 0.5]
     top = np.interp(x, [-0.5, -0.42, -0.25, 0.1, 0.3, 0.5], tops)
@@ -175,7 +175,7 @@ class Field:
             enters = ((g[:-1] < 0) != (g[1:] < 0))[:, 1:-1, 1:-1]
             quad = np.stack([n[:, :-1, :-1], n[:, 1:, :-1], n[:, 1:, 1:], n[:, :-1, 1:]], -1)[enters]
             outward = (g[:-1] < 0)[:, 1:-1, 1:-1][enters]
-            if axis == 1:  # moving it first exchanged the handedness of the other two
+            if axis == 1:  # the axis order exchanged the handedness of the other two
                 outward = ~outward
             quad[~outward] = quad[~outward][:, ::-1]
             faces += [quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]]
@@ -221,10 +221,10 @@ def surface(sights, rounds=3):
     return field
 
 
-# What both sensors see.
+# Simulation of both sensors.
 
 def without(frame, sight):
-    """The sweep with the car's returns far off along their rays: so each ray stays the one that it was."""
+    """The sweep with the car's returns moved far out along their rays: each ray keeps its direction."""
     points = frame.points.copy()
     gone = sight.on(points)
     origin, direction, _ = rays_of(points[gone])
@@ -233,7 +233,7 @@ def without(frame, sight):
 
 
 def beside(frame, sight, mesh, pose, **settings):
-    """The frame without the car but with a mesh in its place: the Insertion, its returns, and what else is left of the sweep."""
+    """The frame without the car but with a mesh in its place: the Insertion, its returns, and the rest of the sweep."""
     x, y, z, yaw = sight.pose
     length, width, height = sight.size
     built = mirage.Frame(image=frame.image, points=without(frame, sight), intrinsics=frame.intrinsics,
@@ -273,7 +273,7 @@ def against_recording(frame, sight, mesh, pose, returns):
 
 @functools.lru_cache(maxsize=64)
 def read(data, frame_id):
-    """Kept: the fits of a track read the same frames."""
+    """Cached: the fits of a track read the same frames."""
     return mirage.read_frame(data, frame_id)
 
 
@@ -308,7 +308,7 @@ class Material:
         self.back, self.behind = seen["of_car"], np.where(seen["of_car"], seen["recorded"] - seen["range"], 0)
         self.passed = ~self.back & (seen["recorded"] < np.inf) & (seen["recorded"] > seen["range"])
         self.reflectance, self.cosine, self.place = seen["reflectance"], seen["cosine"], self.middle[seen["face"]]
-        # Lasers differ in what they still see of dark paint.
+        # Lasers differ in their sensitivity to dark paint.
         self.sensitivity = np.ones(len(BEAMS))
         key = self.key(self.place, self.cosine, seen["laser"])
         alike = cKDTree(key).query(key, 16)[1]
@@ -329,7 +329,7 @@ class Material:
         return np.clip(np.where(known > 1e-6, top / np.maximum(bottom, 1e-6), np.median(self.reflectance[good > 0])), 0.005, 1)
 
     def drawn(self, random, place, cosine, laser):
-        """Each ray fares as one of the most alike that the fit has: (came back, how far behind, passed, reflectance)."""
+        """Each ray has the outcome of a similar ray of the fit: (came back, how far behind, passed, reflectance)."""
         alike = self.tree.query(self.key(place, cosine, laser), 8)[1]
         one = alike[np.arange(len(place)), random.integers(0, 8, len(place))] % len(self.back)
         return self.back[one], self.behind[one], self.passed[one], self.reflectance[one]
@@ -356,7 +356,7 @@ def project(frame, p_velo):
 
 
 def painted(data, sights, vertices, faces, c=4, views=5):
-    """The mesh that the camera sees: texels are medians of the photographs' colours. Also each sight's brightness beside the texels."""
+    """The painted mesh: texels are medians of the photographs' colours. Also each sight's brightness beside the texels."""
     places = texel_places(vertices, faces, c).reshape(-1, 3)
     face = np.repeat(np.arange(len(faces)), c * c)
     corner = vertices[faces]
@@ -412,7 +412,7 @@ class Fit:
         numbers = np.array([int(s.id[-6:]) for s in self.sights])
         near = np.argsort(np.abs(numbers - at))[:4]
         self.exposure = float(np.nanmedian(bright[near])) if np.isfinite(bright[near]).any() else 1.0
-        # What the label is off by, as those before and after are off their returns.
+        # The label's offset, as the labels before and after are offset from their returns.
         shifts = np.array([s.shift for s in self.sights])
         self.shift = np.array([np.interp(at, numbers, shifts[:, k]) for k in range(3)])
 

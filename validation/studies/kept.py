@@ -1,4 +1,4 @@
-"""What a study finds in its folder is its own: each folder says what it was made of, and one of another make is refused."""
+"""Guards the results in a study's folder: the folder records its inputs, and another study's is refused."""
 
 import functools
 import hashlib
@@ -15,7 +15,7 @@ SAYS = "made-of.json"
 
 
 def content(*files):
-    """Of these files together."""
+    """A hash of these files together."""
     digest = hashlib.sha256()
     for file in files:
         digest.update(hashlib.sha256(pathlib.Path(file).read_bytes()).digest())
@@ -24,14 +24,14 @@ def content(*files):
 
 @functools.cache
 def program(file):
-    """A program or module of ours by content, with the plugins and weights beside it."""
+    """A hash of a program or module of ours, with the plugins and weights beside it."""
     plugins = (pathlib.Path(file).parent / "plugins").resolve()
     return content(file, *(each for kind in ("*.so", "*.weights") for each in sorted(plugins.rglob(kind))))
 
 
 @functools.cache
 def listing(folder):
-    """A data set by its files' names, sizes and times of change, none of which is read."""
+    """A hash of a data set by its files' names, sizes and modification times; reads no file."""
     told = []
     for parent, _, names in os.walk(folder, followlinks=True):
         for name in names:
@@ -41,7 +41,7 @@ def listing(folder):
 
 
 def require_same(folder, **of):
-    """Begins FOLDER with what it is made of, or goes on in one that says the same. Else the program ends, with what differs."""
+    """Records the inputs in FOLDER, or resumes if they are equal. Otherwise the program ends, and names the difference."""
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / SAYS
     if not file.exists():
@@ -55,7 +55,7 @@ def require_same(folder, **of):
 
 
 def result(folder, mirage, arguments, threads=0, **of):
-    """What a command of mirage wrote into FOLDER; it runs unless its result is there. `of`: what else it is made of."""
+    """The result of a command of mirage in FOLDER; runs it unless the result exists. `of`: its further inputs."""
     require_same(folder, command=" ".join(str(a) for a in arguments), program=program(mirage), **of)
     file = folder / "result.json"
     if not file.exists():
@@ -64,7 +64,7 @@ def result(folder, mirage, arguments, threads=0, **of):
 
 
 def origin(of):
-    """Which program a result of mirage is by, and when."""
+    """The program and date of a result of mirage."""
     return {key: of["provenance"][key] for key in ("commit", "date") if key in of["provenance"]}
 
 

@@ -3,13 +3,12 @@
 //     mirage_light_study DATA MESHES OUT [VEHICLES [SAMPLES]]
 //
 // MESHES: adversaries (.glb) with commas between them, of which the vehicles take one each in turn, or
-// "random": another random mesh for each. VEHICLES (4): the nearest cars of DATA, one a frame; "all":
-// every usable car of every frame; "1/5": of all, nearest first, each fifth. They are lit by the default
-// light with the sun 40° up, 30° beside the line behind the camera (front) or beyond the vehicle (back).
-// Cycles renders each with everything (sun of 0.53° with shadows, occluded sky, 4 bounces, specular; host and
-// road as unseen surroundings), as two independent halves of SAMPLES (64). The rasteriser draws with hard
-// edges and 8×8 samples a pixel.
-// What is measured of a vehicle is kept in OUT and not measured again while it is made of the same
+// "random": another random mesh for each. VEHICLES (4): the nearest cars of DATA, one a frame; "all": every
+// usable car of every frame; "1/5": of all, nearest first, each fifth. They are lit by the default light with
+// the sun 40° up, 30° beside the line behind the camera (front) or beyond the vehicle (back). Cycles renders
+// each with everything (sun of 0.53° with shadows, occluded sky, 4 bounces, specular; host and road as unseen
+// surroundings), as two independent halves of SAMPLES (64). The rasteriser draws with hard edges and 8×8
+// samples a pixel. A vehicle's measurements are kept in OUT and reused while their provenance is the same
 // (base/provenance.h): program, frame, mesh, models' settings.
 //
 // Over the pixels that the object covers by more than half, of scene-linear RGB, all as shares of the
@@ -111,7 +110,7 @@ std::vector<Place> places(FrameStore& store, const std::filesystem::path& data, 
   return chosen;
 }
 
-/// What Cycles made of one vehicle under one sun.
+/// Cycles' render of one vehicle under one sun.
 struct Reference {
   Halves halves;
   ImageF mean, mask;

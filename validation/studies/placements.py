@@ -36,7 +36,7 @@ def cube_at(place, out):
 
 
 def judged(options, folder, attack):
-    """The evaluation of the attack on as many frames as it takes: each says how many hosts a frame has."""
+    """The evaluation of the attack on as many frames as needed: each gives the hosts per frame."""
     frames = sorted(file.stem for file in (options.judge / "training" / "velodyne").iterdir())
     count, result = min(FIRST_FRAMES, len(frames)), None
     while True:

@@ -36,7 +36,7 @@ def srgb(linear):
 
 
 class Writer:
-    """Frames in KITTI's object layout: those with a car of the fit beside the recorded ones, under the same numbers."""
+    """Frames in KITTI's object layout: those with a fitted car beside the recorded ones, under the same numbers."""
 
     def __init__(self, data, folder):
         self.data, self.folder = data / "training", folder
@@ -111,7 +111,7 @@ def overlap(a, b):
 
 
 def over_vehicles(values, vehicles, statistic, seed=0, times=2000):
-    """Of one value a vehicle, the mean of its frames': the statistic with its 95 % bootstrap interval."""
+    """The statistic over vehicles, each with the mean of its frames, and its 95 % bootstrap interval."""
     known = [(v, x) for v, x in zip(vehicles, values) if x is not None and np.isfinite(x)]
     each = np.array([np.mean([x for w, x in known if w == v]) for v in dict.fromkeys(v for v, _ in known)])
     if not len(each):
@@ -215,7 +215,7 @@ def compare(options, writer, name, track, judged):
 
 
 def detected(options, arm, detector):
-    """The folder of its answers."""
+    """The folder of the detector's answers on an arm."""
     return options.out / "detections" / f"{arm} {detector}"
 
 
@@ -246,7 +246,7 @@ def chosen(track, count, apart):
 
 
 def stands(data, track):
-    """Whether its place in the world is one and the same, by the car's own poses."""
+    """Whether its place in the world stays the same, by the ego vehicle's poses."""
     sequence = data / "training"
     name = track[0].id[:4]
     rows = np.loadtxt(sequence / "oxts" / f"{name}.txt")[:, :6]
@@ -279,7 +279,7 @@ def dark_law(rays, power=DARK_POWER):
 
 
 def figures(rows):
-    """What the rows say, over vehicles."""
+    """Summary of the rows, over vehicles."""
     vehicles = [row["vehicle"] for row in rows]
     def of(value, statistic=np.median):
         return over_vehicles([value(row) for row in rows], vehicles, statistic)
@@ -291,7 +291,7 @@ def figures(rows):
                                             lambda x: np.mean(np.abs(x - 1) <= 0.1)),
                             "sum_within_35_m": total(near, "returns", arm)}
                       for arm in ("fitted", *EFFECTS, "cuboid")}
-    out["redrawn"] = of(lambda r: abs(r["returns"]["redrawn"] / r["returns"]["fitted"] - 1))  # what chance alone is worth
+    out["redrawn"] = of(lambda r: abs(r["returns"]["redrawn"] / r["returns"]["fitted"] - 1))  # the effect of chance alone
     out["below_windows_within_35_m"] = {
         arm: {"off": over_vehicles([abs(r["below_windows"][arm] / r["below_windows"]["recorded"] - 1) for r in near],
                                    [r["vehicle"] for r in near], np.median),

@@ -46,7 +46,7 @@ plt.rcParams.update({
 
 
 def floor(points, error):
-    """Where errors of zero are drawn on a logarithmic axis."""
+    """The place of zero errors on a logarithmic axis."""
     positive = [p["errors"][error] for p in points if p["errors"][error] > 0]
     return min(positive) / 3 if positive else 1e-12
 

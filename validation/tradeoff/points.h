@@ -18,21 +18,21 @@ namespace mirage {
 struct TradeoffPoint {
   std::string group, axis, label;
   nlohmann::json settings = {};                    ///< what the group varies, in words for files
-  std::optional<SimulationSettings> drawing = {};  ///< of the camera's: how it drew
-  double ms = 0;           ///< what it costs a host; over several: ratio · baseline_ms
-  double baseline_ms = 0;  ///< of the group's baseline, timed beside it
-  double ratio = 1;        ///< own / baseline, the median over repeats
+  std::optional<SimulationSettings> drawing = {};  ///< of a camera point: how it drew
+  double ms = 0;                                   ///< cost on a host; over several: ratio · baseline_ms
+  double baseline_ms = 0;                          ///< of the group's baseline, timed beside it
+  double ratio = 1;                                ///< own / baseline, the median over repeats
   std::map<std::string, double> errors = {};
   std::vector<std::string> front = {};  ///< errors on whose front the point lies
 
-  /// Of the camera's, in 8-bit levels.
+  /// Image error of a camera point, in 8-bit levels.
   double image_error() const { return errors.at("image_levels"); }
-  /// With finite differences.
+  /// Cosine of its gradient with finite differences.
   double gradient_cosine() const { return errors.at("gradient_cosine"); }
 };
 
 /// Times own() beside baseline() for the point, in alternation: CPU time of this thread, medians over
-/// repeats; none of more follows two that take longer than `long_ms`, which vary little.
+/// repeats. It stops at two repeats if own() takes longer than `long_ms`, because long times vary little.
 void time_beside(TradeoffPoint& point, int repeats, const std::function<void()>& baseline,
                  const std::function<void()>& own, double long_ms = std::numeric_limits<double>::infinity());
 
@@ -46,11 +46,11 @@ void mark_front(std::vector<TradeoffPoint>& points, const std::string& group, co
 
 nlohmann::json to_json(const TradeoffPoint& point);
 
-/// What --quality NAME would be by the measured points.
+/// The settings for --quality NAME by the measured points.
 struct Recommendation {
   std::string name, rule;
   const TradeoffPoint* point = nullptr;    ///< null where no point satisfies the rule
-  const TradeoffPoint* shipped = nullptr;  ///< what --quality NAME is today; null where that is not asked for
+  const TradeoffPoint* shipped = nullptr;  ///< --quality NAME as shipped today; null if that is not asked for
 };
 
 /// The rule, over the camera's points that an attack could use (axis "grid"; `standard` is today's default):

@@ -60,7 +60,7 @@ PreparedFrame shrink(const PreparedFrame& prepared, int factor) {
   return small;
 }
 
-/// Where pixel u of the whole picture lies between the small one's pixels.
+/// The place of pixel u of the whole picture between the small picture's pixels.
 struct Between {
   int first, second;
   float share;  ///< of the second
@@ -94,7 +94,7 @@ constexpr int kMinCount = 8;  // hits that a host needs
 
 enum class Arithmetic { embree, face, plain };
 
-/// What a ray met.
+/// The hit of a ray.
 struct Met {
   int face = -1;
   double range = 0;

@@ -1,6 +1,6 @@
 // The camera's side of the speed–accuracy study: one host, drawn in many ways.
 //
-// Against what a drawing is measured:
+// The references that a drawing is measured against:
 //   image     hard edges (the nearest face, no σ, no γ) by the plain loop in double, reference_samples²
 //   samples
 //             a pixel, over the pixels that the object touches and one beyond;
@@ -36,14 +36,14 @@ class CameraStudy {
   /// m, root mean square of a vertex's move along a direction.
   static constexpr double kStep = 4e-3;
 
-  /// Of the object's pixels: image_levels (mean |Δ|, 8-bit sRGB), image_mae, image_max (scene-linear).
+  /// Over the object's pixels: image_levels (mean |Δ|, 8-bit sRGB), image_mae, image_max (scene-linear).
   /// Agreement of the gradient with finite differences (gradient_cosine, gradient_norm, gradient = 1 − the
   /// cosine), with the double reference's (double_*) and with the hard render's to the texels (texel_*).
   std::map<std::string, double> errors(const CameraVariant& variant) const;
   /// Forward and VJP, beside the baseline. Call it with one thread (set_thread_count).
   void time(const CameraVariant& variant, TradeoffPoint& point) const;
 
-  /// Agreement of the finite differences with those of half the step: what their own noise leaves.
+  /// Agreement of the finite differences with those of half the step: the limit that their own noise sets.
   double self_cosine() const { return self_cosine_; }
   /// Agreement of the double reference with the finite differences.
   Agreement sharp_agreement() const { return sharp_agreement_; }
@@ -87,9 +87,9 @@ class CameraStudy {
 
 // The LiDAR's side: the rays of one sweep that can meet one host's object, traced in several ways.
 //
-// Reference: every ray against every face by Möller–Trumbore in double, the nearest hit. A ray that is left
-// out takes the range of the nearest traced one of its beam. The gradient is that of Σ w·range, with w a
-// fixed smooth weight over the rays, to the placed vertices; where rays are left out the traced ones count
+// Reference: every ray against every face by Möller–Trumbore in double, the nearest hit. A ray that is
+// not traced takes the range of the nearest traced ray of its beam. The gradient is that of Σ w·range, with w
+// a fixed smooth weight over the rays, to the placed vertices; where rays are left out the traced ones count
 // for them.
 
 /// Points of group "lidar". Axes: "arithmetic" (Embree's own float range; its face and the range in double,

@@ -43,9 +43,7 @@ Subjects choose_subjects(const TradeoffSettings& settings, const Run* run, Frame
     all = evenly(all, as_size(4 * settings.hosts));
   } else {
     const auto frames = evenly(list_frames(settings.source.data), as_size(settings.frames));
-    const LabelCensus census = count_labels(settings.source.data, frames);
-    require_cars(census, "a trade-off");
-    warn_of_labels(census);
+    check_labels(settings.source.data, frames, "a trade-off");
     for (const Host& host : find_all_hosts(store, frames, kRegion, {}, kInView)) all.push_back(host.id);
   }
   if (all.empty())

@@ -1,5 +1,5 @@
-// What a speed–accuracy study is asked for, and what it is made on: an adversary, the hosts that carry it,
-// and the camera settings that it goes through.
+// The settings and subjects of a speed–accuracy study: an adversary, the hosts that carry it, and the camera
+// settings to compare.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@ namespace mirage {
 
 struct TradeoffSettings {
   Overrides overrides;             ///< in place of the run's settings, or of the defaults
-  FrameSource source;              ///< what follows; filled in by tradeoff()
+  FrameSource source;              ///< the frames; filled in by tradeoff()
   std::filesystem::path run, out;  ///< run: whose adversary and hosts; empty: a random mesh on any car
   TrustRun trust = TrustRun::no;   ///< whether code that the run names may be loaded
   int hosts = 8, frames = 12, repeats = 5;
@@ -102,7 +102,7 @@ class OneThread {
 struct CameraVariant {
   std::string axis, label;
   SimulationSettings simulation;
-  /// The picture is drawn at 1/shrink of its width and height, and what it changes is enlarged (bilinear).
+  /// The picture is drawn at 1/shrink of its width and height, and its change is enlarged (bilinear).
   int shrink = 1;
 };
 
@@ -116,7 +116,7 @@ std::vector<CameraVariant> axis_variants(const SimulationSettings& baseline);
 /// quality are among them.
 std::vector<CameraVariant> grid_variants(const SimulationSettings& baseline);
 
-/// What a point's "settings" hold.
+/// A point's "settings".
 nlohmann::json settings_json(const CameraVariant& variant);
 
 }  // namespace mirage

@@ -174,8 +174,7 @@ void add_depth_points(TradeoffResult& result, const TexturedMesh& adversary) {
   options.data = settings.source.data;
   options.frames = as_size(settings.depth_frames);
   options.seed = settings.seed;
-  auto ids = list_frames(settings.source.data);
-  if (ids.size() > options.frames) ids.resize(options.frames);
+  const auto ids = list_frames(settings.source.data, options.frames);
   const bool truth = std::all_of(ids.begin(), ids.end(), [&](const std::string& id) {
     return std::filesystem::exists(true_depth_file(settings.source.data, id));
   });
@@ -327,7 +326,7 @@ std::vector<TradeoffPoint> cycles_points(const TradeoffSettings& settings, const
     job.samples = settings.cycles_samples;
     job.effects = full_effects(kUnseen);
     const Rendered reference = renderer->render(job);
-    ++job.seed;  // of what is compared with it, so that noise of one seed does not cancel
+    ++job.seed;  // another seed than the compared render's, so that noise does not cancel
     const ImageF background = crop(photograph, job.rect), right = over(reference, background);
     const ImageF mask = alpha_mask(reference.rgba);
     const double mean = mean_of(right, mask), share = 1.0 / static_cast<double>(hosts.size());
@@ -365,7 +364,7 @@ std::vector<TradeoffPoint> cycles_points(const TradeoffSettings& settings, const
 /// Names of the plots that validation/tradeoff/plot.py made beside its page.
 std::vector<std::string> plot(const std::filesystem::path& out) {
   const std::vector<std::string> plots = {"tradeoff.png", "tradeoff.svg"};
-  // None of an earlier study stays where Python fails.
+  // If Python fails, no plot of an earlier study stays.
   std::filesystem::remove(out / "tradeoff.html");
   for (const std::string& name : plots) std::filesystem::remove(out / name);
   std::string output;

@@ -1,4 +1,4 @@
-// What a speed–accuracy study measured.
+// The results of a speed–accuracy study.
 #pragma once
 
 #include <cstddef>
@@ -39,8 +39,8 @@ nlohmann::json to_json(const TimedAttack& attack);
 /// For each quality, then for whole passes, bfloat16 and a locality of 4 m at the default quality: an attack
 /// of settings.attack_seconds of iterations on the data set's training vehicles (made anew; once it is
 /// finished it is OUT/attack_NAME), then its success on the held-back ones, simulated at `exact` and detected
-/// in float over what the object changes for all alike. What the attacks reach depends on the machine. None
-/// if attack_seconds is 0.
+/// in float over what the object changes for all alike. The attacks' success depends on the machine. Empty if
+/// attack_seconds is 0.
 std::vector<TimedAttack> attack_study(const TradeoffSettings& settings);
 
 // The detector's side of the speed–accuracy study: one attack step of a host (simulation, detector,
@@ -56,7 +56,7 @@ std::vector<TimedAttack> attack_study(const TradeoffSettings& settings);
 std::vector<TradeoffPoint> detector_points(const DetectorOptions& options, const std::vector<StepHost>& hosts,
                                            const TexturedMesh& adversary, int repeats);
 
-/// What the camera's references are worth; means over hosts.
+/// The quality of the camera's references; means over hosts.
 struct CameraReference {
   double self_cosine = 0;   ///< CameraStudy::self_cosine
   Agreement sharp;          ///< CameraStudy::sharp_agreement
@@ -64,7 +64,7 @@ struct CameraReference {
 };
 
 struct TradeoffResult {
-  TradeoffSettings settings;          ///< `source`: what was measured on
+  TradeoffSettings settings;          ///< `source`: the frames that were used
   std::vector<HostId> hosts;          ///< by distance
   std::size_t frames = 0;             ///< that they stand in
   std::vector<TradeoffPoint> points;  ///< of all groups, their fronts marked
@@ -75,7 +75,7 @@ struct TradeoffResult {
   std::optional<std::vector<std::string>> plots;
   std::filesystem::path page;  ///< empty if there is none
 
-  /// By the camera's points, what is shipped beside each; none without the grid. They point into `points`.
+  /// By the camera's points, each beside the shipped setting; empty without the grid. Points into `points`.
   std::vector<Recommendation> recommended() const;
 };
 
@@ -86,12 +86,12 @@ nlohmann::json to_json(const Recommendation& advice);
 /// recommended, attack, plots?, page?}
 nlohmann::json to_json(const TradeoffResult& result);
 
-// The speed–accuracy study: every setting that trades the one for the other, measured on the same hosts in
-// the same run, with the fronts and the settings that follow from them (`mirage tradeoff`).
+// The speed–accuracy study: every setting that trades speed for accuracy, measured on the same hosts in the
+// same run, with the fronts and the settings that follow from them (`mirage tradeoff`).
 
 /// Runs it, writes OUT/tradeoff.json (to_json of the result without its plots and page), and with matplotlib
 /// OUT/tradeoff.{png,svg} and tradeoff.html. InputError for numbers out of range, and if no vehicle can be
-/// used. `start`: of settings.cycles.
+/// used. `start`: starts the renderer of settings.cycles.
 TradeoffResult tradeoff(const TradeoffSettings& settings, const StartReference& start = {});
 
 }  // namespace mirage

@@ -85,8 +85,8 @@ std::vector<ViewDetections> shown_of(const JsonFields& vehicle, DriveVersion ver
   return all;
 }
 
-/// What the drive was asked for in place of its run's settings. A folder of somebody else's may name code:
-/// that is loaded for a user who trusts it.
+/// The overrides that the drive was given for its run's settings. A foreign folder may name code, which is
+/// loaded only if the user trusts it.
 Overrides overrides_of(const fs::path& file, const JsonFields& result, TrustRun trust) {
   const JsonFields stored = result.object("asked");
   Overrides overrides;
@@ -103,7 +103,7 @@ Overrides overrides_of(const fs::path& file, const JsonFields& result, TrustRun 
   return overrides;
 }
 
-/// Where the object is.
+/// The file or folder of the object.
 fs::path object_file(const JsonFields& result, const DriveChoice& choice) {
   return choice.run.empty() ? fs::path(result.text("object")) : choice.run;
 }
@@ -118,8 +118,8 @@ Run object_of(const fs::path& file, const JsonFields& result, const DriveChoice&
   return run_of_objects(read_objects({object}));
 }
 
-/// InputError for an object, or for frames and what prepares them, that are not, by content, those that the
-/// drive judged: its verdict is of nothing else.
+/// InputError if the object, the frames or their preparation differ in content from those that the drive
+/// judged: its verdict holds only for those.
 void require_same_inputs(const JsonFields& provenance, const Run& run, const fs::path& object,
                          const fs::path& drive) {
   const JsonFields inputs = provenance.object("inputs"), settings = provenance.object("settings");

@@ -1,5 +1,5 @@
-// A vehicle of a finished `mirage drive` for `mirage view`: what was found and followed is the drive's own,
-// read from its folder; pictures and returns are simulated again.
+// A vehicle of a finished `mirage drive` for `mirage view`: detections and tracks are read from the drive's
+// folder; pictures and returns are simulated again.
 #pragma once
 
 #include <filesystem>
@@ -16,7 +16,7 @@
 
 namespace mirage {
 
-/// Which vehicle, and what stands in place of the drive's own.
+/// The vehicle, and replacements for the drive's object and data.
 struct DriveChoice {
   std::filesystem::path drive;  ///< folder of mirage drive
   std::string vehicle;  ///< SEQUENCE_TRACK; empty: the one whose gap of detection the object prolongs most
@@ -27,9 +27,9 @@ struct DriveChoice {
 
 class DriveView {
  public:
-  /// InputError if the folder is no finished drive, holds another vehicle's name (it tells which there are),
-  /// was made of code that is not trusted, if the data set lacks a frame of the vehicle's, or if the object
-  /// or the drive's frames are not, by content, those that it judged.
+  /// InputError if the folder is not a finished drive, lacks that vehicle (the error lists the vehicles), or
+  /// needs untrusted code; if the data set lacks a frame of the vehicle; or if the object or the frames
+  /// differ in content from those that the drive judged.
   explicit DriveView(const DriveChoice& choice);
 
   /// The frames in which the vehicle is labelled, in their order.
@@ -46,7 +46,7 @@ class DriveView {
   void add(ViewFrame& view);
 
  private:
-  /// What one version's frames showed.
+  /// The detections of one version, by frame.
   using Shown = std::vector<ViewDetections>;
 
   Run run_;
@@ -54,7 +54,7 @@ class DriveView {
   std::string name_, object_, detector_;
   double score_threshold_ = 0;
   Shown clean_, attacked_;
-  bool learned_on_ = false;  ///< whether the object was learned on the vehicle, in whatever frame
+  bool learned_on_ = false;  ///< whether the object was learned on the vehicle, in any frame
   std::vector<std::string> frames_;
   std::map<std::string, std::size_t> places_;  ///< of frames
   std::vector<HostId> hosts_;

@@ -21,7 +21,7 @@ struct ViewTrack {
   bool detected = false;  ///< else it coasts
 };
 
-/// A list of boxes and who found them.
+/// The boxes that were found in one frame, and the tracks.
 struct ViewDetections {
   std::vector<KittiDetection> found;
   bool looked = false;  ///< the frame was looked at: no boxes means that nothing was found
@@ -32,11 +32,11 @@ struct ViewDetections {
 struct ViewAttack {
   std::string name;  ///< host_name()
   int label = 0;     ///< of the host
-  /// Whose detection is judged, where it is not the host's: with Victim::neighbour that label's, with
-  /// Victim::object the object's own.
+  /// The label whose detection is judged, if not the host's: the neighbour's with Victim::neighbour, the
+  /// object's own with Victim::object.
   std::optional<int> victim = {};
   std::optional<Label> object = {};  ///< in_a_camera()
-  /// What changed of a camera's picture.
+  /// The changed part of a camera's picture.
   struct Patch {
     std::size_t camera = 0;  ///< by its number
     PixelRect rect;
@@ -61,8 +61,8 @@ struct ViewFrame {
 /// label in whose box they lie.
 void find_instances(const std::filesystem::path& data, ViewFrame& view);
 
-/// What the object changes of the frame on that host, but for who finds what: `outcome` has visible, returns
-/// and removed. `prepared`: of view.frame.
+/// The changes that the object on that host makes to the frame, without detections: `outcome` has visible,
+/// returns and removed. `prepared`: of view.frame.
 ViewAttack attack_of(const ViewFrame& view, const PreparedFrame& prepared, const HostId& host,
                      const Simulated& simulated);
 
@@ -70,7 +70,7 @@ ViewAttack attack_of(const ViewFrame& view, const PreparedFrame& prepared, const
 struct PackSettings {
   int quality = 85;  ///< of the JPEG picture
   int step =
-      1;  ///< one return of so many is kept, but all within labelled boxes and all that the object hides
+      1;  ///< one return in `step` is kept, and all within labelled boxes and all that the object hides
 };
 
 struct PackedFrame {
@@ -80,7 +80,7 @@ struct PackedFrame {
   double lowest = 0, highest = 0, brightest = 0;  ///< 1 % and 99 % quantiles of z (m), 99 % of reflectance
 };
 
-/// The frame in at most `limit` characters, thinned from `start` on as far as it must. The container: the
+/// The frame in at most `limit` characters, thinned from `start` on as far as needed. The container: the
 /// JSON's length (4 bytes, little endian), the JSON, and blobs that it names as [offset, length]: for each of
 /// `cameras` its `photo` (JPEG), `points` (packed_points), for each of `attacks` its `patches` (JPEG),
 /// `removed` (indices of kept points, 4 bytes each) and `added` (packed_points). InputError, naming --size,

@@ -226,17 +226,22 @@ function refresh() {
   draw();
 }
 
-// [frame, vehicle] of the vehicles that became one of `words`, in the page's order.
-const attacked = words => told.attacks.flatMap((of, frame) => of.flatMap((word, vehicle) => words.includes(word) ? [[frame, vehicle]] : []));
-
-// Which vehicles N and P step through, and how many they are.
-const AMONG = [["all", told.drive ? "All frames" : "All vehicles", ["hidden", "found", "unfound", ""]], ["hidden", "Hidden", ["hidden"]],
-               ["found", "Still found", ["found"]], ["unfound", `Not found ${before}`, ["unfound"]]]
-  .map(([name, text, words]) => ({name, text, vehicles: attacked(words)}));
+// Which vehicles N and P step through: [frame, vehicle, distance] each. The page's order for all and for a drive,
+// else the nearest first. Vehicles that the object was learned on are no evidence and have a group of their own.
+const everyOne = told.attacks.flatMap((of, frame) => of.map(([word, distance], vehicle) => ({word, at: [frame, vehicle, distance]})));
+const later = (a, b) => a[0] - b[0] || a[1] - b[1], farther = (a, b) => a[2] - b[2] || later(a, b);
+const group = (name, text, of) => {
+  const order = told.drive || name === "all" ? later : farther;
+  return {name, text, order, vehicles: everyOne.filter(({word}) => name === "all" || word === name).map(({at}) => at).sort(order), of};
+};
+const foundClean = everyOne.filter(({word}) => word === "hidden" || word === "found").length;
+const AMONG = [group("all", told.drive ? "All frames" : "All vehicles"), group("hidden", "Hidden", foundClean), group("found", "Still found", foundClean),
+               group("unfound", `Not found ${before}`), group("learned", "Learned on")]
+  .filter(({name, vehicles}) => name === "all" || told.detector && (name !== "learned" || vehicles.length));
 
 function jump(forward) {
-  const {vehicles} = AMONG[byId("among").querySelector("select").selectedIndex];
-  const here = [state.index, state.vehicle], after = ([f, v]) => f - here[0] || v - here[1];
+  const {vehicles, order} = AMONG[byId("among").querySelector("select").selectedIndex];
+  const here = [state.index, state.vehicle, told.attacks[state.index][state.vehicle]?.[1] ?? 0], after = at => order(at, here);
   const next = forward ? vehicles.find(at => after(at) > 0) ?? vehicles[0] : vehicles.findLast(at => after(at) < 0) ?? vehicles.at(-1);
   return next && show(...next);
 }
@@ -258,7 +263,7 @@ function follow() {
     const index = told.frames.indexOf(id);
     if (index >= 0) return show(index, name);
   }
-  return show(...(!drive && AMONG[1].vehicles[0] || [0])); // a hidden vehicle, if there is one
+  return show(...(!drive && AMONG[1]?.vehicles[0] || [0])); // the nearest hidden vehicle, if there is one
 }
 
 // `vehicle`: its place among those of the frame, or its name.
@@ -406,8 +411,8 @@ for (const [kind, name, there] of KINDS.filter(kind => kind[2])) {
   input.onchange = () => { state.layers[kind] = input.checked; refresh(); };
 }
 const among = byId("among").querySelector("select");
-for (const {text, vehicles} of AMONG.filter(one => told.detector || one.name === "all")) among.add(new Option(`${text} (${vehicles.length})`));
-if (told.detector && AMONG[1].vehicles.length) among.selectedIndex = 1;
+for (const {text, vehicles, of} of AMONG) among.add(new Option(`${text} (${vehicles.length}${of === undefined ? "" : ` of ${of}`})`));
+if (AMONG[1]?.vehicles.length) among.selectedIndex = 1;
 byId("next").onclick = () => jump(true);
 addEventListener("hashchange", follow);
 byId("what").textContent = told.data + (drive ? `, ${drive.name} with ${told.run}` : told.run ? `, attacked by ${told.run}` : "");

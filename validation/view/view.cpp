@@ -23,6 +23,7 @@
 #include "frames/data_check.h"
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
+#include "geometry/box.h"
 #include "scene/data/read_frames.h"
 #include "validation/fidelity/validate.h"
 #include "validation/view/drive_view.h"
@@ -36,7 +37,7 @@ using nlohmann::json;
 
 constexpr double kMegabyte = 1e6;
 
-/// A run's adversary on its hosts, and what its detector says.
+/// A run's adversary on its hosts, and its detector's response.
 class Attacker {
  public:
   /// `shown`: the vehicles of all frames.
@@ -55,9 +56,9 @@ class Attacker {
   }
 
   const std::string& detector() const { return name_; }
-  /// How its boxes are compared; as they are made for without a detector.
+  /// How its boxes are compared; the default without a detector.
   Matching matching() const { return evaluation_.matching; }
-  /// Whether what stands there is judged, and as recorded a plain object in its place.
+  /// Whether the object itself is judged; the recorded frame then has a plain object in its place.
   bool judges_object() const { return run_.settings.placement.victim == Victim::object; }
 
   void add(ViewFrame& view, const std::vector<HostId>& hosts) {
@@ -133,15 +134,15 @@ class Attacker {
   std::string name_;
 };
 
-/// What the page counts and filters by.
+/// The word by which the page counts and filters: "hidden", "found", "unfound"; "" without a detector.
 std::string outcome_word(const json& outcome) {
   if (!outcome.contains("detected")) return "";
   if (!outcome.at("detected").get<bool>()) return "unfound";
   return outcome.at("hidden").get<bool>() ? "hidden" : "found";
 }
 
-/// What stands before the frames in the page, and after them: page.html with each {{NAME}} replaced by the
-/// shipped file of that name.
+/// The parts of the page before and after its frames: page.html with each {{NAME}} replaced by the shipped
+/// file of that name.
 std::pair<std::string, std::string> page_around() {
   std::string page = read_file(shipped_file("validation/view/page.html"));
   std::size_t frames = 0;
@@ -205,12 +206,11 @@ json make_view(const ViewSettings& requested) {
       if (const auto given = settings.overrides.find(of_object); given != settings.overrides.end())
         throw FieldError(of_object, given->second, "tells of an object, and there is none",
                          "give --run or --drive with it");
-    ids = list_frames(settings.data);
+    ids = list_frames(settings.data, as_size(settings.frames));
     if (settings.overrides.contains("cameras"))
       cameras = parse_word<Cameras>(settings.overrides.at("cameras"), "cameras");
     check_data(settings.data, settings.overrides.contains("rig") ? settings.overrides.at("rig") : "",
                UnitUse::reads_sweeps);
-    if (settings.frames > 0 && ids.size() > as_size(settings.frames)) ids.resize(as_size(settings.frames));
   }
   warn_of_labels(count_labels(settings.data, ids));
   std::optional<DetectionFiles> file;
@@ -240,8 +240,7 @@ json make_view(const ViewSettings& requested) {
   double lowest = std::numeric_limits<double>::infinity(), highest = -lowest, brightest = 0;
   double faintest = 0;  // of the file's scores, which may be logits
   std::size_t points = 0, kept = 0, vehicles = 0, trained_on = 0, hidden = 0;
-  json attacks =
-      json::array();  // a frame's vehicles each: "hidden", "found", "unfound"; "" without a detector
+  json attacks = json::array();  // a frame's vehicles each: its word and its distance in m
   Progress progress("view", ids.size(), settings.quiet);
   const std::size_t batch = 2 * as_size(std::max(1, thread_count()));
   for (std::size_t first = 0; first < ids.size(); first += batch) {
@@ -276,9 +275,12 @@ json make_view(const ViewSettings& requested) {
       vehicles += views[i].attacks.size();
       json& of_frame = attacks.emplace_back(json::array());
       for (const ViewAttack& attack : views[i].attacks) {
-        if (attack.outcome.at("learned_on").get<bool>()) ++trained_on;
-        of_frame.push_back(outcome_word(attack.outcome));
-        if (of_frame.back() == "hidden") ++hidden;
+        const bool learned = attack.outcome.at("learned_on").get<bool>();
+        if (learned) ++trained_on;
+        const std::string word = learned && !drive ? "learned" : outcome_word(attack.outcome);
+        if (word == "hidden") ++hidden;
+        const Label& host = views[i].frame.labels.at(as_size(attack.label));
+        of_frame.push_back({word, std::round(10 * horizontal_distance(host.box.bev)) / 10});
       }
     }
     progress.update(first + count);

@@ -93,7 +93,7 @@ class MirageEngine(bpy.types.RenderEngine):
 
     def hand_over(self, view_layer, color, depth):
         height, width = depth.shape
-        result = self.begin_result(0, 0, width, height, layer=view_layer)  # else one with all view layers
+        result = self.begin_result(0, 0, width, height, layer=view_layer)  # otherwise all view layers
         if not result:
             return
         try:

@@ -49,7 +49,7 @@ def has_denoiser():
 
 
 def found():
-    """What the worker reports as JSON when it starts: the names chosen, None for a missing one."""
+    """The worker's report as JSON when it starts: the chosen names, None for a missing one."""
     material = bpy.data.materials.new("asked")
     material.use_nodes = True
     node = material.node_tree.nodes.new("ShaderNodeBsdfPrincipled")

@@ -1,6 +1,6 @@
 """Imports a Mirage scene (.glb) into Blender. Blender's own importer reads the geometry, with the nodes and UVs that any viewer
-gets. What glTF cannot express (principal point, the whole light model, texels beyond 8 bits, the photograph) comes from the
-file's extras. Blender's world is Mirage's `velo`: the importer converts glTF's axes (y up) to Blender's (z up)."""
+gets. Values that glTF cannot express (principal point, the whole light model, texels beyond 8 bits, the photograph) come
+from its extras. Blender's world is Mirage's `velo`: the importer converts glTF's axes (y up) to Blender's (z up)."""
 
 import os
 import tempfile
@@ -134,7 +134,7 @@ def import_scene(scene, path):
         adversary.data.materials.clear()
         adversary.data.materials.append(plain_material("adversary", Paint(image=loaded.texels)))
     adversary.data["mirage_resolution"] = int(exact_mesh(loaded.glb).get("resolution", 1))
-    for role in ("host", "ground"):  # they stand in for what the photograph shows
+    for role in ("host", "ground"):  # the photograph shows them
         for thing in loaded.roles.get(role, []):
             thing.is_shadow_catcher = True
             thing.display_type = "WIRE"

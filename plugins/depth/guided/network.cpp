@@ -80,9 +80,9 @@ Tensor mixed_inverse_depth(const Tensor& scores, const Tensor& inverse) {
 }
 
 constexpr double kHuber = 20, kSquare = 16;       // m, m: squares count e² / kSquare
-constexpr double kScored = 85, kFarWeight = 0.2;  // m; what lies beyond counts little
+constexpr double kScored = 85, kFarWeight = 0.2;  // m; farther pixels count little
 constexpr double kGuessWeight = 0.25;             // where IP-Basic has no value
-constexpr double kMaxTruthDistance = 140;         // m; what the network can say
+constexpr double kMaxTruthDistance = 140;         // m; the network's range
 constexpr double kAbsolute = 0.3, kRelative = 1, kPresenceWeight = 1;
 
 }  // namespace
@@ -127,7 +127,7 @@ ResidualImpl::ResidualImpl(int channels) {
   first = register_module("first", conv(channels, channels, 3));
   second = register_module("second", conv(channels, channels, 3));
   torch::NoGradGuard guard;
-  second->weight.mul_(0.2);  // starts near the identity: nothing normalises what the blocks add up to
+  second->weight.mul_(0.2);  // starts near the identity: nothing normalises the blocks' sum
 }
 
 Tensor ResidualImpl::forward(const Tensor& x) {

@@ -1,4 +1,4 @@
-// What the network sees: the picture and classical guesses of the depth, at the picture's resolution.
+// The network's input: the picture and classical guesses of the depth, at the picture's resolution.
 #pragma once
 
 #include <torch/torch.h>
@@ -16,9 +16,9 @@ constexpr int kStride = 16;                     ///< sides of the network's inpu
 struct Features {
   torch::Tensor values;      ///< 1 × kFeatures × H' × W', padded to multiples of kStride
   torch::Tensor candidates;  ///< kCandidates × H × W inverse depth, 1/m; 0 where there is none
-  /// H × W: between two returns of its column that are at most 12 pixels away. Beams lie about 5 apart and
-  /// one may be lost: there is something, whatever the picture looks like (windows and wet roads mirror the
-  /// sky).
+  /// H × W: between two returns of its column that are at most 12 pixels away. Beams are about 5 pixels
+  /// apart, so at most one is lost there. Such a pixel is on a surface even if its picture looks like sky
+  /// (windows and wet roads mirror it).
   torch::Tensor enclosed;
 };
 
@@ -78,10 +78,10 @@ struct LossTerms {
   double depth = 0, presence = 0;
 };
 
-/// `truth`: H × W, m; 0 nothing there, negative not known. Depth: a Huber loss in metres (squares up to 20 m,
-/// which is what RMSE asks for; slopes beyond, where a few wrong edges would rule), plus the mean absolute
-/// and the mean relative error, which keep surfaces exact. Pixels far from any return, where depth is a
-/// guess, weigh a quarter. Presence: cross entropy.
+/// `truth`: H × W, m; 0 nothing there, negative not known. Depth: a Huber loss in metres (quadratic up to 20
+/// m, as in RMSE; linear beyond, where a few wrong edges would dominate), plus the mean absolute and the mean
+/// relative error, which keep surfaces exact. Pixels far from any return, where depth is a guess, weigh a
+/// quarter. Presence: cross entropy.
 LossTerms completion_loss(const Prediction& prediction, const Features& features, const torch::Tensor& truth);
 
 }  // namespace mirage::guided

@@ -88,8 +88,8 @@ void GuidedCompletion::complete(const MirageDepthInput& input, float* dense) {
   torch::InferenceMode mode;
   const Features features = make_features(input);
   const Prediction prediction = network_->forward(features);
-  // Between two close returns, depth lies within what they and IP-Basic span: there the network only chooses.
-  // It keeps pictures unlike the training's from talking it out of what was measured.
+  // Between two close returns, depth lies within the span of these and IP-Basic: there the network only
+  // chooses. This keeps pictures unlike the training's from overriding measured depth.
   const Tensor& inverse = features.candidates;
   const Tensor nearest = (1 - kSpanMargin) / inverse.amax(0).clamp_min(1e-6);
   const Tensor farthest = (1 + kSpanMargin) / torch::where(inverse > 0, inverse, 1e6).amin(0).clamp_min(1e-6);

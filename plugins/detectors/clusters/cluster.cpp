@@ -24,7 +24,7 @@ struct Low {
 };
 
 /// The ground under the unit, from lowest returns around it: (a, b, c) of z = a + b x + c y, by least squares
-/// over those near the plane of before, from a level one at the height that most share.
+/// over those near the previous plane, from a level one at the height that most share.
 Eigen::Vector3d plane_around(const std::vector<Eigen::Vector3d>& lowest) {
   Eigen::Vector3d plane = Eigen::Vector3d::Zero();
   if (lowest.empty()) return plane;
@@ -66,7 +66,7 @@ class Profile {
   explicit Profile(const Low& before, double slope) : seen_{before}, slope_(slope), first_slope_(slope) {}
 
   double ahead(double rho) const { return seen_.back().z + slope_ * (rho - seen_.back().rho); }
-  /// How far the ground may be from where the slope leads after a way without any (m).
+  /// How far the ground may be from the slope's height after a gap without ground (m).
   double play(double rho) const {
     constexpr double kNoise = 0.12, kBend = 0.06, kMax = 0.6;
     return std::min(kNoise + kBend * (rho - seen_.back().rho), kMax);
@@ -81,7 +81,7 @@ class Profile {
     slope_ = std::clamp(run < kBase ? first_slope_ + (measured - first_slope_) * run / kBase : measured,
                         -kSteepest, kSteepest);
   }
-  /// Between what was seen, or as the slope leads.
+  /// Interpolated between seen ground, or along the slope.
   double at(double rho) const {
     const auto next = std::upper_bound(seen_.begin(), seen_.end(), rho,
                                        [](double value, const Low& low) { return value < low.rho; });
@@ -90,7 +90,7 @@ class Profile {
     const Low &a = *(next - 1), &b = *next;
     return a.z + (b.z - a.z) * (rho - a.rho) / std::max(b.rho - a.rho, 1e-9);
   }
-  /// How far the nearest ground is that was seen (m).
+  /// Distance to the nearest seen ground (m).
   double distance(double rho) const {
     double nearest = 1e9;
     for (std::size_t i = 1; i < seen_.size(); ++i) nearest = std::min(nearest, std::abs(seen_[i].rho - rho));
@@ -103,15 +103,15 @@ class Profile {
 };
 
 constexpr double kFar = 80;      // m
-constexpr double kClear = 0.2;   // m over the ground from which on a return is no road's
-constexpr double kTall = 2.5;    // m: what hangs over that joins nothing
+constexpr double kClear = 0.2;   // m over the ground: higher returns are not the road's
+constexpr double kTall = 2.5;    // m: higher returns join nothing
 constexpr double kMaxSize = 20;  // m: the diagonal of a wall or a hedge
 constexpr double kBehind = 0.5;  // m from which on a ray went through
 constexpr int kMinCount = 3;
 constexpr double kThin = 0.1;  // m: of the returns in a square of this side one is joined for all
 
-/// How far returns of one thing lie apart: what its surface leaves open, and more with the distance, as beams
-/// and firings part. AP hardly changes from 0.25 to 0.5 m and from 0.01 to 0.015 a metre.
+/// How far returns of one thing lie apart: gaps in its surface, and more with the distance, as beams and
+/// firings spread. AP hardly changes from 0.25 to 0.5 m and from 0.01 to 0.015 a metre.
 double reach_at(double range) {
   constexpr double kGap = 0.3, kPart = 0.015;
   return kGap + kPart * range;
@@ -157,7 +157,7 @@ class Directions {
     }
     std::sort(all_.begin(), all_.end(), [](const One& a, const One& b) { return a.azimuth < b.azimuth; });
   }
-  /// Those beyond `rho` (m) in the window.
+  /// Number of returns beyond `rho` (m) in the window.
   int beyond(double rho, const Window& window) const {
     int count = 0;
     for (const double shift : {-kTurn, 0.0, kTurn}) {
@@ -176,7 +176,7 @@ class Directions {
   std::vector<One> all_;
 };
 
-/// A return that is no ground's.
+/// A return that is not the ground's.
 struct Standing {
   Return at;
   double over;  ///< m over the ground

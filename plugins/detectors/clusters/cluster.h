@@ -1,4 +1,4 @@
-// Returns joined to things, and what a thing looks like.
+// Clusters of returns, and their measurements.
 #pragma once
 
 #include <span>
@@ -13,12 +13,12 @@ namespace mirage::clusters {
 // Himmelsbach, von Hundelshausen and Wünsche, "Fast segmentation of 3D point clouds for ground vehicles", IV
 // 2010, and Autoware's ray_ground_filter: the sweep is cut into sectors of azimuth, the lowest return of each
 // bin of distance is a candidate, and from the unit outward a candidate is ground that continues the slope of
-// the ground before it. What a solid stops has no ground behind it, and the slope leads over its shadow. Then
-// every bin takes the median of the neighbouring sectors, so that one that went wrong is outvoted.
+// the ground before it. A solid object has no ground behind it, and the slope leads over its shadow. Then
+// every bin takes the median of the neighbouring sectors, so that a wrong one is outvoted.
 //
-// detection/defenses.h knows the road too, as one plane ahead and the lowest return of each square
-// metre: that bounds heights of a car's body to a decimetre or two on a level road, and says nothing of a
-// hill or of what lies behind the unit.
+// detection/defenses.h knows the road too, as one plane ahead and the lowest return of each square metre:
+// that is right to a decimetre or two on a level road, and knows neither hills nor the ground behind the
+// unit.
 
 /// A finite return beside the unit: place in the ego frame (m).
 struct Return {
@@ -52,10 +52,10 @@ struct Cluster {
   double density = 0;
 };
 
-/// Places that are no further apart than their reach, and so on from one to the next: Euclidean clusters
-/// (Rusu, "Semantic 3D object maps for everyday manipulation in human living environments", 2010), seen from
-/// above as in Autoware's euclidean_cluster. Numbers of clusters in the order of their first place. `reach`
-/// (m): of the place; of two the smaller one counts; none over `longest`.
+/// Euclidean clusters: chains of places that are no further apart than their reach (Rusu, "Semantic 3D object
+/// maps for everyday manipulation in human living environments", 2010), seen from above as in Autoware's
+/// euclidean_cluster. Each place's cluster, numbered in the order of first places. `reach` (m): of each
+/// place; the smaller of two counts; none over `longest`.
 std::vector<int> cluster_numbers(const std::vector<Vec2d>& places, const std::vector<double>& reach,
                                  double longest);
 

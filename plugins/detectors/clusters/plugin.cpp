@@ -43,7 +43,7 @@ std::vector<Return> returns_of(const MirageFrame& frame) {
   return returns;
 }
 
-/// Returns that are as good as none.
+/// Returns of a solid thing at which thing_logit is 0.
 constexpr double kEnough = 6;
 
 /// Share of the rays into its outline that a thing stopped.
@@ -88,7 +88,7 @@ double probability(double logit) {
   return 1 / (1 + std::exp(-logit));
 }
 
-/// The box of the car that a thing shows; nothing if it is none. A mirror widens what is seen.
+/// The box of the car that a thing shows; nullopt if it is not a car. A mirror widens the rectangle.
 std::optional<BevBox> car_of(const Cluster& cluster) {
   constexpr double kMinLength = 0.7, kTallest = 2.4, kWidest = 2.0, kMirror = 0.4;  // m
   if (cluster.height < kMinLength || cluster.height > kTallest) return std::nullopt;
@@ -98,7 +98,7 @@ std::optional<BevBox> car_of(const Cluster& cluster) {
   return car_seen_as(seen);
 }
 
-/// An answer; nothing where it lies outside the region or is not likely enough.
+/// Adds an answer, unless it lies outside the region or its score is too low.
 void add(const Cluster& cluster, const BevBox& box, Type type, double logit, float score_threshold,
          std::vector<MirageDetection>& found) {
   constexpr double kThinnest = 0.1;  // m, of a box
@@ -118,7 +118,7 @@ void add(const Cluster& cluster, const BevBox& box, Type type, double logit, flo
   found.push_back(made);
 }
 
-/// What is found in the LiDAR sensors of a frame, with a score over the threshold, in a fixed order.
+/// Detections in a frame's LiDAR returns, with a score over the threshold, in a fixed order.
 std::vector<MirageDetection> detect(const MirageFrame& frame, float score_threshold) {
   std::vector<MirageDetection> found;
   for (const Cluster& cluster : clusters_of(returns_of(frame))) {

@@ -15,10 +15,10 @@ constexpr double kMinSize = 0.7, kMaxSize = 1.4;
 constexpr double kMinVisibleShare = 0.5;  // of a box's area, for it to be taught
 constexpr float kMinHeight = 12;          // pixels
 
-/// Where a pixel of the given picture lies in the moved one.
+/// The map of pixels from the original picture to the augmented one.
 struct Pose {
   bool mirrored;
-  double across, down;     ///< columns and rows there for one here
+  double across, down;     ///< scales of columns and rows
   std::int64_t left, top;  ///< of the part that is cut out
   std::int64_t given_width;
 

@@ -90,8 +90,8 @@ CameraPlan camera_plan(CameraNetImpl& net, std::int64_t height, std::int64_t wid
   camera.height = height, camera.width = width;
   Plan& plan = camera.plan;
   CameraBuilder add{plan};
-  camera.picture = plan.input(12, padded_size(height) / 2, padded_size(width) / 2, false);
-  const int x4 = add.csp(add.depthwise(add.silu(camera.picture, net.stem), net.down4), net.group4);
+  camera.picture_layer = plan.input(12, padded_size(height) / 2, padded_size(width) / 2, false);
+  const int x4 = add.csp(add.depthwise(add.silu(camera.picture_layer, net.stem), net.down4), net.group4);
   const int x8 = add.csp(add.depthwise(x4, net.down8), net.group8);
   const int x16 = add.csp(add.depthwise(x8, net.down16), net.group16);
   const int pooled = add.silu(add.depthwise(x16, net.down32), net.pool_in);
@@ -101,23 +101,23 @@ CameraPlan camera_plan(CameraNetImpl& net, std::int64_t height, std::int64_t wid
   const int l16 = add.silu(x32, net.lateral16);
   const int l8 = add.silu(add.csp(plan.join({add.upsample(l16), x16}), net.top16), net.lateral8);
   const int p8 = add.csp(plan.join({add.upsample(l8), x8}), net.top8);
-  camera.features = p8;
+  camera.features_layer = p8;
   plan.keep(p8);
   const int fine = add.silu(x4, net.mask_fine), coarse = add.upsample(add.silu(p8, net.mask_coarse));
-  camera.mask =
+  camera.mask_layer =
       add.conv(add.silu(plan.sum(fine, coarse, Curve::none), net.mask_join), net.mask_out, Curve::none);
-  plan.keep(camera.mask);
+  plan.keep(camera.mask_layer);
   if (read) {
-    camera.read = plan.join({p8, plan.average_pool(camera.mask)});
-    plan.keep(camera.read);
+    camera.fusion_layer = plan.join({p8, plan.average_pool(camera.mask_layer)});
+    plan.keep(camera.fusion_layer);
   }
   if (!boxes) return camera;
   const int p16 = add.csp(plan.join({add.depthwise(p8, net.up16), l8}), net.bottom16);
   const int p32 = add.csp(plan.join({add.depthwise(p16, net.up32), l16}), net.bottom32);
   const std::array<int, 3> scales = {p8, p16, p32};
   for (std::size_t level = 0; level < scales.size(); ++level) {
-    camera.rows[level] = add.head(scales[level], net.heads[level]);
-    plan.keep(camera.rows[level]);
+    camera.row_layers[level] = add.head(scales[level], net.heads[level]);
+    plan.keep(camera.row_layers[level]);
   }
   return camera;
 }

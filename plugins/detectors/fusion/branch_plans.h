@@ -13,29 +13,29 @@ namespace mirage::fusion {
 struct BackbonePlan {
   Plan plan;
   int voxels = 0;  ///< the input: soft_voxels, and painted_voxels behind them where the network paints
-  std::array<int, kGrids.size()> added = {-1, -1, -1, -1};  ///< inputs: what continuous fusion adds
-  int bev = -1;                                             ///< what the head reads, for a second stage
+  std::array<int, kGrids.size()> added = {-1, -1, -1, -1};  ///< inputs: continuous fusion's terms
+  int bev = -1;                                             ///< the head's input, for a second stage
   int output = 0;                                           ///< kOutputs × 140 × 160
 };
 
 /// Folds the network's norms.
 BackbonePlan backbone_plan(NetworkImpl& network, bool bfloat16 = false);
 
-// The camera network as a plan, and what the picture's windows are to it.
+// The camera network as a plan, and the picture's windows as its input.
 
 /// Numbers of its layers.
 struct CameraPlan {
   Plan plan;
-  int picture = 0;   ///< the input: focus() of the padded picture
-  int features = 0;  ///< CameraOutput::features
-  int mask = 0;      ///< CameraOutput::mask
-  int read = -1;     ///< what continuous fusion reads: features, and the mask at their size
-  std::array<int, 3> rows = {-1, -1, -1};  ///< of the heads, by scale
-  std::int64_t height = 0, width = 0;      ///< of the picture
+  int picture_layer = 0;   ///< the input: focus() of the padded picture
+  int features_layer = 0;  ///< CameraOutput::features
+  int mask_layer = 0;      ///< CameraOutput::mask
+  int fusion_layer = -1;   ///< continuous fusion's map: features, and the mask at their size
+  std::array<int, 3> row_layers = {-1, -1, -1};  ///< of the heads, by scale
+  std::int64_t height = 0, width = 0;            ///< of the picture
 };
 
-/// For pictures of a size. `boxes`: with the heads; `read`: with what continuous fusion reads. `head` of the
-/// kept maps are those of the outputs named here.
+/// For pictures of a size. `boxes`: with the heads; `read`: with the map for continuous fusion. The maps of
+/// the outputs named above are kept.
 CameraPlan camera_plan(CameraNetImpl& network, std::int64_t height, std::int64_t width, bool boxes, bool read,
                        bool bfloat16 = false);
 

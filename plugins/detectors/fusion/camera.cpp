@@ -14,7 +14,7 @@ using torch::Tensor;
 
 constexpr std::array<int, 3> kStrides = {8, 16, 32};
 constexpr std::int64_t kMaxFeatureDepth = 32;
-constexpr double kPaddingGrey = 114;  // what the network was trained to see beyond a picture's border
+constexpr double kPaddingGrey = 114;  // the training's value beyond a picture's border
 constexpr std::int64_t kCocoCar = 2, kCocoClasses = 80;
 
 nn::Conv2d plain_conv(int in, int out) {

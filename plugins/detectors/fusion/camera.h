@@ -2,9 +2,9 @@
 //
 // YOLOX-nano (Ge et al., "YOLOX: Exceeding YOLO Series in 2021", arXiv 2107.08430): a CSPDarknet of depthwise
 // convolutions, a path-aggregation neck and decoupled heads at strides 8, 16 and 32, one class; its norms are
-// folded into the convolutions, so that every layer is local and affine between its activations. Beside it a
-// head of Mirage's own that says of every place of 4 × 4 pixels whether it shows a vehicle: what painted and
-// continuous fusion read. The network may start from COCO's weights (read_coco).
+// folded into the convolutions, so that every layer is local and affine between its activations. Beside it
+// Mirage's own head gives the logit of "shows a vehicle" for every place of 4 × 4 pixels: painted and
+// continuous fusion read it. The network may start from COCO's weights (read_coco).
 #pragma once
 
 #include <torch/torch.h>
@@ -56,7 +56,7 @@ struct PictureHeadImpl : torch::nn::Module {
 };
 TORCH_MODULE(PictureHead);
 
-/// What the network says of a picture of H × W pixels.
+/// The network's output for a picture of H × W pixels.
 struct CameraOutput {
   torch::Tensor features;  ///< 1 × 64 × ⌈H/8⌉ × ⌈W/8⌉ (up to the next multiple of 32 pixels)
   torch::Tensor mask;      ///< 1 × 1 at stride 4: logit of "shows a vehicle"
@@ -65,7 +65,7 @@ struct CameraOutput {
   bool defined() const { return mask.defined(); }
 };
 
-/// Where a row of CameraOutput::boxes comes from: the centre of its place (pixels) and its stride.
+/// The source of a row of CameraOutput::boxes: the centre of its place (pixels) and its stride.
 struct Place {
   float x, y, stride;
 };
@@ -84,7 +84,7 @@ torch::Tensor focus(const torch::Tensor& x);
 /// Boxes and logits from the heads' rows (N × 6, in the order of places_of) into `output`.
 void decode_rows(const torch::Tensor& rows, std::int64_t height, std::int64_t width, CameraOutput& output);
 
-/// Maxima of 5, 9 and 13 places a side: each by the one before, a fourth of the comparisons.
+/// Maxima of 5, 9 and 13 places a side: each from the previous one, with a fourth of the comparisons.
 inline constexpr int kPoolings = 3, kPooledSide = 5;
 
 struct CameraNetImpl : torch::nn::Module {

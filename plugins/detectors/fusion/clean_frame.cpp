@@ -13,13 +13,13 @@ namespace {
 
 using torch::Tensor;
 
-/// What continuous fusion adds, and from which points.
+/// Continuous fusion's terms, and the points that they come from.
 void add_fusion(const SensorTensors& input, NetworkImpl& network, CleanFrame& frame,
                 std::vector<Tensor>& inputs) {
   const int width = static_cast<int>(frame.width), height = static_cast<int>(frame.height);
   const auto nearest = nearest_points({frame.points.data_ptr<float>(), as_size(frame.points.numel())},
                                       frame.projection, width, height);
-  const Layer& map = frame.camera_plan->plan[frame.camera_plan->read];
+  const Layer& map = frame.camera_plan->plan[frame.camera_plan->fusion_layer];
   frame.footprints.resize(as_size(frame.points.size(0)));
   for (std::size_t level = 0; level < kGrids.size(); ++level) {
     auto& of_cell = frame.nearest[level];
@@ -67,7 +67,7 @@ const char* CleanActivationCache::why_whole(const Parts& parts) {
 std::shared_ptr<const CleanFrame> CleanActivationCache::of(std::uint64_t key,
                                                            const std::function<SensorTensors()>& input) {
   std::unique_lock lock(mutex_);
-  ready_.wait(lock, [&] { return !making_.contains(key); });  // another thread is at it
+  ready_.wait(lock, [&] { return !making_.contains(key); });  // another thread makes it
   const auto at = std::find_if(kept_.begin(), kept_.end(), [&](const Kept& k) { return k.first == key; });
   if (at != kept_.end()) {
     kept_.splice(kept_.begin(), kept_, at);
@@ -140,10 +140,10 @@ std::shared_ptr<CleanFrame> CleanActivationCache::make(const SensorTensors& give
     frame->camera_plan = camera_plan(frame->height, frame->width);
     const CameraPlan& plan = *frame->camera_plan;
     std::vector<Tensor> inputs(plan.plan.layers().size());
-    inputs[as_size(plan.picture)] = focused(input.image, plan.plan[plan.picture].whole());
+    inputs[as_size(plan.picture_layer)] = focused(input.image, plan.plan[plan.picture_layer].whole());
     frame->camera = run(plan.plan, inputs);
-    input.camera.features = frame->camera[plan.features];
-    input.camera.mask = frame->camera[plan.mask];
+    input.camera.features = frame->camera[plan.features_layer];
+    input.camera.mask = frame->camera[plan.mask_layer];
   }
   if (!parts.lidar) return frame;
   frame->backbone_plan = backbone();
@@ -176,16 +176,16 @@ SweepChange sweep_change(const Tensor& clean, const Tensor& points) {
     std::int64_t at = next;
     while (at < from && std::memcmp(a + 4 * at, b + 4 * i, bytes) != 0) ++at;
     if (at == from) {
-      change.fresh.push_back(i);
+      change.added.push_back(i);
       continue;
     }
-    for (; next < at; ++next) change.gone.push_back(next);
+    for (; next < at; ++next) change.removed.push_back(next);
     change.now[as_size(at)] = i;
     next = at + 1;
   }
-  for (; next < from; ++next) change.gone.push_back(next);
-  for (const std::int64_t i : change.gone) change.moved.push_back(a + 4 * i);
-  for (const std::int64_t i : change.fresh) change.moved.push_back(b + 4 * i);
+  for (; next < from; ++next) change.removed.push_back(next);
+  for (const std::int64_t i : change.removed) change.moved.push_back(a + 4 * i);
+  for (const std::int64_t i : change.added) change.moved.push_back(b + 4 * i);
   return change;
 }
 

@@ -1,4 +1,4 @@
-// Cached feature maps of a frame as recorded: the same frame with an object in it then needs only windows
+// Cached feature maps of a frame as recorded: for the same frame with an object only windows are then
 // computed (local_network.h).
 #pragma once
 
@@ -33,18 +33,18 @@ struct CleanFrame {
   std::size_t bytes() const;
 };
 
-/// The clean frames of one network, those used last. Instances that share the network share it; several
-/// threads may ask at once.
+/// The most recently used clean frames of one network. Instances that share the network share it;
+/// thread-safe.
 class CleanActivationCache {
  public:
-  /// `most`: bytes kept; bfloat16: convolutions, as plan.h says. A frame alone may be larger: it is made and
-  /// used, and not kept.
+  /// `most`: bytes kept; bfloat16: convolutions, as plan.h says. A larger single frame is made and used, but
+  /// not kept.
   CleanActivationCache(Network network, std::size_t most, bool bfloat16 = false)
       : network_(std::move(network)), most_(most), bfloat16_(bfloat16) {}
 
-  /// Empty if the network's passes can be local, else why they cannot.
+  /// Empty if the network's passes can be local, otherwise why they cannot.
   static const char* why_whole(const Parts& parts);
-  /// Of the input that `key` stands for; `input` is asked for it where it is not kept.
+  /// The clean frame of the input that `key` identifies; input() is called if it is not cached.
   std::shared_ptr<const CleanFrame> of(std::uint64_t key, const std::function<SensorTensors()>& input);
   /// The network has changed.
   void forget();
@@ -58,7 +58,7 @@ class CleanActivationCache {
   Network network_;
   std::size_t most_;
   bool bfloat16_;
-  mutable std::mutex mutex_;  // of what follows
+  mutable std::mutex mutex_;  // of the members below
   using Kept = std::pair<std::uint64_t, std::shared_ptr<const CleanFrame>>;
   std::list<Kept> kept_;  ///< the one used last is first
   std::set<std::uint64_t> making_;
@@ -68,32 +68,31 @@ class CleanActivationCache {
   std::shared_ptr<const BackbonePlan> backbone_;
 };
 
-/// Where the look-up at a pixel may read, in a map of rows × columns with one place for each stride × stride
-/// pixels; a bit more, against rounding.
+/// The places that a look-up at a pixel may read, in a map of rows × columns with one place for each stride ×
+/// stride pixels; slightly enlarged, against rounding.
 Footprint footprint_of(const PixelDepth& pixel, int stride, std::int64_t rows, std::int64_t columns);
 
 // How a sweep differs from the one that was recorded.
 
 struct SweepChange {
-  std::vector<std::int64_t> now;    ///< by point of the clean sweep: its number in this one, −1: gone
-  std::vector<std::int64_t> gone;   ///< of the clean sweep
-  std::vector<std::int64_t> fresh;  ///< of this one
-  std::vector<const float*> moved;  ///< all of these, where the tensors have them
+  std::vector<std::int64_t> now;      ///< by point of the clean sweep: its number in this one, −1: gone
+  std::vector<std::int64_t> removed;  ///< of the clean sweep
+  std::vector<std::int64_t> added;    ///< of this one
+  std::vector<const float*> moved;    ///< all of these, in the tensors' memory
 };
 
-/// Both N × 4, float, contiguous. Points that stay are those found again in their order, to the bit: with
-/// some taken out and others put in behind, as an insertion does, these are all that differ.
+/// Both N × 4, float, contiguous. Points that stay are those found again in order, bit for bit: if some are
+/// removed and others appended, as by an insertion, only these differ.
 SweepChange sweep_change(const torch::Tensor& clean, const torch::Tensor& points);
 
 /// Whether a look-up may read a dirty place.
 bool touches(const Footprint& footprint, const ChangedRegion& read);
 
-/// A cell of a grid whose image feature is another than before, and the point that it now takes it from (−1:
-/// none).
+/// A cell of a grid whose image feature changed, and the point that it now comes from (−1: none).
 struct ChangedCell {
   std::int64_t cell, point;
 };
-/// By grid. `read`: where the map that fusion reads differs.
+/// By grid. `read`: the changed region of the map that fusion reads.
 std::array<std::vector<ChangedCell>, kGrids.size()> changed_cells(const CleanFrame& clean,
                                                                   const torch::Tensor& points,
                                                                   const SweepChange& change,

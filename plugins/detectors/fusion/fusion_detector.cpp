@@ -65,11 +65,11 @@ Network make_network(const Options& options) {
   return network;
 }
 
-// What of the detector's state its files hold.
+// The detector's state in its files.
 
 constexpr const char *kCamera = "camera", *kLidar = "lidar", *kTrunk = "trunk";  // words of "frozen"
 
-/// In a checkpoint: of the k-th learning weight, what the training started from.
+/// In a checkpoint: the name of the k-th learning weight at the training's start.
 std::string start_name(std::size_t k) {
   return "start" + std::to_string(k);
 }
@@ -161,7 +161,7 @@ void FusionDetector::propose(std::span<const float> logits, float score_threshol
   proposals_.clear();
   proposal_cells_.clear();
   for (std::size_t k = 0; k < logits.size(); ++k) {
-    // A logit that is none would be a car that is silently not found.
+    // A car with an invalid logit would be missed silently.
     if (!std::isfinite(logits[k]))
       throw std::runtime_error(
           "the network gave a logit that is not finite; check its weights and the input");
@@ -199,7 +199,7 @@ void FusionDetector::backward(std::span<const float> d_logits, float* d_image, f
   set_torch_threads(1);
   Tensor seed = torch::zeros({local_ ? local_->logit_count() : kept_logits_.numel()});
   for (std::size_t i = 0; i < d_logits.size(); ++i) seed.data_ptr<float>()[proposal_cells_[i]] = d_logits[i];
-  // What has no gradient is zero.
+  // Values without a gradient are zero.
   const std::int64_t points = local_ ? local_->input_size().second : forward_input_.points.size(0);
   if (d_image) std::fill_n(d_image, kept_image_values_, 0.f);
   if (d_points) std::fill_n(d_points, 4 * points, 0.f);
@@ -306,7 +306,7 @@ void FusionDetector::load(const std::string& file) {
   camera_frozen_ = has_word(weights, "frozen", kCamera);
   lidar_frozen_ = has_word(weights, "frozen", kLidar);
   trunk_frozen_ = has_word(weights, "frozen", kTrunk) && !options_.joint;
-  // A second stage that is put on a first one learns alone.
+  // A new second stage on a trained first one learns alone.
   if (options_.parts.second && !parts_of(weights).second) camera_frozen_ = lidar_frozen_ = !options_.joint;
   start_optimiser();
   if (options_.start || !weights.holds("training.steps")) return;

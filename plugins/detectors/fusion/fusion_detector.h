@@ -19,23 +19,23 @@
 
 namespace mirage::fusion {
 
-/// What convolutions are computed in. double_: the whole network, as a reference for the others.
+/// Precision of convolutions. double_: of the whole network, as a reference for the others.
 enum class Precision { float_, bfloat16, double_ };
 
 struct Options {
   Parts parts;  ///< of fresh weights; a starting network has denoising and gate beside its weights' own
   /// The weights are where a new training starts: the optimiser is fresh, and a detector with a picture may
-  /// start from the weights of `lidar` (what joins them then comes from the seed), `refined` from those of
-  /// `fusion`, which it leaves as they are. `camera` may also start
-  /// from a TorchScript YOLOX-nano (read_coco).
+  /// start from the weights of `lidar` (the layers that join them then come from the seed), `refined` from
+  /// those of `fusion`, which it leaves as they are. `camera` may also start from a TorchScript YOLOX-nano
+  /// (read_coco).
   bool start = false;
   /// Weights of a `camera` and of a `lidar` detector that a new training takes over and leaves as they are:
-  /// only what joins them learns. Empty: none.
+  /// only the layers that join them learn. Empty: none.
   std::string camera, lidar;
-  bool joint = false;  ///< what was taken over learns too, boxes in the picture beside
+  bool joint = false;  ///< branches taken over learn, too, as do boxes in the picture
   bool heads = false;  ///< of a camera network whose trunk is kept, the heads learn in place of the mask
-  /// Weights without their optimiser are saved as so much of those the training started from and the rest of
-  /// what it learned.
+  /// Share of the start's weights in weights that are saved without their optimiser; the rest are the learned
+  /// ones.
   double keep_start = 0;
   std::uint64_t seed = 0;
   /// Of every pass. In bfloat16 operands and results of convolutions are rounded, products are summed in
@@ -66,14 +66,14 @@ class FusionDetector {
                                                      const MirageChange& change, float score_threshold,
                                                      bool keep_graph);
   void backward(std::span<const float> d_logits, float* d_image, float* d_points);
-  /// Places (count × 4) of which the next forward that keeps its graph is to know what a further return would
-  /// change; that of the last backward's loss, one value a place.
+  /// Places (count × 4) of possible further returns for the next forward that keeps its graph. presence():
+  /// the last backward's gradient in their number, one value a place.
   void watch(const float* places, std::int64_t count);
   std::span<const float> presence() const { return presence_; }
   /// Total, score and box loss.
   std::array<float, 3> train_step(std::span<const MirageSample> samples, float learning_rate);
   void save(const std::string& file, bool with_optimiser);
-  /// What it points to lives until the next call.
+  /// Its pointers are valid until the next call.
   MirageImageFeatures image_features(const MirageSensorInput& input);
 
  private:
@@ -81,7 +81,7 @@ class FusionDetector {
   void load(const std::string& file);
   void load_branch(const std::string& file, const std::string& name);
   bool learns(const std::string& parameter) const;
-  /// Those parameters that learn.
+  /// The parameters that learn.
   std::vector<torch::Tensor> learning() const;
   bool camera_learns() const { return options_.parts.camera && !camera_frozen_; }
   bool lidar_learns() const { return options_.parts.lidar && !lidar_frozen_; }
@@ -94,7 +94,7 @@ class FusionDetector {
                const std::function<MirageProposal(std::int64_t)>& proposal);
   void propose(const torch::Tensor& output, float score_threshold);
   void propose(const CameraOutput& seen, float score_threshold);
-  /// Takes what is watched into an input.
+  /// Adds the watched places to an input.
   void take_watched(SensorTensors& input, bool keep_graph);
   void keep_presence(const torch::Tensor& masses, std::int64_t count);
   void backward_changed(const torch::Tensor& d_logits, float* d_image, float* d_points);
@@ -103,7 +103,7 @@ class FusionDetector {
   Network network_{nullptr};
   bool camera_frozen_ = false, lidar_frozen_ = false;  ///< taken over, and left as they are
   /// Of the camera network, which was started from COCO's weights, only the mask's layers learn (or the heads
-  /// alone): what it knows of photographs is not given up for a few hundred pictures.
+  /// alone): a few hundred pictures must not replace its knowledge of photographs.
   bool trunk_frozen_ = false;
   std::unique_ptr<torch::optim::AdamW> optimiser_;
   std::vector<torch::Tensor> start_;  ///< of learning(), before the first step; if a share of them is kept
@@ -111,9 +111,9 @@ class FusionDetector {
   /// Norms use the samples' statistics until the rate has fallen to a share of its peak (network.h).
   double peak_rate_ = 0;
 
-  std::mutex memory_mutex_;
-  std::map<std::uint64_t, CameraOutput> memory_;  ///< of a camera network that does not learn, in half
-  std::size_t memory_bytes_ = 0;
+  std::mutex camera_cache_mutex_;
+  std::map<std::uint64_t, CameraOutput> camera_cache_;  ///< of a camera network that does not learn, in half
+  std::size_t camera_cache_bytes_ = 0;
 
   std::vector<MirageProposal> proposals_;
   std::vector<std::int64_t> proposal_cells_;
@@ -124,7 +124,7 @@ class FusionDetector {
   torch::Tensor kept_map_, kept_bev_;  ///< norms of the image features
   torch::Tensor kept_logits_;          ///< undefined unless the last forward kept its graph
   std::shared_ptr<CleanActivationCache> clean_frames_;
-  std::unique_ptr<LocalNetwork> local_;  ///< of the last forward, if it was one over a change and kept it
+  std::unique_ptr<LocalNetwork> local_;  ///< of the last forward, if it was over a change and kept its graph
 };
 
 }  // namespace mirage::fusion

@@ -28,7 +28,7 @@ Tensor painted_voxels(const SensorTensors& input, const Window& within) {
   const int width = static_cast<int>(input.image.size(1)), height = static_cast<int>(input.image.size(0));
   const Tensor rows = all.detach().to(torch::kFloat).contiguous();
   const float* p = rows.data_ptr<float>();
-  // Which columns a return reaches is discrete; its shares of them are not.
+  // The choice of a return's columns is discrete; its shares in them are not.
   std::vector<std::int64_t> visible, column_x, column_y;
   for (std::int64_t i = 0; i < rows.size(0); ++i, p += 3) {
     const double x = (p[0] - kXMin) / kVoxel - 0.5, y = (p[1] - kYMin) / kVoxel - 0.5;

@@ -27,16 +27,15 @@ inline constexpr int kPaintedChannels = 2;
 torch::Tensor painted_voxels(const SensorTensors& input, const Window& within = kGridWindow);
 
 // Fusion that trusts a pixel only as far as its depth agrees with the point's: the defence against features
-// that reach a point from something that stands before it in the picture (Mirage's own; the paper leaves it
-// open).
+// that reach a point from an object in front of it in the picture (Mirage's own; the paper leaves it open).
 //
 // A point's image feature is gathered around its pixel. If LiDAR returns there are much nearer to the camera
-// than the point, the pixels show that nearer thing, and what they say is not about the point: an adversary
-// on a roof speaks for the street behind it. The feature is multiplied by
+// than the point, the pixels show that nearer object, and their feature is not the point's: an adversary on a
+// roof speaks for the street behind it. The feature is multiplied by
 //     g = sigmoid((r − log(z / z_front)) / s),  r = log 1.4, s = 0.05
 // with the depth z of the point and z_front of the nearest return around its pixel. The ground's own depths
-// differ by less than the ratio within such a window out to 40 m. What the LiDAR does not see (no return on
-// the thing in front) stays ungated.
+// differ by less than the ratio within such a window out to 40 m. A front object without a LiDAR return stays
+// ungated.
 
 /// For each chosen point the point of least depth among those that the camera sees within the 3 × 3 image
 /// cells of 8 pixels around its own (itself where none is nearer; of equals the first). Discrete: no
@@ -51,12 +50,12 @@ torch::Tensor depth_gate(const torch::Tensor& depth, const torch::Tensor& front)
 
 struct LateJoinImpl : torch::nn::Module {
   LateJoinImpl();
-  /// `output`: kOutputs × 140 × 160 of the backbone. The result has another logit where the backbone's is
-  /// above −4 (of the 400 highest): that of a small network which looks at every pair of the proposal and one
-  /// of the 200 best picture boxes that overlap it in the picture (IoU, the box's logit, the proposal's
-  /// logit, distance), of which the highest counts; a proposal that overlaps none is paired with nothing.
-  /// Lower logits stay. The proposal's box in the picture is that of a car's box on the lowest return nearby.
-  /// Differentiable in both logits; which pairs there are and their IoU carry no gradient.
+  /// `output`: kOutputs × 140 × 160 of the backbone. The result has a new logit where the backbone's is above
+  /// −4 (of the 400 highest). A small network scores every pair of the proposal and one of the 200 best
+  /// picture boxes that overlap it in the picture (IoU, the box's logit, the proposal's logit, distance). The
+  /// highest score counts; a proposal without a pair is paired with nothing. Lower logits stay. The
+  /// proposal's box in the picture is that of a car's box on the lowest return nearby. Differentiable in both
+  /// logits; the choice of pairs and their IoU carry no gradient.
   torch::Tensor forward(const torch::Tensor& output, const SensorTensors& input);
   torch::nn::Linear first{nullptr}, second{nullptr}, third{nullptr}, last{nullptr};
 };

@@ -14,8 +14,7 @@ namespace {
 
 using torch::Tensor;
 
-/// Voxel columns that a window may take in beside what is asked of it: as dear as another pass over the
-/// sweep.
+/// Voxel columns that a window may cover beyond those needed: as costly as another pass over the sweep.
 constexpr std::int64_t kApart = 4096;
 
 Window whole_picture(const Tensor& image) {
@@ -47,22 +46,22 @@ LocalNetwork::LocalNetwork(Network network, std::shared_ptr<const CleanFrame> cl
 }
 
 double LocalNetwork::pixels_a_metre() const {
-  constexpr double kNoReturn = 10;  // m: of an object that no return tells the range of
+  constexpr double kNoReturn = 10;  // m: the range of an object without returns
   const Projection& m = clean_->projection;
   const double mixed = m[0] * m[8] + m[1] * m[9] + m[2] * m[10];
   double focal = 0, depth = 0;
   for (std::size_t c = 0; c < 3; ++c) focal += std::pow(m[c] - mixed * m[8 + c], 2);
-  for (const std::int64_t i : sweep_.fresh) {
+  for (const std::int64_t i : sweep_.added) {
     const float* p = input_.points.data_ptr<float>() + 4 * i;
-    depth += (m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11]) / static_cast<double>(sweep_.fresh.size());
+    depth += (m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11]) / static_cast<double>(sweep_.added.size());
   }
-  return std::sqrt(focal) / (sweep_.fresh.empty() ? kNoReturn : std::max(depth, 1.0));
+  return std::sqrt(focal) / (sweep_.added.empty() ? kNoReturn : std::max(depth, 1.0));
 }
 
 void LocalNetwork::confine() {
   ChangedRegion moved(kVoxelsX, kVoxelsY);
   for (const float* point : sweep_.moved) add_voxels_of(point, moved);
-  if (moved.empty()) return;  // the picture alone: the bird's-eye view is as far as it goes
+  if (moved.empty()) return;  // only the picture changed: no limit in the bird's-eye view
   backbone_->confine(std::move(moved), static_cast<std::int64_t>(std::ceil(locality_ / kVoxel)));
   confined_ = true;
 }
@@ -70,25 +69,26 @@ void LocalNetwork::confine() {
 void LocalNetwork::compare_inputs() {
   const CameraPlan& plan = *clean_->camera_plan;
   camera_.emplace(plan.plan, clean_->camera);
-  const Layer& picture = plan.plan[plan.picture];
+  const Layer& picture = plan.plan[plan.picture_layer];
   changed_ = intersection(changed_, whole_picture(input_.image));
   ChangedRegion dirty(picture.rows, picture.columns);
   if (!changed_.empty()) dirty.add(halved(changed_));
   if (locality_ > 0)
     camera_->confine(dirty, static_cast<std::int64_t>(std::ceil(locality_ * pixels_a_metre() / 2)));
-  camera_->give(plan.picture, std::move(dirty), [&](const Window& at) { return focused(typed_.image, at); });
+  camera_->give(plan.picture_layer, std::move(dirty),
+                [&](const Window& at) { return focused(typed_.image, at); });
   camera_->forward();
-  if (network_->parts.lidar) seen_.mask = camera_->whole(plan.mask);
-  if (plan.rows[0] < 0) return;
-  rows_ =
-      head_rows({camera_->whole(plan.rows[0]), camera_->whole(plan.rows[1]), camera_->whole(plan.rows[2])});
+  if (network_->parts.lidar) seen_.mask = camera_->whole(plan.mask_layer);
+  if (plan.row_layers[0] < 0) return;
+  rows_ = head_rows({camera_->whole(plan.row_layers[0]), camera_->whole(plan.row_layers[1]),
+                     camera_->whole(plan.row_layers[2])});
   decode_rows(rows_, plan.height, plan.width, seen_);
 }
 
 void LocalNetwork::add_features() {
   const CameraPlan& camera = *clean_->camera_plan;
-  cells_ = changed_cells(*clean_, input_.points, sweep_, camera_->dirty(camera.read));
-  read_ = camera_->whole(camera.read);
+  cells_ = changed_cells(*clean_, input_.points, sweep_, camera_->dirty(camera.fusion_layer));
+  read_ = camera_->whole(camera.fusion_layer);
   for (std::size_t level = 0; level < kGrids.size(); ++level) {
     const Grid& grid = kGrids[level];
     const int number = clean_->backbone_plan->added[level];
@@ -136,7 +136,7 @@ void LocalNetwork::give_voxels() {
   const BackbonePlan& plan = *clean_->backbone_plan;
   ChangedRegion dirty(kVoxelsX, kVoxelsY);
   for (const float* point : sweep_.moved) add_voxels_of(point, dirty);
-  // Where a return may come the value is as it was; the slope must be known.
+  // At watched places the value is unchanged, but the slope is needed.
   for (std::int64_t i = 0; i < watched_count(); ++i)
     add_voxels_of(input_.watched.data_ptr<float>() + 4 * i, dirty);
   Tensor painted;
@@ -154,8 +154,8 @@ void LocalNetwork::give_voxels() {
 }
 
 void LocalNetwork::add_painted(ChangedRegion& dirty) const {
-  // By what a return reads, not by the value: one that is the same to rounding still has a slope.
-  const ChangedRegion& mask = camera_->dirty(clean_->camera_plan->mask);
+  // By the mask's places that a return reads, not by value: an unchanged value still has a slope.
+  const ChangedRegion& mask = camera_->dirty(clean_->camera_plan->mask_layer);
   const auto add_columns = [&](const float* p) {
     const auto row = static_cast<std::int64_t>((p[0] - kXMin) / kVoxel - 0.5),
                column = static_cast<std::int64_t>((p[1] - kYMin) / kVoxel - 0.5);
@@ -176,9 +176,9 @@ void LocalNetwork::add_painted(ChangedRegion& dirty) const {
 LocalNetwork::Gradient LocalNetwork::backward(const Tensor& d_loss) {
   const Tensor d_logits = d_loss.to(typed_.points.scalar_type());
   Gradient gradient;
-  gradient.points = sweep_.fresh;
+  gradient.points = sweep_.added;
   gradient.of_points =
-      torch::zeros({static_cast<std::int64_t>(sweep_.fresh.size()), 4}, typed_.points.options());
+      torch::zeros({static_cast<std::int64_t>(sweep_.added.size()), 4}, typed_.points.options());
   if (watched_count() > 0) gradient.masses = torch::zeros({watched_count()}, typed_.points.options());
   if (!backbone_) {
     rows_vjp(d_logits);
@@ -212,7 +212,7 @@ void LocalNetwork::rows_vjp(const Tensor& d_logits) {
   }
   const torch::NoGradGuard guard;
   std::int64_t from = 0;
-  for (const int number : clean_->camera_plan->rows) {
+  for (const int number : clean_->camera_plan->row_layers) {
     const Layer& layer = clean_->camera_plan->plan[number];
     Tensor map = torch::zeros({1, layer.channels, layer.rows, layer.columns}, d_rows.options());
     map.narrow(1, 4, 2).copy_(
@@ -276,7 +276,7 @@ void LocalNetwork::features_vjp(Gradient& gradient) {
   }
   const torch::NoGradGuard guard;
   add_to_points(gradient, all, changed[1]);
-  camera_->add_gradient(clean_->camera_plan->read, changed[0]);
+  camera_->add_gradient(clean_->camera_plan->fusion_layer, changed[0]);
 }
 
 void LocalNetwork::voxels_vjp(Gradient& gradient) {
@@ -284,16 +284,16 @@ void LocalNetwork::voxels_vjp(Gradient& gradient) {
   const Window touched = intersection(backbone_->touched(number), kGridWindow);
   if (touched.empty()) return;
   const Tensor d_voxels = backbone_->gradient(number, touched);
-  if (!sweep_.fresh.empty()) {
+  if (!sweep_.added.empty()) {
     ChangedRegion own(kVoxelsX, kVoxelsY);
-    for (const std::int64_t i : sweep_.fresh) add_voxels_of(input_.points.data_ptr<float>() + 4 * i, own);
+    for (const std::int64_t i : sweep_.added) add_voxels_of(input_.points.data_ptr<float>() + 4 * i, own);
     Window at;
     for (const Window& window : own.windows(kVoxelsX * kVoxelsY)) at = bounds(at, window);
     at = intersection(at, touched);
     if (!at.empty()) {
-      const Tensor fresh = typed_.points.index_select(0, torch::tensor(sweep_.fresh));
-      add_to_points(gradient, sweep_.fresh,
-                    soft_voxels_vjp(fresh, at, soft_voxels(typed_.points, at),
+      const Tensor added = typed_.points.index_select(0, torch::tensor(sweep_.added));
+      add_to_points(gradient, sweep_.added,
+                    soft_voxels_vjp(added, at, soft_voxels(typed_.points, at),
                                     cut(d_voxels, touched, at).narrow(1, 0, kVoxelsZ)));
     }
   }
@@ -315,9 +315,9 @@ void LocalNetwork::voxels_vjp(Gradient& gradient) {
   }
   const torch::NoGradGuard guard;
   if (changed.size() > 2 && changed[2].defined()) gradient.masses += changed[2];
-  if (changed[1].defined() && !sweep_.fresh.empty())
-    add_to_points(gradient, sweep_.fresh, changed[1].index_select(0, torch::tensor(sweep_.fresh)));
-  if (changed[0].defined()) camera_->add_gradient(clean_->camera_plan->mask, changed[0]);
+  if (changed[1].defined() && !sweep_.added.empty())
+    add_to_points(gradient, sweep_.added, changed[1].index_select(0, torch::tensor(sweep_.added)));
+  if (changed[0].defined()) camera_->add_gradient(clean_->camera_plan->mask_layer, changed[0]);
 }
 
 void LocalNetwork::masses_vjp(const Window& touched, const Tensor& d_voxels, Gradient& gradient) {
@@ -335,7 +335,7 @@ void LocalNetwork::masses_vjp(const Window& touched, const Tensor& d_voxels, Gra
 void LocalNetwork::picture_vjp(Gradient& gradient) {
   camera_->backward();
   if (changed_.empty()) return;
-  const int number = clean_->camera_plan->picture;
+  const int number = clean_->camera_plan->picture_layer;
   const Window focus_at = halved(changed_);
   const Window pixels = intersection(doubled(focus_at), whole_picture(input_.image));
   const Tensor d_focus = camera_->gradient(number, focus_at);
@@ -355,9 +355,9 @@ void LocalNetwork::add_to_points(Gradient& gradient, std::span<const std::int64_
   const std::int64_t width = std::min<std::int64_t>(rows.size(1), 4);
   std::vector<std::int64_t> from, into;
   for (std::size_t k = 0; k < points.size(); ++k) {
-    const auto at = std::lower_bound(sweep_.fresh.begin(), sweep_.fresh.end(), points[k]);
-    if (at == sweep_.fresh.end() || *at != points[k]) continue;  // as recorded
-    from.push_back(static_cast<std::int64_t>(k)), into.push_back(at - sweep_.fresh.begin());
+    const auto at = std::lower_bound(sweep_.added.begin(), sweep_.added.end(), points[k]);
+    if (at == sweep_.added.end() || *at != points[k]) continue;  // as recorded
+    from.push_back(static_cast<std::int64_t>(k)), into.push_back(at - sweep_.added.begin());
   }
   if (from.empty()) return;
   gradient.of_points.narrow(1, 0, width)
@@ -373,7 +373,7 @@ double LocalNetwork::whole_work() const {
          (backbone_ ? clean_->backbone_plan->plan.work() : 0);
 }
 
-// What stands behind the backbone in a pass over a change: late fusion and the second stage. Both look at all
+// The stages behind the backbone in a pass over a change: late fusion and the second stage. Both process all
 // of their few hundred proposals; their gradients go to the maps that they read.
 
 void LocalNetwork::join() {
@@ -394,7 +394,7 @@ void LocalNetwork::check_again() {
 }
 
 Tensor LocalNetwork::second_stage_vjp(const Tensor& d_output, Gradient& gradient) {
-  // Each region stands by itself: only those that the loss asks are looked at again, with a graph.
+  // Regions are independent: only those with a gradient are computed again, with a graph.
   const Tensor loud = d_output.ne(0).any(0).reshape({-1}).contiguous();
   std::vector<std::int64_t> cells;
   for (const std::int64_t cell : regions_)
@@ -411,10 +411,10 @@ Tensor LocalNetwork::second_stage_vjp(const Tensor& d_output, Gradient& gradient
                                             {d_output}, {}, false, true);
   const torch::NoGradGuard guard;
   if (before[1].defined()) backbone_->add_gradient(clean_->backbone_plan->bev, before[1]);
-  if (before[2].defined()) camera_->add_gradient(clean_->camera_plan->read, before[2]);
-  if (before[3].defined()) camera_->add_gradient(clean_->camera_plan->mask, before[3]);
-  if (before[4].defined() && !sweep_.fresh.empty())
-    add_to_points(gradient, sweep_.fresh, before[4].index_select(0, torch::tensor(sweep_.fresh)));
+  if (before[2].defined()) camera_->add_gradient(clean_->camera_plan->fusion_layer, before[2]);
+  if (before[3].defined()) camera_->add_gradient(clean_->camera_plan->mask_layer, before[3]);
+  if (before[4].defined() && !sweep_.added.empty())
+    add_to_points(gradient, sweep_.added, before[4].index_select(0, torch::tensor(sweep_.added)));
   if (before.size() > 5 && before[5].defined()) gradient.masses += before[5];
   return before[0];
 }

@@ -1,10 +1,10 @@
-// A pass of the network over what an object changed of a frame, forward and backward: the result of the whole
+// A pass of the network over an object's changes of a frame, forward and backward: the result of the whole
 // pass, up to the rounding of sums.
 //
-// What changed in the picture is told, what changed in the sweep is found (clean_frame.h). From there on
-// windows grow through the camera network (branch_plans.h), through the look-up of features by returns, and
-// through the backbone (branch_plans.h). Whatever is discrete (which return feeds a cell, which boxes are
-// joined) is decided anew.
+// The caller gives the picture's changes; those of the sweep are found (clean_frame.h). From there on windows
+// grow through the camera network (branch_plans.h), through the look-up of features by returns, and through
+// the backbone (branch_plans.h). Discrete choices (which return feeds a cell, which boxes are joined) are
+// made anew.
 #pragma once
 
 #include <memory>
@@ -18,8 +18,8 @@ namespace mirage::fusion {
 class LocalNetwork {
  public:
   /// input: image H × W × 3 (where the network reads one) and points, float. `changed`: pixels outside are
-  /// those of the clean frame. locality > 0: the pass ends so many metres around the changes of the sweep,
-  /// and as many at the object's range in the picture; what lies beyond is left as it was (an approximation).
+  /// those of the clean frame. locality > 0: the pass ends that many metres around the changes of the sweep,
+  /// and as many at the object's range in the picture; values beyond stay clean (an approximation).
   LocalNetwork(Network network, std::shared_ptr<const CleanFrame> clean, const SensorTensors& input,
                const Window& changed, double locality = 0);
   LocalNetwork(const LocalNetwork&) = delete;
@@ -27,7 +27,7 @@ class LocalNetwork {
 
   /// As NetworkImpl::forward: kOutputs × 140 × 160. Of a network with a backbone.
   torch::Tensor output() const { return output_; }
-  /// What the camera network says, where asked for: boxes and logits.
+  /// The camera network's output; boxes and logits where asked for.
   const CameraOutput& seen() const { return seen_; }
 
   /// Of the picture (0: none) and of the sweep.
@@ -40,12 +40,12 @@ class LocalNetwork {
 
   struct Gradient {
     torch::Tensor image;               ///< of the changed pixels; undefined: none
-    Window pixels;                     ///< what it covers
+    Window pixels;                     ///< the extent of `image`
     std::vector<std::int64_t> points;  ///< that are not in the clean sweep
     torch::Tensor of_points;           ///< one row each, as long as the points' rows
     torch::Tensor masses;              ///< d loss / d mass of each watched point; undefined: none
   };
-  /// d loss / d logit, one a proposal cell or one a picture box → d loss / d what changed.
+  /// d loss / d logit, one a proposal cell or one a picture box → d loss / d changed inputs.
   Gradient backward(const torch::Tensor& d_loss);
 
   /// Floating-point operations of convolutions so far, and of a whole pass forward.
@@ -77,7 +77,7 @@ class LocalNetwork {
       typed_;  ///< the same in the type of the network's weights; discrete choices are made in float
   Window changed_;
   double locality_;
-  bool confined_ = false;  ///< the bird's-eye view is
+  bool confined_ = false;  ///< whether the bird's-eye view is
   SweepChange sweep_;
   std::optional<LocalPass> camera_, backbone_;
   std::array<std::vector<ChangedCell>, kGrids.size()> cells_;
@@ -86,8 +86,8 @@ class LocalNetwork {
   torch::Tensor read_;         ///< the map that fusion reads
   torch::Tensor before_join_;  ///< the backbone's output and the boxes' logits, leaves of joined_
   torch::Tensor logits_before_join_, joined_;
-  FirstStage first_;                   ///< what the second stage read
-  std::vector<std::int64_t> regions_;  ///< the cells that it looked at
+  FirstStage first_;                   ///< the second stage's input
+  std::vector<std::int64_t> regions_;  ///< the second stage's cells
   torch::Tensor output_;
 };
 

@@ -11,10 +11,10 @@ namespace {
 using torch::Tensor;
 constexpr auto kNhwc = torch::MemoryFormat::ChannelsLast;
 
-/// What another window costs, in floating-point operations of a convolution and in places of other layers.
+/// The cost of another window, in floating-point operations of a convolution and in places of other layers.
 constexpr double kWindowWork = 1.5e6;
 constexpr std::int64_t kWindowPlaces = 128;
-constexpr std::int64_t kRasterSteps = 40;  // at least so many of a raster's steps across a map
+constexpr std::int64_t kRasterSteps = 40;  // minimum number of a raster's steps across a map
 
 Tensor empty(std::int64_t channels, const Window& at, torch::Dtype type) {
   return torch::empty({1, channels, at.rows(), at.columns()},
@@ -135,7 +135,7 @@ ChangedRegion LocalPass::spread(const Layer& layer) const {
   if (layer.op == Layer::Op::upsample) return dirty(layer.from[0]).doubled(layer.rows);
   ChangedRegion all = dirty(layer.from[0]).through(layer.reach, layer.rows, layer.columns);
   for (std::size_t k = 1; k < layer.from.size(); ++k) all.add(dirty(layer.from[k]));
-  // What reads an input that is not kept has the windows that it was asked for, and no others.
+  // The reader of an input that is not kept has exactly the windows requested in give().
   const Layer& first = plan_[layer.from[0]];
   if (near_.rows() > 0 && (first.op != Layer::Op::input || first.kept))
     all.keep(near(layer.rows, layer.columns));
@@ -168,7 +168,7 @@ std::vector<Window> LocalPass::windows(const Layer& layer, const ChangedRegion& 
   const bool twice = layer.op == Layer::Op::upsample;
   if (!twice && !(layer.op == Layer::Op::conv && layer.reach.kernel == 1 && layer.reach.stride == 1))
     return windows_of(dirty, layer);
-  // Place by place: in the input's own windows nothing around them is needed, and nothing is kept for it.
+  // Pointwise: in the input's own windows no surroundings are needed, and nothing is kept for them.
   std::vector<Window> same;
   for (const Patch& patch : nodes_[as_size(layer.from[0])].patches) {
     Window at = patch.at;
@@ -328,7 +328,7 @@ void LocalPass::back(const Layer& layer, const Patch& patch, const Window& at) {
 
 void LocalPass::conv_vjp(const Layer& layer, const Window& at, const Tensor& gradient) {
   const int from = layer.from[0];
-  // By the input's patches: what falls between them is dropped before it is computed.
+  // By the input's patches: gradients between them are dropped before they are computed.
   for (Patch& before : patches(from)) {
     const Window read = intersection(at, reached_by(before.at, layer.reach, layer.rows, layer.columns));
     if (read.empty()) continue;
@@ -344,7 +344,7 @@ void LocalPass::conv_vjp(const Layer& layer, const Window& at, const Tensor& gra
       continue;
     }
     const std::int64_t s = layer.reach.stride;
-    const Tensor& weight = layer.weight16.defined() ? layer.weight16 : layer.weight;
+    const Tensor& weight = layer.weight_bf16.defined() ? layer.weight_bf16 : layer.weight;
     const auto [d_input, d_weight, d_bias] =
         at::convolution_backward(cut(gradient, at, read).contiguous(kNhwc).to(weight.scalar_type()),
                                  empty(plan_[from].channels, all, weight.scalar_type()), weight, {}, {s, s},

@@ -1,13 +1,13 @@
-// A plan over the windows that a change of its input reaches, given what the unchanged input made (Krypton,
-// Nakandala et al., SIGMOD 2019, does so forward; the backward pass here is Mirage's own).
+// A plan over the windows that a change of its input reaches, given the maps of the unchanged input (Krypton,
+// Nakandala et al., SIGMOD 2019, does this forward; the backward pass here is Mirage's own).
 //
 // Forward: a layer's dirty places are those that read a dirty place of its inputs. They are covered by
-// windows, and each is computed from its inputs' windows, with what lies around them taken from the clean
-// maps. Nothing is left out, so that the result is that of the whole pass up to the rounding of sums.
+// windows, and each is computed from its inputs' windows, with the surroundings taken from the clean maps.
+// Nothing is left out: the result is that of the whole pass up to the rounding of sums.
 //
-// Backward: a gradient lives on a touched part of the windows, which grows from the places where the loss
-// has one; what would fall on clean places is dropped, because nothing that changed leads there. So the early
-// layers are small by the change and the late ones by the loss.
+// Backward: a gradient lives on a touched part of the windows, which grows from the places where the loss has
+// one. Gradients on clean places are dropped, because no change leads there. So the change limits the early
+// layers, and the loss the late ones.
 #pragma once
 
 #include <functional>
@@ -26,7 +26,7 @@ torch::Tensor pad_to(const torch::Tensor& x, const Window& at, const Window& out
 struct Patch {
   Window at;
   torch::Tensor value = {};     ///< 1 × channels × rows × columns, channels-last
-  torch::Tensor before = {};    ///< of a conv with SiLU: what the curve was given
+  torch::Tensor before = {};    ///< of a conv with SiLU: the curve's input
   torch::Tensor highest = {};   ///< of a pool: where the maxima lie
   ChangedRegion touched = {};   ///< places of the map outside of which `gradient` is zero
   torch::Tensor gradient = {};  ///< over `at`; undefined: none
@@ -37,14 +37,14 @@ class LocalPass {
   /// Both must outlive it.
   LocalPass(const Plan& plan, const CleanMaps& clean);
 
-  /// What changed in an input, and value(window), its map there, channels-last. Windows cover `dirty`; of an
-  /// input that is not kept they are what its one reader will read: they may overlap, and go beyond the map
+  /// The changes of an input, and value(window), its map there, channels-last. Windows cover `dirty`. For an
+  /// input that is not kept they are those that its one reader reads: they may overlap, and go beyond the map
   /// (where it is zero).
   void give(int layer, ChangedRegion dirty, const std::function<torch::Tensor(const Window&)>& value);
   /// Makes the pass an approximation: from here on, changes further than `halo` places from `changed` (both
   /// in an input's map) are ignored. Maps of other sizes count in steps of a power of two.
   void confine(ChangedRegion changed, std::int64_t halo) { near_ = std::move(changed), halo_ = halo; }
-  /// Of a map of rows × columns: what lies near enough. Only after confine().
+  /// The near places of a map of rows × columns. Only after confine().
   ChangedRegion near(std::int64_t rows, std::int64_t columns) const;
   void forward();
 
@@ -52,18 +52,18 @@ class LocalPass {
   std::vector<Patch>& patches(int layer) { return nodes_[as_size(layer)].patches; }
   /// The layer's map as it is now. Of a kept layer.
   torch::Tensor whole(int layer) const;
-  /// A window of it, `fill` beyond the map. Of a kept layer, or of what is known.
+  /// A window of that map, `fill` beyond it. Of a kept layer, or within a patch.
   torch::Tensor window(int layer, const Window& at, float fill = 0) const;
 
   /// Adds to the gradient of a layer: gradient covers `at`, of which the dirty part counts.
   void add_gradient(int layer, const Window& at, const torch::Tensor& gradient);
   /// The same of a whole map (1 × channels × rows × columns), from the places where it is not zero.
   void add_gradient(int layer, const torch::Tensor& map);
-  /// What holds all places of a layer that have a gradient.
+  /// A window of all places of a layer that have a gradient.
   Window touched(int layer) const;
   /// The gradient of a layer over a window; zero where there is none.
   torch::Tensor gradient(int layer, const Window& at) const;
-  /// From the gradients that were added to the inputs' gradients.
+  /// Propagates the added gradients to the inputs.
   void backward();
 
   /// Floating-point operations of convolutions so far.

@@ -29,7 +29,7 @@ Local to_local(const MirageBox& box, double x, double y) {
   return {(c * dx + s * dy) / (box.length / 2.0), (c * dy - s * dx) / (box.width / 2.0)};
 }
 
-/// Whether what lies there in an ignored box's frame gives no background loss.
+/// Whether that place in an ignored box's frame gives no background loss.
 bool is_ignored(Local at) {
   return std::max(std::abs(at.along), std::abs(at.across)) <= 1.1;
 }
@@ -72,7 +72,7 @@ Tensor cross_entropy(const Tensor& logit, const Tensor& target) {
   return torch::softplus(logit) - target * logit;
 }
 
-/// Of sizes of errors: squares below `from`, slopes of 1 beyond.
+/// Smooth L1 of absolute errors: quadratic below `from`, with slope 1 beyond.
 Tensor smooth_l1(const Tensor& size, double from) {
   return torch::where(size < from, size.square() / (2 * from), size - from / 2);
 }
@@ -99,7 +99,7 @@ constexpr double kScoredFrom = 0.3, kScoredFull = 0.8;  // of a new box, where i
 constexpr double kOnLabel = 0.5;                        // of an old box that learns to move
 constexpr double kChangeWeight = 1, kSmoothBelow = 0.3;
 
-/// What turns `from` into `to`, in kChangeUnits; directions are the same half a turn on.
+/// The change from `from` to `to`, in kChangeUnits; directions are equal modulo half a turn.
 std::array<float, kBoxParts> change_between(const BevBox& from, const BevBox& to) {
   const double c = std::cos(from.yaw), s = std::sin(from.yaw), dx = to.x - from.x, dy = to.y - from.y;
   const double along = c * dx + s * dy, across = c * dy - s * dx;

@@ -37,21 +37,21 @@ LossTerms sum(const LossTerms& a, const LossTerms& b);
 /// batch's numbers of positive and boxed cells.
 LossTerms detection_loss(const torch::Tensor& output, const Targets& targets, double positives, double boxed);
 
-/// The box that a cell's six regressed values mean. output: kOutputs × 140 × 160.
+/// The box that a cell's six regressed values encode. output: kOutputs × 140 × 160.
 MirageBox decode_box(const float* output, std::int64_t cell);
 
-// What the camera network is taught: boxes in the picture, and which pixels show vehicles.
+// The camera network's targets: boxes in the picture, and pixels that show vehicles.
 
 /// Which places answer for which box.
 struct PictureMatch {
   std::vector<std::int64_t> places, boxes;  ///< pairs; a place answers for one box at most
-  std::vector<std::int64_t> silent;         ///< further places whose score is taught nothing
+  std::vector<std::int64_t> silent;         ///< further places without a loss on the score
 };
 
 /// SimOTA (Ge et al., 2021): candidates of a box are the places inside it, or within 2.5 strides of its
-/// centre; each costs −log score − 3 log IoU of what it says now (and much more unless it is both inside and
-/// near the centre); the cheapest Σ (ten best IoUs) of them answer for the box. Silent: places whose centre
-/// lies in an ignored box, and all whose centre lies beyond the picture.
+/// centre; each costs −log score − 3 log IoU of its current prediction (and much more unless it is both
+/// inside and near the centre); the cheapest Σ (ten best IoUs) of them answer for the box. Silent: places
+/// whose centre lies in an ignored box, and all whose centre lies beyond the picture.
 PictureMatch match(std::span<const Place> places, std::span<const float> predicted_boxes,
                    std::span<const float> predicted_logits, std::span<const MiragePictureBox> boxes,
                    std::span<const MiragePictureBox> ignored, std::int64_t height, std::int64_t width);
@@ -67,13 +67,13 @@ LossTerms picture_loss(const CameraOutput& output, std::span<const MiragePicture
 /// IoU of each row of `a` with the same row of `b` (both n × 4); differentiable.
 torch::Tensor row_iou(const torch::Tensor& a, const torch::Tensor& b);
 
-// What the second stage is taught.
+// The second stage's targets.
 
-/// Score: cross entropy with a target that rises from 0 at an IoU of 0.3 between the region's new box and the
-/// label that its old one overlaps most to 1 at 0.8, so that of a car's proposals the best box comes first
-/// (Jiang et al., IoU-Net, ECCV 2018). Box: smooth L1 of the change, in kChangeUnits, where the old box's IoU
-/// is 0.5 or more. Both are means over the regions that count; those within an ignored box, and on no label
-/// by 0.3, do not.
+/// Score: cross entropy. Its target rises from 0 to 1 between an IoU of 0.3 and 0.8 of the region's new box
+/// with the label that its old one overlaps most, so that a car's best box comes first (Jiang et al.,
+/// IoU-Net, ECCV 2018). Box: smooth L1 of the change, in kChangeUnits, where the old box's IoU is 0.5 or
+/// more. Both are means over the regions that count; those within an ignored box that overlap no label by 0.3
+/// do not.
 LossTerms region_loss(const Regions& regions, std::span<const MirageBox> boxes,
                       std::span<const MirageBox> ignored);
 

@@ -44,7 +44,7 @@ class SampleStatistics {
   std::vector<Seen> seen;
 };
 
-/// Moves the running means towards what a sample showed, the `samples`-th of the training: the plain mean of
+/// Moves the running means towards a sample's statistics, the `samples`-th of the training: the plain mean of
 /// the first fifty, a mean that forgets from then on.
 void follow(const std::vector<SampleStatistics::Seen>& seen, std::int64_t samples);
 
@@ -78,7 +78,7 @@ struct ResidualImpl : torch::nn::Module {
 };
 TORCH_MODULE(Residual);
 
-/// What a network may have beside the LiDAR's backbone.
+/// The parts that a network may have.
 struct Parts {
   bool image = true;        ///< continuous fusion of the camera network's features
   bool denoising = false;   ///< non-local means on the image features that fusion reads
@@ -92,8 +92,8 @@ struct Parts {
 
 /// Feature denoising by a non-local mean (Xie et al., CVPR 2019) in its dot-product form: each place takes
 /// the mean of all places, weighed by the inner product of features, through a 1 × 1 convolution, and is
-/// added to it. Linear in the number of places. Heard from the start: where the norm's gain started at zero,
-/// a training of hundreds of steps left it there (0.4 % of the features), and nothing was denoised.
+/// added to it. Linear in the number of places. Effective from the start: with an initial gain of zero, a
+/// training of hundreds of steps left it there (0.4 % of the features), and nothing was denoised.
 struct NonLocalMeanImpl : torch::nn::Module {
   explicit NonLocalMeanImpl(int channels);
   torch::Tensor forward(const torch::Tensor& x);
@@ -132,14 +132,14 @@ struct NetworkImpl : torch::nn::Module {
   /// The same before proposals are joined or looked at again; its picture and mask are those of a network
   /// with a second stage.
   FirstStage first_stage(const SensorTensors& input);
-  /// Of input.image; undefined without a picture or without the network. Boxes where asked for, or where the
-  /// network joins them.
+  /// The camera network's output for input.image; undefined without a picture or that network. With boxes if
+  /// asked for, or if the network joins them.
   CameraOutput see(const SensorTensors& input, bool with_boxes = false);
-  /// What continuous fusion reads of that: 1 × (kCameraFeatures + 1) × H/8 × W/8.
+  /// The map that continuous fusion reads: 1 × (kCameraFeatures + 1) × H/8 × W/8.
   torch::Tensor read_map(const CameraOutput& seen);
   /// Undefined tensors where no point of the sweep is in the picture.
   ReadFeatures read_image(const SensorTensors& input);
-  /// What the picture adds to each scale of the backbone; undefined where it adds nothing.
+  /// The picture's term at each scale of the backbone; undefined where it adds nothing.
   std::array<torch::Tensor, kGrids.size()> fused(const SensorTensors& input);
 
   CameraNet camera{nullptr};

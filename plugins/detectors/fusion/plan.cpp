@@ -18,11 +18,12 @@ Tensor padded(const Tensor& x, const Window& outer) {
 
 /// Called by name: LibTorch's own choice takes small inputs through a loop over groups. oneDNN has no double.
 Tensor convolved(const Tensor& x, const Layer& layer, const Tensor& weight, const Tensor& bias,
-                 const Tensor& weight16, const Tensor& bias16, std::int64_t stride, std::int64_t padding) {
+                 const Tensor& weight_bf16, const Tensor& bias_bf16, std::int64_t stride,
+                 std::int64_t padding) {
   if (x.scalar_type() == torch::kDouble)
     return at::conv2d(x, weight, bias, {stride, stride}, {padding, padding}, {1, 1}, layer.groups);
-  if (weight16.defined())
-    return at::mkldnn_convolution(x.to(torch::kBFloat16), weight16, bias16, {padding, padding},
+  if (weight_bf16.defined())
+    return at::mkldnn_convolution(x.to(torch::kBFloat16), weight_bf16, bias_bf16, {padding, padding},
                                   {stride, stride}, {1, 1}, layer.groups)
         .to(torch::kFloat);
   return at::mkldnn_convolution(x, weight, bias, {padding, padding}, {stride, stride}, {1, 1}, layer.groups);
@@ -34,7 +35,7 @@ Tensor convolve_whole(const Layer& layer, const Tensor& x) {
   const auto own = [&](std::int64_t size) { return (size + 2 * padding - kernel) / stride + 1; };
   if (own(x.size(2)) != layer.rows || own(x.size(3)) != layer.columns)
     return convolve(layer, padded(x, read_by(layer.whole(), layer.reach)));
-  return convolved(x, layer, layer.weight, layer.bias, layer.weight16, layer.bias16, stride, padding);
+  return convolved(x, layer, layer.weight, layer.bias, layer.weight_bf16, layer.bias_bf16, stride, padding);
 }
 
 Tensor curved(Curve curve, const Tensor& x) {
@@ -48,7 +49,7 @@ double Layer::work() const {
 }
 
 int Plan::add(Layer layer) {
-  // What a layer with an extent reads beyond a window, and what one of several maps reads where another one
+  // Kept: maps that a layer reads beyond a window, and maps that it reads where only another of its maps
   // changed.
   const bool reads_around = layer.reach.kernel > 1 || layer.op == Layer::Op::sum ||
                             layer.op == Layer::Op::join || layer.op == Layer::Op::average_pool;
@@ -91,8 +92,8 @@ int Plan::conv(int from, const Tensor& weight, const Tensor& bias, std::int64_t 
   }
   type_ = weight.scalar_type();
   if (bfloat16_ && type_ == torch::kFloat && groups == 1 && layer.channels >= kMinRounded) {
-    layer.weight16 = layer.weight.to(torch::kBFloat16), layer.bias16 = layer.bias.to(torch::kBFloat16);
-    if (stride == 1) layer.turned16 = layer.turned.to(torch::kBFloat16);
+    layer.weight_bf16 = layer.weight.to(torch::kBFloat16), layer.bias_bf16 = layer.bias.to(torch::kBFloat16);
+    if (stride == 1) layer.turned_bf16 = layer.turned.to(torch::kBFloat16);
   }
   return add(std::move(layer));
 }
@@ -142,11 +143,12 @@ std::size_t CleanMaps::bytes() const {
 }
 
 Tensor convolve(const Layer& layer, const Tensor& x) {
-  return convolved(x, layer, layer.weight, layer.bias, layer.weight16, layer.bias16, layer.reach.stride, 0);
+  return convolved(x, layer, layer.weight, layer.bias, layer.weight_bf16, layer.bias_bf16, layer.reach.stride,
+                   0);
 }
 
 Tensor convolve_turned(const Layer& layer, const Tensor& gradient) {
-  return convolved(gradient, layer, layer.turned, {}, layer.turned16, {}, 1, 0);
+  return convolved(gradient, layer, layer.turned, {}, layer.turned_bf16, {}, 1, 0);
 }
 
 CleanMaps run(const Plan& plan, const std::vector<Tensor>& input) {

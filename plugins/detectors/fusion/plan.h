@@ -35,8 +35,8 @@ struct Layer {
   torch::Tensor turned;  ///< of stride 1: the kernel whose convolution is the derivative in the input
   /// The same in bfloat16, where this convolution runs in it: operands are rounded, products summed in float,
   /// the result is rounded once.
-  torch::Tensor weight16, bias16, turned16;
-  bool kept = false;  ///< windows of later layers read it beyond what changed: its clean map is kept
+  torch::Tensor weight_bf16, bias_bf16, turned_bf16;
+  bool kept = false;  ///< windows of later layers read it beyond the changes: its clean map is kept
 
   std::int64_t places() const { return rows * columns; }
   Window whole() const { return {0, 0, rows, columns}; }
@@ -47,12 +47,12 @@ struct Layer {
 /// Every function adds a layer and returns its number. Maps are 1 × channels × rows × columns, channels-last.
 class Plan {
  public:
-  /// bfloat16: of convolutions over all channels with at least kMinRounded outputs. The few numbers that
-  /// heads give stay float, and so do convolutions of single channels, which gain nothing.
+  /// bfloat16: of convolutions over all channels with at least kMinRounded outputs. The few outputs of heads
+  /// stay float, and so do convolutions of single channels, which gain nothing.
   explicit Plan(bool bfloat16 = false) : bfloat16_(bfloat16) {}
   static constexpr std::int64_t kMinRounded = 16;
   /// `kept`: run() keeps the map that it is given. An input that is not kept must be given, in a local pass,
-  /// a margin around what changed.
+  /// with a margin around the changes.
   int input(std::int64_t channels, std::int64_t rows, std::int64_t columns, bool kept);
   /// weight: out × in/groups × k × k, groups 1 or one a channel. Padding (k − 1) / 2 as all of the network's
   /// convolutions have it; an input of odd size counts as padded to a multiple of the stride.
@@ -87,11 +87,11 @@ struct CleanMaps {
   const torch::Tensor& operator[](int layer) const { return maps[as_size(layer)]; }
 };
 
-/// The plan over whole maps. `input`: by layer number, undefined elsewhere; a given layer without a map is
+/// The plan over whole maps. `input`: by layer number, undefined elsewhere; an input layer without a map is
 /// zero.
 CleanMaps run(const Plan& plan, const std::vector<torch::Tensor>& input);
 
-/// A layer's convolution, without padding: x holds all that the outputs read.
+/// A layer's convolution, without padding: x covers all inputs of the outputs.
 torch::Tensor convolve(const Layer& layer, const torch::Tensor& x);
 /// Of a layer of stride 1: the derivative of its convolution in the input, without padding.
 torch::Tensor convolve_turned(const Layer& layer, const torch::Tensor& gradient);

@@ -17,8 +17,8 @@ namespace mirage::fusion {
 /// Row-major 3 × 4 projection: (u w, v w, w) = M (x, y, z, 1).
 using Projection = std::array<double, 12>;
 
-/// Where the camera sees a point (x, y, z): pixel and depth (m). Empty behind the camera, closer than half a
-/// metre (which keeps the division tame) and outside the picture.
+/// Pixel and depth (m) of a point (x, y, z) in the camera. Empty behind the camera, closer than half a metre
+/// (which bounds the division) and outside the picture.
 struct PixelDepth {
   double u, v, depth;
 };
@@ -27,7 +27,7 @@ std::optional<PixelDepth> seen_at(const float* point, const Projection& projecti
 /// points: n × 3. Rows (u w, v w, w) of the projection; differentiable.
 torch::Tensor projected(const torch::Tensor& points, const Projection& projection);
 
-/// The points that cells' offsets are taken from: n × 3.
+/// The cells' centres, from which offsets are measured: n × 3.
 torch::Tensor centres_of(std::span<const std::int64_t> cells, const Grid& grid);
 
 /// cells[k] (row · columns + column) takes its image feature at points[k].
@@ -42,7 +42,7 @@ struct NearestPoints {
 std::array<NearestPoints, kGrids.size()> nearest_points(std::span<const float> points,
                                                         const Projection& projection, int width, int height);
 
-/// Its parts. Whether a point (x, y, z) takes part: in the region, and seen by the camera.
+/// A part of nearest_points: whether a point (x, y, z) is in the region and seen by the camera.
 bool feeds_cells(const float* point, const Projection& projection, int width, int height);
 /// Cells that such a point may be nearest to: those whose centres it reaches, and a cell around them.
 Window cells_reached(const Grid& grid, double x, double y);
@@ -58,7 +58,7 @@ std::vector<std::int64_t> nearest_in(const Grid& grid, std::span<const float> po
 /// in both.
 torch::Tensor bilinear(const torch::Tensor& map, const torch::Tensor& at);
 
-/// Where pixels lie in a map with one place for each stride × stride of them, as bilinear() counts.
+/// Positions of pixels in a map with one place for each stride × stride pixels, as bilinear() takes them.
 torch::Tensor places_in_map(const torch::Tensor& pixels, int stride);
 /// bilinear() at the pixels of points (N × 3).
 torch::Tensor features_at(const torch::Tensor& map, const torch::Tensor& points, const Projection& projection,
@@ -70,12 +70,12 @@ torch::Tensor features_at(const torch::Tensor& map, const torch::Tensor& points,
 inline constexpr Window kGridWindow{0, 0, kVoxelsX, kVoxelsY};
 
 /// points: N × (x, y, z, …) float or double, `velo`, on the CPU. Each point spreads a unit of mass over the 8
-/// voxels whose centres surround it, with tri-linear weights; what falls outside the grid is dropped, and so
-/// are points that are not finite. Result: 1 × 18 × 280 × 320 (layers as channels; rows along x, columns
-/// along y), channels-last. Differentiable in x, y and z; reflectance is not read, because sensors and
-/// generated sweeps disagree about it. Bounded to [0, 1) by m / (1 + m), so that near, dense cars look like
-/// far, thin ones. `further`: K × (x, y, z, …) points whose unit of mass is `masses` (K) instead,
-/// differentiable in these; their places have no derivative.
+/// voxels whose centres surround it, with tri-linear weights; mass outside the grid is dropped, and so are
+/// points that are not finite. Result: 1 × 18 × 280 × 320 (layers as channels; rows along x, columns along
+/// y), channels-last. Differentiable in x, y and z; reflectance is not read, because sensors and generated
+/// sweeps disagree about it. Bounded to [0, 1) by m / (1 + m), so that near, dense cars look like far, thin
+/// ones. `further`: K × (x, y, z, …) points whose unit of mass is `masses` (K) instead, differentiable in
+/// these; their places have no derivative.
 torch::Tensor soft_voxels(const torch::Tensor& points, const torch::Tensor& further = {},
                           const torch::Tensor& masses = {});
 /// A window of the same (zero beyond the grid), of float points; no gradient.

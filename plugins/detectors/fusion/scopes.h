@@ -1,4 +1,4 @@
-// What a pass of the network turns on for its time: bfloat16, and gradients of the parameters.
+// Scopes for a pass of the network: bfloat16, and gradients of the parameters.
 #pragma once
 
 #include <ATen/autocast_mode.h>

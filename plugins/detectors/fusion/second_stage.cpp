@@ -36,7 +36,7 @@ constexpr double kOccupiedReach = 0.7, kOccupiedAside = 1;  // the raster's reac
 constexpr double kOwnAlong = 0.8, kOwnAcross = 1.2, kBelow = 0.3, kAbove = 2.7;  // lengths, widths, m
 constexpr std::size_t kMaxReturns = 128;                                         // of a region
 
-/// Points by cell of the first grid: what of the region they are in.
+/// Points in the region, by cell of the first grid.
 class Buckets {
  public:
   explicit Buckets(std::span<const float> points) : first_(kCellsX * kCellsY + 1, 0) {
@@ -57,7 +57,7 @@ class Buckets {
     for (std::size_t i = 0; i < count; ++i)
       if (cell[i] >= 0) points_[next[as_size(cell[i])]++] = static_cast<std::int64_t>(i);
   }
-  /// Of the cells up to `reach` m around (x, y).
+  /// Visits the points of the cells up to `reach` m around (x, y).
   template <class Visit>
   void around(double x, double y, double reach, const Visit& visit) const {
     const auto bound = [](double at, std::int64_t size) {
@@ -76,7 +76,7 @@ class Buckets {
   std::vector<std::int64_t> points_;
 };
 
-/// Returns and, behind them, what is watched; N × 4, float.
+/// Returns and, behind them, watched places; N × 4, float.
 Tensor everything(const SensorTensors& input) {
   const Tensor points = input.points.detach().to(torch::kFloat);
   return (input.watched.defined() ? torch::cat({points, input.watched.detach().to(torch::kFloat)}) : points)
@@ -103,7 +103,7 @@ std::pair<Tensor, Tensor> all_pairs(const Tensor& a, const Tensor& b) {
           b.unsqueeze(1).expand({rows, many, more}).reshape({rows, many * more})};
 }
 
-/// The boxes that the first stage's regressed values mean: n × 5, differentiable.
+/// The boxes that the first stage's regressed values encode: n × 5, differentiable.
 Tensor decoded(const Tensor& values, const std::vector<std::int64_t>& cells) {
   const Tensor centres = centres_of(cells, kGrids[0]).to(values.scalar_type());
   const Tensor sine = values[kSin2Yaw], cosine = values[kCos2Yaw];
@@ -177,7 +177,7 @@ RegionReturns::RegionReturns(const Tensor& boxes, const SensorTensors& input, in
                      mine.push_back(i);
                      if (i >= recorded) ++watched;
                    });
-    std::sort(mine.begin(), mine.end());  // as the sweep has them: what is watched comes last
+    std::sort(mine.begin(), mine.end());  // in the sweep's order: watched places come last
     const std::size_t own = mine.size() - watched,
                       step = std::max<std::size_t>(1, (own + kMaxReturns - 1) / kMaxReturns);
     const auto take = [&](std::int64_t i) {
@@ -271,7 +271,7 @@ SecondStageImpl::SecondStageImpl() {
   together = linear("together", 3 * kRegionWidth + kGeometryValues, kStageHidden);
   hidden = linear("hidden", kStageHidden, kStageHidden);
   last = linear("last", kStageHidden, 1 + kBoxParts);
-  // It starts as the first stage: of what it reads, nothing is silenced but its word.
+  // It starts as the first stage: only its last layer is zero.
   const torch::NoGradGuard guard;
   last->weight.zero_();
   last->bias.zero_();
@@ -283,7 +283,7 @@ std::vector<std::int64_t> SecondStageImpl::chosen(const FirstStage& first) {
 
 Regions SecondStageImpl::find_regions(const FirstStage& first, const SensorTensors& input,
                                       std::vector<std::int64_t> cells) {
-  // In float even where convolutions run in bfloat16: places in metres want their digits.
+  // In float even where convolutions run in bfloat16: places in metres need the precision.
   const c10::impl::ExcludeDispatchKeyGuard in_float(c10::DispatchKey::AutocastCPU);
   Regions regions;
   const Tensor flat = first.output.reshape({kOutputs, -1});
@@ -297,7 +297,7 @@ Regions SecondStageImpl::find_regions(const FirstStage& first, const SensorTenso
   if (count == 0) return regions;
   const Tensor& boxes = regions.boxes;
 
-  // What is discrete: the ground below each box, whether it is in the picture, which returns are its own.
+  // Discrete values: the ground below each box, whether it is in the picture, and the choice of its returns.
   const int width = static_cast<int>(input.image.size(1)), height = static_cast<int>(input.image.size(0));
   const RegionReturns found(boxes, input, width, height);
   const Tensor ground = torch::tensor(found.ground).to(type.dtype()),

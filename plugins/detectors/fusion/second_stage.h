@@ -1,4 +1,4 @@
-// The proposals that a second look is given to.
+// The choice of proposals for the second stage.
 #pragma once
 
 #include <torch/torch.h>
@@ -15,23 +15,23 @@ namespace mirage::fusion {
 /// the first count). A discrete choice, made in float.
 std::vector<std::int64_t> highest(const torch::Tensor& logits, float least, std::size_t most);
 
-// Which returns lie in and around boxes of the bird's-eye view, and what the picture says of them.
+// The returns in and around boxes of the bird's-eye view, with the picture's evidence.
 
 /// Cells of the raster over a box: ±0.7 lengths along, ±1 width across.
 inline constexpr int kOccupiedAlong = 20, kOccupiedAcross = 14, kOccupiedLayers = 3;
 inline constexpr int kOccupancy = kOccupiedAlong * kOccupiedAcross * kOccupiedLayers;
 
-/// The returns of regions. Which they are is discrete, and decided in float whatever the type of the tensors.
+/// The returns of regions. Their choice is discrete, and made in float for tensors of any type.
 class RegionReturns {
  public:
-  /// boxes: n × 5 (x, y, length, width, yaw). A return is a box's if it lies up to 0.8 lengths along and 1.2
-  /// widths across from its centre and 0.3 m below to 2.7 m above its ground; of more than 128 every second,
-  /// third, … is used. Watched places count as returns, and all of them are used.
+  /// boxes: n × 5 (x, y, length, width, yaw). A return belongs to a box if it lies up to 0.8 lengths along
+  /// and 1.2 widths across from its centre and 0.3 m below to 2.7 m above its ground; of more than 128 every
+  /// second, third, … is used. Watched places count as returns, and all of them are used.
   RegionReturns(const torch::Tensor& boxes, const SensorTensors& input, int width, int height);
 
   std::vector<float> ground;   ///< n: height of the ground around a box (LowestReturns)
-  std::vector<float> visible;  ///< n: 1 if a car there is in the picture (car_in_picture), else 0
-  /// One entry per pair of a box and a return of it: the box's index, and the return's row in points_of().
+  std::vector<float> visible;  ///< n: 1 if a car there is in the picture (car_in_picture), or 0
+  /// One entry per pair of a box and a return in it: the box's index, the return's row in points_of().
   std::vector<std::int64_t> region, which;
 
   torch::Tensor points_of(const SensorTensors& input) const;  ///< rows × 3, differentiable
@@ -47,7 +47,7 @@ class RegionReturns {
                           const SensorTensors& input, const torch::Tensor& mask) const;
 
  private:
-  std::vector<std::int64_t> rows_;  ///< by row the return's number; what is watched follows the returns
+  std::vector<std::int64_t> rows_;  ///< by row the return's number; watched places follow the returns
   std::vector<std::int64_t> seen_;  ///< rows that the camera sees
 };
 
@@ -60,21 +60,21 @@ class RegionReturns {
 // Shi et al., CVPR 2019), with the mask's evidence, as a soft raster that is finer than the bird's-eye
 // view's.
 
-/// What the first stage makes of an input, on the CPU.
+/// The first stage's result for an input, on the CPU.
 struct FirstStage {
   torch::Tensor output;   ///< kOutputs × 140 × 160
-  torch::Tensor bev;      ///< 1 × kBevFeatures × 140 × 160: what its head reads
+  torch::Tensor bev;      ///< 1 × kBevFeatures × 140 × 160: its head's input
   torch::Tensor picture;  ///< 1 × (kCameraFeatures + 1) × H/8 × W/8: features and mask; undefined: none
   torch::Tensor mask;     ///< 1 × 1 × H/4 × W/4, logits; undefined: none
 };
 inline constexpr int kBevFeatures = 32;
 
-/// A box's parts and what the second stage changes of each: along and across the box (m), the logarithms of
+/// A box's parts and the second stage's change of each: along and across the box (m), the logarithms of
 /// length and width, the yaw (rad). A row of Regions::change counts in these units.
 inline constexpr int kBoxParts = 5;
 inline constexpr std::array<double, kBoxParts> kChangeUnits = {0.3, 0.3, 0.1, 0.1, 0.1};
 
-/// The proposals that were looked at: n of them.
+/// The n proposals of the second stage.
 struct Regions {
   std::vector<std::int64_t> cells;
   torch::Tensor boxes;            ///< n × 5 of the first stage: x, y, length, width (m), yaw (rad)
@@ -85,12 +85,12 @@ struct Regions {
 
 struct SecondStageImpl : torch::nn::Module {
   SecondStageImpl();
-  /// The cells that are looked at: a logit above −4, at most the 256 highest. A discrete choice.
+  /// The cells for the second stage: a logit above −4, at most the 256 highest. A discrete choice.
   static std::vector<std::int64_t> chosen(const FirstStage& first);
-  /// Of those cells; each region is looked at by itself. `first` has a picture. Differentiable in all four
-  /// maps (through the boxes' places, too), in returns and in the masses of watched ones; which returns are
-  /// in a region (of many, every second, third, …), the ground's height and what is out of the picture carry
-  /// no gradient.
+  /// The regions of those cells, each by itself. `first` has a picture. Differentiable in all four maps
+  /// (through the boxes' places, too), in returns and in the masses of watched ones; which returns are in a
+  /// region (of many, every second, third, …), the ground's height and visibility in the picture carry no
+  /// gradient.
   Regions find_regions(const FirstStage& first, const SensorTensors& input, std::vector<std::int64_t> cells);
   /// The first stage's output with the chosen regions' logits and boxes in their cells.
   torch::Tensor forward(const FirstStage& first, const SensorTensors& input);

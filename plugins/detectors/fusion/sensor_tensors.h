@@ -1,4 +1,4 @@
-// What the network takes, and the channels of what it gives.
+// The network's input, and the channels of its output.
 #pragma once
 
 #include <torch/torch.h>
@@ -23,13 +23,13 @@ struct SensorTensors {
   torch::Tensor watched = {};  ///< K × 4: further points, whose mass is `masses` (K, zero) instead of one;
                                ///< undefined: none. They feed voxels and paint, and no cell of fusion
   torch::Tensor masses = {};
-  CameraOutput camera = {};  ///< what the camera network says of the picture, where that is known already
+  CameraOutput camera = {};  ///< the camera network's output for the picture, if already known
 };
 
 // The host's sensor data as tensors.
 
-/// Views of the host's memory, which lives until its next call. Without a picture where there is none, or
-/// none is wanted.
+/// Views of the host's memory, which lives until its next call. Without a picture if there is none or
+/// !with_image.
 inline SensorTensors view_input(const MirageSensorInput& input, bool with_image) {
   SensorTensors tensors;
   if (with_image && input.image && input.width > 0 && input.height > 0)

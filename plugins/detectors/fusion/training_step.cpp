@@ -1,4 +1,4 @@
-// How the detector learns: a step of its optimiser, and what a sample costs.
+// How the detector learns: a step of its optimiser, and a sample's loss.
 #include <algorithm>
 #include <mutex>
 #include <optional>
@@ -25,8 +25,8 @@ constexpr std::size_t kMemory = std::size_t{4} << 30;  // bytes of kept camera o
 
 CameraOutput FusionDetector::cached_camera_output(const SensorTensors& input, std::uint64_t key) {
   {
-    const std::scoped_lock lock(memory_mutex_);
-    if (const auto kept = memory_.find(key); key != 0 && kept != memory_.end()) {
+    const std::scoped_lock lock(camera_cache_mutex_);
+    if (const auto kept = camera_cache_.find(key); key != 0 && kept != camera_cache_.end()) {
       CameraOutput seen = kept->second;
       for (Tensor* part : {&seen.features, &seen.mask, &seen.boxes, &seen.logits})
         if (part->defined()) *part = part->to(torch::kFloat);
@@ -36,15 +36,16 @@ CameraOutput FusionDetector::cached_camera_output(const SensorTensors& input, st
   const torch::NoGradGuard guard;
   CameraOutput seen = network_->see(input);
   if (key == 0) return seen;
-  CameraOutput small;  // what the join reads
+  CameraOutput small;  // the join's input
   small.mask = seen.mask.to(torch::kHalf);
   if (options_.parts.image) small.features = seen.features.to(torch::kHalf);
   if (options_.parts.late) small.boxes = seen.boxes, small.logits = seen.logits;
   std::size_t bytes = 0;
   for (const Tensor* part : {&small.features, &small.mask, &small.boxes, &small.logits})
     if (part->defined()) bytes += part->nbytes();
-  const std::scoped_lock lock(memory_mutex_);
-  if (memory_bytes_ + bytes <= kMemory && memory_.emplace(key, small).second) memory_bytes_ += bytes;
+  const std::scoped_lock lock(camera_cache_mutex_);
+  if (camera_cache_bytes_ + bytes <= kMemory && camera_cache_.emplace(key, small).second)
+    camera_cache_bytes_ += bytes;
   return seen;
 }
 

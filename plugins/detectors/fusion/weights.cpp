@@ -13,7 +13,7 @@ using torch::Tensor;
 constexpr const char* kFormat = "mirage fusion detector 3";
 constexpr const char *kDenoising = "denoising", *kDepthGate = "depth-gate";
 
-/// Of one of the network's tensors. std::runtime_error for another type, and for a variance below 0.
+/// The file's value of a network's tensor. std::runtime_error for another type, and for a variance below 0.
 Tensor network_tensor(const WeightsFile& file, const std::string& name, torch::IntArrayRef sizes) {
   Tensor value = file.tensor(name, sizes);
   constexpr const char* kFix = "; restore the file, or train anew with mirage train";

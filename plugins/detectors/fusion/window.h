@@ -21,9 +21,9 @@ Window intersection(const Window& a, const Window& b);
 /// The smallest that holds both; an empty one counts for nothing.
 Window bounds(const Window& a, const Window& b);
 bool holds(const Window& outer, const Window& inner);
-/// The same places in a map of half the size, with those that lie there in part.
+/// The same places in a map of half the size, including partial ones.
 Window halved(const Window& at);
-/// In a map of twice the size.
+/// The same places in a map of twice the size.
 Window doubled(const Window& at);
 
 /// How a layer reads: output o needs the inputs o · stride − padding … o · stride − padding + kernel − 1.
@@ -52,14 +52,14 @@ class ChangedRegion {
   bool empty() const;
   std::int64_t area() const;
   void add(std::int64_t row, std::int64_t column) { add(Window{row, column, row + 1, column + 1}); }
-  void add(const Window& window);         ///< what of it lies on the map
+  void add(const Window& window);         ///< clipped to the map
   void add(const ChangedRegion& other);   ///< of a map of the same size
-  void keep(const ChangedRegion& other);  ///< drops what is not in the other, of a map of the same size
-  /// Of the output of a layer that reads this map.
+  void keep(const ChangedRegion& other);  ///< intersects with the other, of a map of the same size
+  /// The changed region of the output of a layer that reads this map.
   ChangedRegion through(const Reach& reach, std::int64_t rows, std::int64_t columns) const;
-  /// Of the map with every place doubled along both axes, cut to `rows`.
+  /// The changed region of the map doubled along both axes, cut to `rows`.
   ChangedRegion doubled(std::int64_t rows) const;
-  /// Disjoint windows that cover it: rows are taken together while that adds fewer than `worth` places.
+  /// Disjoint windows that cover it: rows are merged while that adds fewer than `worth` places.
   std::vector<Window> windows(std::int64_t worth) const;
 
  private:

@@ -87,7 +87,7 @@ class Model {
     probe();
   }
 
-  /// What the model reads, by name; null if it does not.
+  /// The model's input of that name; null if it has none.
   const Place* input(const char* name) const { return find(inputs_, name); }
   const std::array<float, 4>& region() const { return region_; }
   bool in_picture() const { return in_picture_; }
@@ -96,7 +96,7 @@ class Model {
     std::vector<float> boxes, logits;
     std::int64_t columns = 0;  ///< of boxes
   };
-  /// BadFile for shapes that the model does not take, and for answers that are none.
+  /// BadFile for shapes that the model does not take, and for invalid answers.
   Answer run(const float* image, std::int64_t rows, std::int64_t columns, const float* points,
              std::int64_t count, const std::array<float, 12>& pixel_from_ego) const {
     const auto memory = Ort::MemoryInfo::CreateCpu(OrtArenaAllocator, OrtMemTypeDefault);
@@ -187,7 +187,7 @@ class Model {
     region_ = region;
   }
 
-  /// Runs the model once, so that what is wrong with it is told before any work is done.
+  /// Runs the model once, so that its problems are reported before any work is done.
   void probe() {
     const Place* image = input("image");
     const auto side = [&](std::size_t axis, int usual) {

@@ -18,7 +18,7 @@ from torch.jit import Final
 
 
 class ExampleDetector(nn.Module):
-    """Points, with the picture's features where they fall, spread over a bird's-eye grid; one box a cell."""
+    """Points, with the picture's features where they fall, spread over a bird's-eye grid; a box per cell."""
 
     x_max: Final[float] = 70.0  # m; TorchScript sees constants of the class, not of the file
     y_max: Final[float] = 40.0
@@ -62,7 +62,7 @@ class ExampleDetector(nn.Module):
                 weight = (1 - (x - c).abs()) * (1 - (y - r).abs())
                 inside = (c >= 0) & (c < self.columns) & (r >= 0) & (r < self.rows)
                 place = (r * self.columns + c).long()[inside]
-                # Not index_add: its ONNX forgets all but one of the points in a cell.
+                # Not index_add: its ONNX version forgets all but one of the points in a cell.
                 grid = grid.scatter_add(0, place.unsqueeze(1).expand(-1, 16), features[inside] * weight[inside].unsqueeze(1))
         maps = self.head(self.grid(torch.log1p(grid).t().reshape(1, 16, self.rows, self.columns)))[0].flatten(1)
         cells = torch.arange(self.rows * self.columns, device=points.device)
@@ -74,7 +74,7 @@ class ExampleDetector(nn.Module):
 
 
 def write_onnx(detector, file):
-    """Sides that differ from frame to frame are dynamic axes; the region travels in the file's metadata."""
+    """Dynamic axes for sizes that differ from frame to frame; the region is in the file's metadata."""
     import onnx
 
     example = (torch.rand(64, 96, 3), torch.rand(50, 4) + torch.tensor([10.0, 0.0, -1.0, 0.0]), torch.eye(3, 4))

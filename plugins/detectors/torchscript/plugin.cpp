@@ -49,7 +49,7 @@ class TorchScriptDetector {
   bool picture_ = false;  ///< forward takes the image alone and finds boxes in it
   std::array<float, 4> region_ = {0, 70, -40, 40};
   std::vector<MirageProposal> proposals_;
-  std::vector<std::int64_t> places_;  ///< of the proposals among the model's logits
+  std::vector<std::int64_t> places_;  ///< the proposals' places in the model's logits
   torch::Tensor image_, points_, logits_;
 };
 
@@ -65,7 +65,7 @@ constexpr const char* kReturnsInPicture = "(boxes [M,4], logits [M])";
 constexpr const char* kWrite = "write it with torch.jit.script(model).save(FILE)";
 constexpr const char* kGuide = "see src/guide/attack.md";
 
-/// The line that says why: the last one of a TorchScript trace, or else the first. As _copy.py's.
+/// The line that says why: the last one of a TorchScript trace, otherwise the first. As _copy.py's.
 std::string reason(const std::exception& problem) {
   const auto* by_torch = dynamic_cast<const c10::Error*>(&problem);
   const std::string what = by_torch ? by_torch->what_without_backtrace() : problem.what();
@@ -78,7 +78,7 @@ std::string reason(const std::exception& problem) {
       if (!trace) break;
     }
   if (last.empty()) return "without a word";
-  // What LibTorch's own containers throw says nothing of the model.
+  // Exceptions of LibTorch's own containers say nothing about the model.
   return last.find(' ') == std::string::npos ? "LibTorch itself failed: " + last : last;
 }
 
@@ -189,7 +189,7 @@ void TorchScriptDetector::check_signature() {
   const auto is_tensor = [&](std::size_t i) {
     return arguments[i].type()->kind() == c10::TypeKind::TensorType;
   };
-  // What follows the image may be a model's own option with a default.
+  // Arguments after the image may be a model's own options with defaults.
   picture_ = arguments.size() >= 2 && needed <= 2 && !(arguments.size() >= 4 && is_tensor(2) && is_tensor(3));
   if (!picture_ && (arguments.size() < 4 || needed > 4))
     bad("forward", "takes " + std::to_string(arguments.size() - 1) + " arguments",

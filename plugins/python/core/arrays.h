@@ -33,7 +33,7 @@ py::array_t<T> view(const T* data, const Shape& shape, std::shared_ptr<const voi
   return array;
 }
 
-/// An array that owns what was computed for it.
+/// An array that owns its values.
 template <class T>
 py::array_t<T> own(std::vector<T> values, const Shape& shape) {
   const auto kept = std::make_shared<std::vector<T>>(std::move(values));
@@ -60,11 +60,11 @@ inline py::array_t<double> own_rows(std::vector<Vec3d> rows) {
 /// A CPU array out of a NumPy array, anything with __dlpack__ or nested lists. InputError naming `name`.
 py::array any_array(const py::handle& values, const std::string& name);
 
-/// `shape`: −1 stands for any length. InputError naming `name` for another shape, and for what are no
+/// `shape`: −1 stands for any length. InputError naming `name` for another shape, and for values that are not
 /// numbers.
 void check_shape(const py::array& array, const std::string& name, const Shape& shape);
 
-/// The same in T, contiguous: as it lies in memory where it has that layout, else a copy.
+/// The array in T, contiguous: in place if it has that layout, otherwise a copy.
 template <class T>
 py::array_t<T, py::array::c_style | py::array::forcecast> array_of(const py::handle& values,
                                                                    const std::string& name,
@@ -74,7 +74,7 @@ py::array_t<T, py::array::c_style | py::array::forcecast> array_of(const py::han
   return py::array_t<T, py::array::c_style | py::array::forcecast>(any);
 }
 
-/// An array's numbers where they lie, whatever its strides.
+/// An array's numbers in place, with any strides.
 template <class T>
 struct Strided {
   const char* data = nullptr;
@@ -85,14 +85,14 @@ struct Strided {
     std::memcpy(&value, data + strides[0] * i + strides[1] * j + strides[2] * k, sizeof value);
     return double(value);
   }
-  /// Of the first dimension.
+  /// Element i of the first dimension.
   Strided part(std::size_t i) const {
     return {data + strides[0] * ssize(i), {strides[1], strides[2], strides[3], 0}};
   }
 };
 
-/// read(Strided): of `array` as it lies in memory, in float or double; a copy in double of what is neither.
-/// At most four dimensions. InputError as check_shape's.
+/// Calls read(Strided) on `array` in place if it is of float or double, otherwise on a copy in double. At
+/// most four dimensions. InputError as check_shape's.
 template <class Read>
 void read_in_place(py::array array, const std::string& name, const Shape& shape, const Read& read) {
   check_shape(array, name, shape);
@@ -109,8 +109,7 @@ void read_in_place(py::array array, const std::string& name, const Shape& shape,
     in(Strided<double>());
 }
 
-/// `count` channels of the pixels of `rect` to where pixel(u, v) points. False for a number that is not
-/// finite.
+/// Copies `count` channels of the pixels of `rect` to pixel(u, v). False if a number is not finite.
 template <class T, class Pixel>
 bool take(const Strided<T>& from, const PixelRect& rect, int count, const Pixel& pixel) {
   bool finite = true;
@@ -132,7 +131,7 @@ std::vector<Vec3d> rows_of_three(const py::handle& values, const std::string& na
 /// F × 3 indices. InputError as array_of's.
 std::vector<Face> faces_of(const py::handle& values);
 
-/// InputError for a texel outside [0, 1], of more than the step of a central difference.
+/// InputError for a texel outside [0, 1] by more than the step of a central difference.
 void check_albedo(std::span<const Vec3d> texels);
 
 }  // namespace mirage::python

@@ -146,9 +146,9 @@ class Tables {
 /// A detector of the caller's: the object of mirage/_detector.py, and InProcessDetector::content.
 using CallerDetector = std::pair<py::object, std::string>;
 
-/// What result.json holds, as JSON, and what the command prints. `detectors`: those that "python" and
-/// "python:2" stand for. `progress`: called with (what, done, total, time left, note), or None: nothing is
-/// shown where `quiet`, and warnings alone are logged.
+/// The JSON text of result.json, and the command's printed text. `detectors`: the ones that "python" and
+/// "python:2" name. `progress`: called with (what, done, total, time left, note), or None: nothing is shown
+/// where `quiet`, and only warnings are logged.
 std::pair<std::string, std::string> run(const std::string& command, const NamedSettings& settings,
                                         const std::vector<CallerDetector>& detectors,
                                         const std::string& where, const py::object& progress, bool quiet) {

@@ -24,7 +24,7 @@
 namespace mirage::python {
 namespace {
 
-/// What completes depth and finds roofs is costly to load and the same for every frame: kept by name.
+/// Cache by name of the depth models and roof finders: costly to load, and the same for every frame.
 template <class Made>
 std::shared_ptr<const Made> cached(const std::string& key,
                                    const std::function<std::shared_ptr<const Made>()>& make) {
@@ -62,7 +62,7 @@ std::string words(const Label& label) {
 
 using NamedBox = std::pair<std::string, std::array<double, 7>>;
 
-/// A frame of the caller's arrays. InputError naming the argument that is none.
+/// A frame of the caller's arrays. InputError naming an invalid argument.
 Frame frame_of_arrays(const py::object& image, const py::object& points,
                       const std::array<double, 4>& intrinsics, const py::object& camera_from_velo,
                       const std::vector<NamedBox>& labels, const std::string& id) {
@@ -102,7 +102,7 @@ Frame frame_of_arrays(const py::object& image, const py::object& points,
     if (const std::string problem = label_problem(box); !problem.empty())
       throw InputError("labels", fmt::format("{} at ({:g}, {:g})", type, b[0], b[1]), problem,
                        "give x, y, z of the centre, length, width, height (m), yaw (rad)");
-    // One that the camera does not see has no box in the picture, and keeps its index.
+    // A label that the camera does not see has no box in the picture, and keeps its index.
     frame.labels.push_back(projected_label(kitti_type(type), box, frame.calibration)
                                .value_or(Label{.type = kitti_type(type), .truncated = 1, .box = box}));
   }
@@ -211,7 +211,7 @@ void bind_frames(py::module_& module) {
       .def(py::init([](const NamedSettings& named, const std::string& where) {
              auto options = std::make_shared<InsertionOptions>();
              CLI::App table;
-             options->add(table, {"data", "rig", "cameras", "sensors"});  // what nothing here reads
+             options->add(table, {"data", "rig", "cameras", "sensors"});  // nothing here reads these
              cli::parse_settings(table, named, where);
              options->apply();
              options->quality.app = nullptr;  // the table ends here

@@ -1,4 +1,4 @@
-// What the module's Python objects hold.
+// The state of the module's Python objects.
 #pragma once
 
 #include <array>
@@ -13,26 +13,25 @@
 
 namespace mirage::python {
 
-/// A frame of a data set with what was prepared of it, by the settings that it depends on. Several threads
-/// may ask.
+/// A frame of a data set with its prepared frames, by the settings that they depend on. Thread-safe.
 class FrameHandle {
  public:
-  /// `rig`: which recorded it, as data_rig.h takes it. InputError as read_frame's.
+  /// `rig`: the recording rig, as in data_rig.h. InputError as read_frame's.
   FrameHandle(const std::filesystem::path& data, const std::string& id, const std::string& rig);
-  /// Of no data set; an empty `rig` is assumed to be KITTI's. InputError as rig_file's.
+  /// A frame of no data set; an empty `rig` is assumed to be KITTI's. InputError as rig_file's.
   FrameHandle(Frame frame, const std::string& rig);
 
   const Frame& frame() const { return frame_; }
-  /// With the depth, the sun and the sought classes of `settings`. Warns, and InputError, as check_data; of
-  /// arrays as check_sweep.
+  /// The frame prepared with the depth, the sun and the sought classes of `settings`. Warnings and InputError
+  /// as check_data's, for arrays as check_sweep's.
   std::shared_ptr<const PreparedFrame> prepared(const cli::InsertionOptions& settings);
-  /// A label's vehicle with its roof as `settings` find it. InputError naming the label if it is none.
+  /// A label's vehicle with its roof as `settings` find it. InputError naming the label if it is not one.
   Carrier carrier(const cli::InsertionOptions& settings, int label);
-  /// What returns of the data set's sweeps have (scene/data/data_rig.h).
+  /// The recorded effects in the data set's returns (scene/data/data_rig.h).
   const std::string& recorded_effects() const { return recorded_; }
 
  private:
-  /// Of arrays: whether the unit recorded the sweep, of which it has this index. InputError if it did not and
+  /// For arrays: checks by the sweep's index that the unit recorded it. InputError if it did not and the rig
   /// is only assumed, a warning if it was named.
   void check_sweep(const SweepIndex& index) const;
 
@@ -57,7 +56,7 @@ struct HostHandle {
   double share_in_view = 0;  ///< of the reference adversary on its roof, after occlusion
 };
 
-/// An insertion and what it came from.
+/// An insertion and its inputs.
 struct ResultHandle {
   std::shared_ptr<FrameHandle> frame;
   std::shared_ptr<const PreparedFrame> prepared;

@@ -72,7 +72,7 @@ py::array points(const Result& result) {
   return own(std::move(values), shape);
 }
 
-/// A full-size picture of one number a pixel, of those that the window's pixels have.
+/// A full-size picture of one number a pixel; value(u, v, number) sets those of the window.
 template <class Value>
 py::array_t<float> picture_of(const Simulated& simulated, std::vector<float> values, const Value& value) {
   const auto& rect = simulated.rect;
@@ -104,8 +104,8 @@ py::array_t<float> depth(const ResultHandle& result) {
   });
 }
 
-/// An upstream gradient of which `part` alone is looked at: where it lies, or, if that is in another type or
-/// layout, in an array of its shape whose other numbers are never written.
+/// An upstream gradient of which only `part` is read: in place, or, if its type or layout differs, in an
+/// array of its shape whose other numbers are never written.
 template <class S>
 class UpstreamArray {
  public:
@@ -163,8 +163,8 @@ py::tuple insertion_vjp(const Result& result, const py::object& d_image, const p
                            : vjp_in<float>(result, d_image, d_points);
 }
 
-/// CPU time (ms) of each of `count` insertions with VJP through C++ alone: what the module's overhead is
-/// over.
+/// CPU time (ms) of each of `count` insertions with VJP through C++ alone: the baseline of the module's
+/// overhead.
 std::vector<double> time_insertions(const std::shared_ptr<FrameHandle>& frame, int host,
                                     const TexturedMesh& mesh, const cli::InsertionOptions& options,
                                     int count) {

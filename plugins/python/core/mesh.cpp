@@ -53,7 +53,7 @@ py::array_t<double> texels(const SharedMesh& mesh) {
               mesh, true);
 }
 
-/// Into the memory that views of it see.
+/// Writes into the memory that views of it share.
 void assign(std::vector<Vec3d>& values, const py::handle& source, const char* name,
             void (*check)(std::span<const Vec3d>) = nullptr) {
   const std::vector<Vec3d> rows = rows_of_three(source, name);

@@ -29,7 +29,7 @@ struct Subject {
   Image<double> rgba;  ///< where drawn in double
 };
 
-/// Pictures by the soft rasteriser and what their VJP needs.
+/// Pictures by the soft rasteriser, with the data for their VJP.
 struct Raster {
   std::vector<Subject> subjects;
   std::vector<RasterTape> tapes;
@@ -38,7 +38,7 @@ struct Raster {
   bool in_double = false;
   std::array<float, 3> color{};  ///< of the background, where it is no picture
   py::array_t<float, py::array::c_style | py::array::forcecast> background;  ///< or empty
-  py::array image;  ///< made with a background that its owner may change; else when asked for
+  py::array image;  ///< made with a background that its owner may change; otherwise on demand
 
   std::vector<RasterJob> jobs() const {
     std::vector<RasterJob> jobs;
@@ -76,7 +76,7 @@ TapePool& tape_pool() {
   return pool;
 }
 
-/// Of one name each; what is not named keeps its default.
+/// The settings by name; others keep their defaults.
 SoftRasterSettings<double> settings_of(const std::map<std::string, double>& numbers,
                                        const std::map<std::string, std::string>& words) {
   SoftRasterSettings<double> settings;
@@ -126,7 +126,7 @@ void choose_background(Raster& raster, const py::object& background) {
   }
 }
 
-/// Pixels [from, to) of the background, whatever is drawn over it; with channels after it that are 0.
+/// Pixels [from, to) of the background without any drawing; channels after RGB are 0.
 template <class T>
 void fill_background(const Raster& raster, std::size_t from, std::size_t to, int channels, T* out) {
   const float* photograph = raster.photograph();
@@ -315,7 +315,7 @@ py::list raster_vjp(Raster& raster, const py::object& d_image, const py::object&
   return list;
 }
 
-/// Without its subjects.
+/// A raster without its subjects.
 SharedRaster raster_of(int height, int width, const py::object& background,
                        const std::map<std::string, double>& numbers,
                        const std::map<std::string, std::string>& words, int supersampling, bool in_double,
@@ -432,7 +432,7 @@ SharedRaster rasterize_screens(const std::vector<py::object>& vertices, const st
 }
 
 /// CPU time (ms) of a picture of `channels` with its VJP through C++ alone: [kernel, with the filling of the
-/// picture and the reading of a gradient as large], what the module's overhead is over.
+/// picture and the reading of a gradient as large], the baseline of the module's overhead.
 std::array<double, 2> time_rasterization(const TexturedMesh& mesh, const std::array<double, 4>& intrinsics,
                                          int height, int width, const py::object& background,
                                          const std::map<std::string, double>& numbers,

@@ -8,7 +8,7 @@
 namespace mirage::python {
 namespace {
 
-/// What rays hit: the face by Embree in float, the place on it in double.
+/// Hits of rays: the face by Embree in float, the place on it in double.
 struct Hits {
   std::vector<std::shared_ptr<TexturedMesh>> meshes;
   std::vector<Vec3d> origins, directions, points, barycentrics;

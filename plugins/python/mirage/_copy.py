@@ -57,7 +57,7 @@ def _as_the_plugin_runs_it() -> Iterator[None]:
 
 
 def _answer(function: Callable, inputs: tuple[torch.Tensor, ...]) -> list[torch.Tensor | None]:
-    """Boxes, logits, and the gradients of the logits' sum with respect to image and points (None: it does not depend on them)."""
+    """Boxes, logits, and the gradients of the logits' sum with respect to image and points (None: no dependence)."""
     inputs = tuple(tensor.clone().requires_grad_(k < 2) for k, tensor in enumerate(inputs))
     with torch.enable_grad():
         boxes, logits = function(*inputs)
@@ -123,7 +123,7 @@ def write_copy(detector: TorchDetector, samples: list[tuple[torch.Tensor, ...]],
                 os.replace(temporary, file)
                 return ""
             why.append(f"torch.jit.{name}: {found}")
-        except Exception as problem:  # whatever TorchScript objects to
+        except Exception as problem:  # any error of TorchScript
             why.append(f"torch.jit.{name}: {_reason(problem)}")
     if os.path.exists(temporary):
         os.remove(temporary)

@@ -22,7 +22,7 @@ PLAIN = (str, bytes, int, float, complex, type(None))
 
 
 def _is_ours(kind: Any) -> bool:
-    """Whether a class or function is none of Python's, PyTorch's, NumPy's and Mirage's. The adapters of published packages count as
+    """Whether a class or function comes from outside Python, PyTorch, NumPy and Mirage. The adapters of published packages count as
     the user's, because they hold settings."""
     module = getattr(kind, "__module__", None) or ""
     return module in ("mirage.openpcdet", "mirage.mmdet3d", "mirage._voxels") or module.split(".")[0] not in IGNORED
@@ -41,7 +41,7 @@ def _names_in(code: CodeType) -> set[str]:
 
 
 def _named_in(module: ModuleType, names: set[str], within: tuple[ModuleType, ...] = ()) -> Iterator[tuple[str, Any]]:
-    """(name, value) of what code with these names takes from a user's module, and from the user's modules that it names there.
+    """(name, value) that code with these names uses from a user's module, and from the user's modules named there.
     Names with a leading underscore, except of callables and tensors, are left out: they may change from call to call."""
     for key in sorted(names & vars(module).keys()):
         one = vars(module)[key]
@@ -54,7 +54,7 @@ def _named_in(module: ModuleType, names: set[str], within: tuple[ModuleType, ...
 
 def parts_of(value: Any, name: str = "self", seen: set[int] | None = None) -> Iterator[tuple[str, Any]]:
     """(name, value) of the modules, tensors, arrays, numbers, texts and code that a callable uses: from its class, attributes,
-    closure and globals, and from the functions, objects and containers among them. From a user's module only what the code names."""
+    closure and globals, and from the functions, objects and containers among them. From a user's module only the named parts."""
     seen = set() if seen is None else seen
     if isinstance(value, PLAIN):
         yield name, value
@@ -119,7 +119,7 @@ def _of_class(of: type) -> list[tuple[str, Any]]:
 
 
 def _of_object(value: Any) -> list[tuple[str, Any]]:
-    """The parts of an object's class, and its own attributes but those that may change from call to call: names with a leading
+    """The parts of an object's class, and its attributes except those that may change from call to call: names with a leading
     underscore and, if the object has a version, all others too. Modules, tensors and the version always count."""
     places = _of_class(type(value))
     says = getattr(value, "version", "")
@@ -143,7 +143,7 @@ def _slots_of(of: type) -> Iterator[str]:
 def _of_code(code: CodeType) -> bytes:
     """The instructions, numbers and texts of the code and its nested functions."""
     inner = [_of_code(one) if isinstance(one, CodeType) else repr(one).encode()
-             for one in code.co_consts if not isinstance(one, frozenset)]  # of which the order is another each time
+             for one in code.co_consts if not isinstance(one, frozenset)]  # their order differs from run to run
     return b"\0".join([code.co_code, repr(code.co_names).encode(), *inner])
 
 
@@ -159,7 +159,7 @@ def content_of(function: Callable) -> str:
             digest.update(repr(value).encode())
             continue
         tensors = [("", value)]
-        if isinstance(value, torch.nn.Module):  # buffers that are not persistent are in no state
+        if isinstance(value, torch.nn.Module):  # non-persistent buffers are not in the state
             tensors = sorted({**value.state_dict(), **dict(value.named_buffers())}.items())
         for key, tensor in tensors:
             digest.update(key.encode())

@@ -46,7 +46,7 @@ class Raster:
 
 
 def _array(values: Any) -> Any:
-    """Arrays and tensors as they are, lists as arrays, so that they can be indexed."""
+    """Leaves arrays and tensors unchanged; turns lists into arrays, so that they can be indexed."""
     if hasattr(values, "shape"):
         return values
     import numpy

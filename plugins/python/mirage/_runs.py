@@ -13,7 +13,7 @@ from . import _core
 from ._settings import text_of, texts
 
 LOADS_DETECTORS = ("attack", "audit", "compare", "detect", "evaluate", "validate", "view")
-# Called with what is being done, units done, units in all, the time left ("1:23") and a note.
+# Called with the current work, units done, units in all, the time left ("1:23") and a note.
 Progress = Optional[Callable[[str, int, int, str, str], None]]
 
 
@@ -30,7 +30,7 @@ class Result(dict):
     __repr__ = __str__
 
     def _repr_html_(self) -> str | None:
-        """What a notebook shows: the page that `view` wrote (None: the table)."""
+        """A notebook's output: the page that `view` wrote (None: the table)."""
         page = self.get("page")
         if not isinstance(page, str) or not page.endswith(".html") or not os.path.exists(page):
             return None

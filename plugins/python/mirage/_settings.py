@@ -10,7 +10,7 @@ from . import _core
 
 
 def text_of(value: Any) -> str:
-    """A value as the command line would have it."""
+    """A value in the command line's syntax."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (list, tuple)):

@@ -41,7 +41,7 @@ class OpenPCDet(Wrapped):
         self.voxels = next((step for name, step in steps.items() if name.startswith("transform_points_to_voxels")), None)
 
     def detect(self, points: torch.Tensor):
-        more = points.new_zeros(len(points), max(0, self.features - 4))  # times within several sweeps: this one's
+        more = points.new_zeros(len(points), max(0, self.features - 4))  # times in several sweeps: 0 for this one
         points = torch.cat([points, more], 1)[:, : self.features]
         if self.masks:
             low, high = (points.new_tensor(self.bounds[k: k + 2]) for k in (0, 3))
@@ -78,7 +78,7 @@ def _best_of(batch: dict[str, Any]) -> tuple[torch.Tensor, torch.Tensor, torch.T
         classes = torch.cat([head.indices if numbers is None else numbers[k].to(head.indices)[head.indices] - 1
                              for k, head in enumerate(best)])
     boxes = batch["batch_box_preds"].flatten(0, -2)
-    if "rois" in batch:  # those without a size only fill the batch up
+    if "rois" in batch:  # proposals without a size are padding
         real = (batch["rois"].flatten(0, -2)[:, 3:6] > 0).all(1)
         boxes, logits, classes = boxes[real], logits[real], classes[real]
     return boxes, logits, classes

@@ -21,7 +21,7 @@ import torch
 
 from . import _core
 
-BLUR_FLOOR = 1e-30  # of the coverage at the blur radius: beyond it float64 has no use for a face anyway
+BLUR_FLOOR = 1e-30  # least coverage at the blur radius: smaller ones have no effect in float64
 
 
 def _array(tensor: torch.Tensor) -> Any:
@@ -47,7 +47,7 @@ def _drawn(verts: torch.Tensor, faces: torch.Tensor, z_clip_value: float,
                                "drawn; cut them there, leave them out, or move the camera")
     if cull_backfaces:
         x, y = verts[:, :2][faces].unbind(2)
-        # With x to the left what is seen from its front turns clockwise.
+        # With x to the left, faces that turn clockwise are seen from the front.
         kept &= (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) <= (y[:, 1] - y[:, 0]) * (x[:, 2] - x[:, 0])
     z = z[kept]
     return kept, *((float(z.min()), float(z.max())) if len(z) else (math.inf, -math.inf))

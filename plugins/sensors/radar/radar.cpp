@@ -1,9 +1,9 @@
 // An example of a sensor plugin (simulation/sensor_abi.h): a toy automotive radar that measures range,
 // azimuth and Doppler. Power falls with the fourth power of the range (Richards, Fundamentals of Radar Signal
 // Processing, 2014, equation 1.9). A scatterer spreads over the main lobe of a Hann window, four bins wide
-// (Harris, Proc. IEEE 66(1), 1978). The sweep's returns are the scene's scatterers, and faces are the
-// object's; neither hides the other. Doppler is over ground: the car's own speed is taken out, as radars
-// report it.
+// (Harris, Proc. IEEE 66(1), 1978). LiDAR returns are the scatterers of the scene, mesh faces those
+// of the object. Neither occludes the other. Doppler is over ground: the car's own speed is taken out, as
+// radars report it.
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
@@ -87,7 +87,7 @@ Echo echo_of(const Vector3d& p, double area, const Vector3d& velocity) {
   return {area, {range, std::atan2(p.y(), p.x()), velocity.dot(p) / range}};
 }
 
-/// The velocity of the road user that the point is on; 0 for what stands or is not known.
+/// The velocity of the road user that the point is on; 0 if it stands or is unknown.
 Vector3d velocity_at(const MirageSensorScene& scene, const Vector3d& p) {
   constexpr double kMargin = 0.1;  // m
   for (int64_t i = 0; i < scene.body_count; ++i) {
@@ -202,7 +202,7 @@ void vjp(const Tape& tape, const double* d_data, double* d_vertices) {
   }
 }
 
-/// Runs the work; what it throws becomes the plugin's line.
+/// Runs the work; an exception becomes the plugin's error line.
 template <class Work>
 int guarded(char* error, size_t error_size, const Work& work) {
   try {

@@ -34,7 +34,7 @@ class AmericanStreet final : public StreetSite {
   }
 
   // Course and ground
-  void choose() override;
+  void choose_layout() override;
   void lay_ground() override;
   // Markings, junction, traffic
   void paint_road();
@@ -42,7 +42,7 @@ class AmericanStreet final : public StreetSite {
   void place_junction();
   void place_traffic() override;
   void place_parked();
-  // What stands beside the road
+  // Things beside the road
   void line_with_houses(int side);
   void line_with_shops(int side);
   void line_with_offices(int side);
@@ -67,7 +67,7 @@ class AmericanStreet final : public StreetSite {
 
 // Which street it is and its ground.
 
-void AmericanStreet::choose() {
+void AmericanStreet::choose_layout() {
   const double pick = random_.uniform();
   kind_ = pick < 0.48 ? Kind::avenue : pick < 0.78 ? Kind::suburb : Kind::downtown;
   lane_ = u(3.2, 3.7);
@@ -455,7 +455,7 @@ void AmericanStreet::add_office(double s, double d, double along, double deep, i
   add(moved(ledge, t), plain(wall.albedo * 0.8f, 0.35f));
 }
 
-// What stands beside the road.
+// Things beside the road.
 
 void AmericanStreet::line_with_houses(int side) {
   const double edge = half_[side] + pavement_[side], line = edge + front_[side];

@@ -1,4 +1,4 @@
-// What stands in North American streets. Things to be read face −x (oncoming traffic).
+// Things in North American streets. Signs face −x (oncoming traffic).
 #pragma once
 
 #include "generator/parts.h"

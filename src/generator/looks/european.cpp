@@ -15,7 +15,7 @@ class EuropeanStreet final : public StreetSite {
  private:
   enum class Kind { residential, avenue, rural, crossing, square };
 
-  void choose() override;
+  void choose_layout() override;
   void lay_ground() override;
   void place_traffic() override;
   void furnish() override {
@@ -40,7 +40,7 @@ class EuropeanStreet final : public StreetSite {
 
 // Which street it is, its road and its traffic.
 
-void EuropeanStreet::choose() {
+void EuropeanStreet::choose_layout() {
   const double pick = random_.uniform();
   kind_ = pick < 0.42   ? Kind::residential
           : pick < 0.62 ? Kind::avenue
@@ -215,7 +215,7 @@ void EuropeanStreet::place_parked() {
   }
 }
 
-// What stands beside the road.
+// Things beside the road.
 
 void EuropeanStreet::add_building(double s, double d, double along, double deep, int side) {
   const double h = chance(0.6) ? u(5, 10) : u(9, 18);

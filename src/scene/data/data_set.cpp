@@ -22,7 +22,7 @@ constexpr double kMaxStep = 1.5;  // s between neighbours
 
 using Named = std::pair<std::string_view, const char*>;
 
-/// By names in lower case. What has no box that anything can be said of is DontCare.
+/// Types by names in lower case. Classes whose boxes cannot be evaluated are DontCare.
 constexpr auto kTypes = std::to_array<Named>({
     // KITTI
     {"car", "Car"},
@@ -36,7 +36,7 @@ constexpr auto kTypes = std::to_array<Named>({
     {"tram", "Tram"},
     {"misc", "Misc"},
     {"dontcare", "DontCare"},
-    // nuScenes' categories; a longer one is the part of it that stands here
+    // nuScenes' categories; a longer category matches its prefix in this table
     {"vehicle.car", "Car"},
     {"vehicle.emergency", "Van"},
     {"vehicle.truck", "Truck"},
@@ -102,7 +102,7 @@ constexpr auto kTypes = std::to_array<Named>({
     {"other_mover", "Misc"},
 });
 
-/// The table's word; null if it has none.
+/// The table's type for a name; null if it has none.
 const char* known_type(std::string_view name) {
   std::string lower(name);
   std::transform(lower.begin(), lower.end(), lower.begin(),
@@ -114,7 +114,7 @@ const char* known_type(std::string_view name) {
     const auto dot = lower.rfind('.');
     if (dot == std::string::npos) return nullptr;
     lower.resize(dot);
-    // "vehicle.foo" is no "vehicle": Waymo's word is a whole name.
+    // "vehicle.foo" is not a "vehicle": Waymo's word is a whole name.
     if (category && lower.find('.') == std::string::npos) return nullptr;
   }
 }
@@ -132,7 +132,7 @@ std::vector<DataSet::SourceFile> DataSet::existing_files(const std::string& id) 
   std::vector<SourceFile> all = source_files(id);
   for (const SourceFile& part : all)
     if (!fs::is_regular_file(part.file)) {
-      if (!fs::exists(part.file.parent_path())) static_cast<void>(frames());  // no data set: it says why
+      if (!fs::exists(part.file.parent_path())) static_cast<void>(frames());  // reports a missing data set
       throw InputError(part.file.string(), "", std::string("missing (") + part.what + " of the frame)",
                        "add the file or drop the frame");
     }
@@ -156,8 +156,7 @@ Frame DataSet::read(const std::string& id) const {
   Frame frame;
   frame.id = id;
   frame.sweep = sweep(id);
-  // Header, calibration, pixels: a header that claims too much contradicts the calibration before it costs
-  // memory.
+  // Header, calibration, pixels: an oversized header contradicts the calibration before it costs memory.
   const auto [width, height] = picture_size(id);
   Annotations result = annotations(id, width, height);
   frame.calibration = result.calibration;
@@ -184,14 +183,13 @@ void DataSet::add_velocities(const std::string& id, Frame& frame) const {
     if (!other) continue;
     try {
       const auto at = moment(*other);
-      // As nuScenes' devkit: what lies further apart says little of a velocity.
+      // As nuScenes' devkit: frames further apart tell little about a velocity.
       if (!at || std::abs(at->time - frame.moment->time) > kMaxStep || at->time == frame.moment->time)
         continue;
       const PinholeCamera& camera = frame.calibration.camera;
       around.push_back({*at, annotations(*other, camera.width, camera.height).labels});
     } catch (const InputError&) {
-      // A part of a data set may hold this frame and not that one, or not all of it. Reading that one says
-      // so.
+      // A partial data set may lack the neighbour, or some of its files. Reading the neighbour reports that.
     }
   }
   for (Label& label : frame.labels) {

@@ -6,7 +6,6 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <bit>
-#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <iterator>
@@ -34,7 +33,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-static_assert(std::endian::native == std::endian::little);  // as the files of sweeps and their truth
+static_assert(std::endian::native == std::endian::little);  // as in the files of sweeps and their truth
 
 const char* kRestore = "restore the file from its source";
 
@@ -46,7 +45,7 @@ fs::path track_file(const fs::path& data, const std::string& id) {
   return part(data, "track_2", id, ".txt");
 }
 
-/// A whole number a line.
+/// Reads one integer per line.
 std::vector<int> read_track_file(const fs::path& file) {
   std::vector<int> tracks;
   std::istringstream lines(read_text(file, kMaxTextBytes));
@@ -55,27 +54,25 @@ std::vector<int> read_track_file(const fs::path& file) {
     ++row;
     while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
     if (line.empty()) continue;
-    int track = 0;
-    const char* end = line.data() + line.size();
-    const auto [read, error] = std::from_chars(line.data(), end, track);
-    if (error != std::errc() || read != end || track < -1) {
+    const auto track = try_parse_number<int>(line);
+    if (!track || *track < -1) {
       line.resize(std::min<std::size_t>(line.size(), 40));
       std::replace(line.begin(), line.end(), '\r', ' ');
       throw InputError(file.string(), fmt::format("row {}", row),
                        fmt::format("'{}' is not an identity", line), "write the vehicle's number, or -1");
     }
-    tracks.push_back(track);
+    tracks.push_back(*track);
   }
   return tracks;
 }
 
 // Frames with several cameras add training/cameras/ID.json, with their names, calibrations and the labels
-// that the first camera does not see, and training/cameras/NAME/ID.png.
+// outside the first camera's view, and training/cameras/NAME/ID.png.
 
-/// Cameras beside the first, and what they alone see.
+/// Cameras after the first, and the labels that only they see.
 struct Surround {
   std::string first;
-  std::vector<SideCamera> others;  ///< with the files of their pictures yet to be read
+  std::vector<SideCamera> others;  ///< without their pictures, which are read later
   std::vector<Label> labels;
 };
 
@@ -112,7 +109,7 @@ nlohmann::json surround_json(const Frame& frame) {
   return {{"camera", frame.camera}, {"others", cameras}, {"labels", labels}};
 }
 
-/// What surround_json wrote. `part`: DATA/training. InputError naming file and field.
+/// The inverse of surround_json. `part`: DATA/training. InputError naming file and field.
 Surround read_surround(const fs::path& part, const std::string& id) {
   const fs::path file = part / "cameras" / (id + ".json");
   const nlohmann::json json = read_json(file, kMaxLabelBytes);
@@ -195,7 +192,7 @@ class KittiObject : public DataSet {
     return files;
   }
 
-  /// As the first file that names cameras has it: they are those of one rig.
+  /// From the first file that names cameras: all frames are of one rig.
   std::string camera() const override {
     std::error_code none;
     for (const auto& entry : fs::directory_iterator(part_ / "cameras", none))
@@ -248,7 +245,7 @@ class KittiObject : public DataSet {
   std::optional<std::vector<int>> tracks(const std::string& id) const override {
     auto numbers = first_tracks(id);
     if (cameras_ == Cameras::first) return numbers;
-    return numbers ? DataSet::tracks(id) : std::nullopt;  // those of annotations()
+    return numbers ? DataSet::tracks(id) : std::nullopt;  // the labels of annotations()
   }
 
  private:
@@ -261,8 +258,8 @@ class KittiObject : public DataSet {
   Cameras cameras_;
 };
 
-/// How many floats a point has, by a file's first values: from one point to the next they differ least where
-/// the same column is compared. `columns`, unless another number stands out.
+/// Number of floats a point, from a file's first values: neighbouring points differ least when equal columns
+/// are compared. `columns`, unless another number stands out.
 std::size_t floats_a_point(const std::vector<float>& values, std::size_t columns) {
   constexpr std::size_t kMinCount = 3, kMax = 8;
   constexpr float kClearly = 0.5;
@@ -279,12 +276,12 @@ std::size_t floats_a_point(const std::vector<float>& values, std::size_t columns
   return best;
 }
 
-/// Whether something came back: drivers write NaN or zeros where nothing did.
+/// Whether a point is a return: drivers write NaN or zeros for a missing one.
 bool is_return(const LidarPoint& p) {
   return p.position().allFinite() && std::isfinite(p.reflectance) && !p.position().isZero(0);
 }
 
-/// Says, once for a folder, that points of a sweep are left out.
+/// Warns, once for each folder, that points of a sweep are left out.
 void warn_of_no_returns(const fs::path& file, std::size_t left_out, std::size_t points) {
   static std::mutex mutex;
   static std::set<fs::path> told;
@@ -296,12 +293,12 @@ void warn_of_no_returns(const fs::path& file, std::size_t left_out, std::size_t 
         file.string(), left_out, points);
 }
 
-/// The rows of a file of floats, streamed; whole ones only.
+/// The rows of a file of floats, streamed; complete rows only.
 class PointFile {
  public:
   PointFile(const fs::path& file, std::size_t columns) : file_(file), row_(columns * sizeof(float)) {}
 
-  /// The file's first values, as many as tell its columns; the size of what was read, in bytes.
+  /// The file's first values, enough to tell its columns, and the bytes read so far.
   std::vector<float> head;
   std::uintmax_t size = 0;
 
@@ -349,13 +346,13 @@ Eigen::Matrix3d nearest_rotation(const Eigen::Matrix3d& matrix, const MatrixRow&
   return rotation;
 }
 
-/// Focal lengths (pixels), as rig files have them, and distances between sensors (m) that can be.
+/// Limits of focal lengths (pixels), as in rig files, and of distances between sensors (m).
 constexpr double kFocal[] = {1, 1e5}, kMaxDistance = 20;
 
-/// A box may pass the image's edge by this much: rounding in labels.
+/// A box may pass the image's edge by this (pixels): rounding in labels.
 constexpr double kEdgeTolerance = 1.0;
 
-/// Keeps the label's box in the picture within the picture, or projects the box in space where there is none.
+/// Clips the label's 2-D box to the picture, or projects the 3-D box if it has none.
 void clip(Label& label, const Calibration& calibration, LabelNotes& notes) {
   const double right = calibration.camera.width - 1, bottom = calibration.camera.height - 1;
   const bool missing = label.right <= label.left || label.bottom <= label.top || label.right <= 0 ||
@@ -382,9 +379,9 @@ std::shared_ptr<const DataSet> open_kitti_object(const fs::path& data) {
 Sweep read_points(const fs::path& file, std::size_t columns) {
   const std::size_t row = columns * sizeof(float);
   constexpr float kMaxDistance = 1000;  // m
-  constexpr std::size_t kOdd = 100;     // one reflectance of so many is more than a slip of rounding
+  constexpr std::size_t kOdd = 100;     // more than one odd reflectance in this many is not rounding
   PointFile points(file, columns);
-  // First only to see whether all of it is good, so that what is wrong at its end takes no memory.
+  // A first pass only checks the rows, so that an error at the end takes no memory.
   std::size_t rows = 0, returns = 0, odd = 0;
   std::optional<std::size_t> far;
   points.for_each([&](const LidarPoint& p, std::size_t place) {
@@ -494,7 +491,7 @@ std::vector<std::uint32_t> read_point_labels(const fs::path& file, std::size_t p
           file.string(), "size", fmt::format("{} bytes for {} points", size, points),
           "4 bytes a point of the sweep are needed; make the set again with mirage generate --truth");
   };
-  check(OpenFile(file).size());  // before any of it is in memory
+  check(OpenFile(file).size());  // before any of the file is in memory
   const std::string bytes = read_file(file);
   check(bytes.size());
   std::vector<std::uint32_t> labels(points);
@@ -505,7 +502,7 @@ std::vector<std::uint32_t> read_point_labels(const fs::path& file, std::size_t p
 void write_frame(const fs::path& data, const Frame& frame) {
   write_srgb(part(data, "image_2", frame.id, ".png"), frame.image);
   write_calibration(part(data, "calib", frame.id, ".txt"), frame.calibration);
-  std::vector<Label> first;  // those that the first camera sees
+  std::vector<Label> first;  // labels that the first camera sees
   std::copy_if(frame.labels.begin(), frame.labels.end(), std::back_inserter(first),
                [](const Label& label) { return label.camera == 0; });
   write_labels(part(data, "label_2", frame.id, ".txt"), first, frame.calibration);
@@ -520,7 +517,7 @@ void write_frame(const fs::path& data, const Frame& frame) {
       write_srgb(side_picture(data / "training", side.name, frame.id), side.image.get());
     write_json(part(data, "cameras", frame.id, ".json"), surround_json(frame));
   }
-  // Last: list_frames goes by the sweeps, so a frame that was cut short isn't listed.
+  // Last: list_frames lists the sweeps, so an interrupted frame isn't listed.
   write_sweep(part(data, "velodyne", frame.id, ".bin"), frame.sweep);
 }
 
@@ -529,7 +526,7 @@ CalibrationFile::CalibrationFile(fs::path file)
   for (const std::string_view line : split(text_, "\n")) {
     const std::size_t begin = line.find_first_not_of(" \t\r");
     if (begin == line.npos) continue;
-    // Behind the name stands a colon, a blank or both.
+    // A colon, a blank or both follow the name.
     const std::size_t end = std::min(line.find_first_of(": \t\r", begin), line.size());
     std::string_view numbers = line.substr(end);
     numbers.remove_prefix(std::min(numbers.find_first_not_of(" \t\r"), numbers.size()));
@@ -544,7 +541,7 @@ MatrixRow CalibrationFile::row(std::initializer_list<const char*> names, std::si
   std::vector<Words> found;
   for (const char* other : names)
     if (const auto rows = rows_.find(other); rows != rows_.end()) {
-      if (!name.empty() && rows->second.front() == found.front()) continue;  // the same under both names
+      if (!name.empty() && rows->second.front() == found.front()) continue;  // the same row under both names
       name += (name.empty() ? "" : ", ") + std::string(other);
       found.insert(found.end(), rows->second.begin(), rows->second.end());
     }
@@ -582,7 +579,7 @@ Calibration calibration_of(const MatrixRow& projection, const MatrixRow& rectifi
   Calibration calibration;
   calibration.camera = {k(0, 0), k(1, 1), k(0, 2), k(1, 2), width, height};
   const auto& camera = calibration.camera;
-  // Cropping shifts a principal point by a few per cent; a resized image puts it in another place altogether.
+  // Cropping shifts a principal point by a few per cent; resizing moves it far.
   if (std::abs(camera.cx - width / 2.0) > 0.2 * width || std::abs(camera.cy - height / 2.0) > 0.25 * height)
     throw bad(projection,
               fmt::format("principal point ({:.1f}, {:.1f}) is far from the middle of the {}x{} image",
@@ -596,7 +593,7 @@ Calibration calibration_of(const MatrixRow& projection, const MatrixRow& rectifi
   // p_image ~ K p_rect + the projection's last column = K (p_rect + K⁻¹ column)
   calibration.camera_from_rect.translation() = k.inverse() * p.col(3);
   calibration.camera_from_velo = calibration.camera_from_rect * rect_from_velo;
-  // Asked this way round: numbers of 1e308 make a distance that is none.
+  // Negated, because numbers of 1e308 give a distance that is NaN or infinite.
   if (!(calibration.camera_from_rect.translation().norm() <= kMaxDistance))
     throw bad(projection, "its last column puts the camera more than 20 m off",
               "write it as the focal length times metres");

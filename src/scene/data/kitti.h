@@ -1,8 +1,7 @@
 // Files of KITTI's object-benchmark layout (Geiger et al., CVPR 2012):
 // DIR/training/{image_2,velodyne,calib,label_2}. Generated data sets add training/lighting/ID.json (the
-// Lighting of the frame) and dataset.json. Where it is known which boxes show the same vehicle,
-// training/track_2/ID.txt says so: a line for each line of label_2/ID.txt, the vehicle's number, or -1 where
-// it is unknown.
+// Lighting of the frame) and dataset.json. The optional training/track_2/ID.txt tells which boxes show the
+// same vehicle: for each line of label_2/ID.txt a line with the vehicle's number, or -1 if unknown.
 #pragma once
 
 #include <cstdint>
@@ -16,14 +15,14 @@
 
 namespace mirage {
 
-/// Writes the frame's files (atomically, each); track_2 if a label has an identity. Labels' 2-D boxes,
+/// Writes the frame's files (each atomically); track_2 if a label has a track id. Labels' 2-D boxes,
 /// truncation and occlusion are written as they are. The image is encoded to 8-bit sRGB.
 void write_frame(const std::filesystem::path& data, const Frame& frame);
 
-/// KITTI's .bin: four floats a point. Points that are not finite, or at the origin, are no returns: they are
-/// left out, with a warning that counts them, once a process and folder. InputError naming file and byte: it
-/// can't be read, is empty or cut off, a point is farther than 1 km, none is a return, or the values show
-/// another number of floats a point.
+/// KITTI's .bin: four floats a point. Points that are not finite, or at the origin, are not returns: they are
+/// left out, with a warning that counts them, once per process and folder. InputError naming file and byte if
+/// it can't be read, is empty or cut off, has a point beyond 1 km or no return, or if the values show another
+/// number of floats a point.
 Sweep read_sweep(const std::filesystem::path& file);
 /// KITTI's .bin, atomically.
 void write_sweep(const std::filesystem::path& file, const Sweep& sweep);
@@ -37,20 +36,20 @@ void write_calibration(const std::filesystem::path& file, const Calibration& cal
 
 /// A label's (x, y, z) is the bottom centre in `rect`; its heading there is (cos ry, 0, −sin ry). The box in
 /// `velo` has the same bottom centre, sizes and the yaw of that heading turned into `velo` and laid flat
-/// (the two frames' verticals differ by about 1°, which upright boxes can't express). Types and boxes in the
-/// picture: label_of (kitti_rows.h); `notes`, if given, says what was made of these.
+/// (the two frames' verticals differ by about 1°, which upright boxes can't express). Types and 2-D boxes:
+/// label_of (kitti_rows.h); `notes`, unless null, counts the changed 2-D boxes.
 std::vector<Label> read_labels(const std::filesystem::path& file, const Calibration& calibration,
                                LabelNotes* notes = nullptr);
 /// The exact inverse; alpha = ry − atan2(x, z).
 void write_labels(const std::filesystem::path& file, const std::vector<Label>& labels,
                   const Calibration& calibration);
 
-/// Where generated sets keep a frame's true depth: DIR/training/depth/ID.png (write_depth_png; sky is 0).
+/// Path of a generated frame's true depth: DIR/training/depth/ID.png (write_depth_png; sky is 0).
 std::filesystem::path true_depth_file(const std::filesystem::path& data, const std::string& id);
 
-// A generated frame's truth, beside its labels: whose each pixel and each return is.
+// A generated frame's truth, besides its labels: the owner of each pixel and each return.
 
-/// What is written of a frame's truth, beside its labels.
+/// The truth that is written for a frame, besides its labels.
 enum class Truth {
   none,
   depth,  ///< true_depth_file()
@@ -71,11 +70,11 @@ std::vector<std::uint32_t> read_point_labels(const std::filesystem::path& file, 
 
 /// DIR/training/lighting/ID.json: the light of a generated frame.
 std::filesystem::path lighting_file(const std::filesystem::path& data, const std::string& id);
-/// What the file says, where it is there.
+/// The light in lighting_file(); nullopt if there is no such file.
 std::optional<Lighting> generated_lighting(const std::filesystem::path& data, const std::string& id);
 /// {"to_sun_velo": [x, y, z], "sun": [r, g, b], "ambient": …, "hemisphere": …}
 Lighting read_lighting(const std::filesystem::path& file);
-/// What read_lighting reads.
+/// The inverse of read_lighting.
 nlohmann::json to_json(const Lighting& lighting);
 
 }  // namespace mirage

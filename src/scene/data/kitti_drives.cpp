@@ -3,7 +3,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <mutex>
@@ -24,14 +23,14 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kEarthRadius = 6378137;  // m, the development kit's
-constexpr double kSweepSeconds = 0.1;     // between sweeps where a recording has no times
+constexpr double kSweepSeconds = 0.1;     // between sweeps of a recording without times
 constexpr const char* kRestoreRow = "restore the file from the recording";
 
 std::string row_name(std::size_t row) {
   return fmt::format("row {}", row + 1);
 }
 
-/// The line, from 0. InputError if the file ends before, or the line is empty.
+/// Line `row`, from 0. InputError if the file is shorter or the line is empty.
 std::string text_line(const fs::path& file, std::size_t row) {
   const std::string text = read_text(file, kMaxLabelBytes);
   std::size_t begin = 0;
@@ -46,8 +45,8 @@ std::string text_line(const fs::path& file, std::size_t row) {
   return line;
 }
 
-/// A row of the recordings' 30 numbers. InputError for fewer than 25 (without the five flags at the end), for
-/// what is no number and for what is no place on Earth.
+/// A row of the recordings' 30 numbers. InputError for fewer than 25 (30 without the five flags at the end),
+/// for a word that is not a number and for a place that is not on Earth.
 OxtsRow oxts_row(const fs::path& file, std::size_t row) {
   constexpr std::size_t kMinCount = 25;
   const std::string line = text_line(file, row);
@@ -76,9 +75,8 @@ double stamp_seconds(const fs::path& file, std::size_t row) {
   double value[6] = {};
   bool good = words.size() == 6;
   for (std::size_t i = 0; good && i < 6; ++i) {
-    const char* end = words[i].data() + words[i].size();
-    const auto [read, error] = std::from_chars(words[i].data(), end, value[i]);
-    good = error == std::errc() && read == end && value[i] >= 0 && value[i] < 10000;
+    value[i] = try_parse_number<double>(words[i]).value_or(-1);
+    good = value[i] >= 0 && value[i] < 10000;
   }
   namespace chrono = std::chrono;
   const chrono::year_month_day day(chrono::year(static_cast<int>(value[0])),
@@ -92,15 +90,15 @@ double stamp_seconds(const fs::path& file, std::size_t row) {
   return ((days * 24 + value[3]) * 60 + value[4]) * 60 + value[5];
 }
 
-/// A frame by its sequence and its number there; its id is SEQUENCE_NAME.
+/// A frame, by its sequence and its number in it; its id is SEQUENCE_NAME.
 struct Place {
   std::string sequence, name;  ///< "2011_09_26_drive_0009_sync", "0000000012"; "0003", "000012"
   int frame = 0;               ///< the name as a number
-  std::size_t number = 0;      ///< the sequence's, that its tracks are numbered by
-  fs::path folder = {};        ///< of a raw drive
+  std::size_t number = 0;      ///< the sequence's group for track_number()
+  fs::path folder = {};        ///< raw drives only
 };
 
-/// What both layouts of drives have in common.
+/// The common part of both layouts of drives.
 class KittiDrives : public DataSet {
  public:
   using DataSet::DataSet;
@@ -118,7 +116,7 @@ class KittiDrives : public DataSet {
  protected:
   virtual Place place(const std::string& id) const = 0;
 
-  /// `first`: where the world has its origin.
+  /// `first`: the pose at the world's origin.
   static Moment moment_at(const Place& at, const fs::path& times, const OxtsRow& pose, const OxtsRow& first,
                           const MatrixRow& velo_from_imu) {
     const double time = fs::exists(times) ? stamp_seconds(times, as_size(at.frame)) - stamp_seconds(times, 0)
@@ -128,9 +126,9 @@ class KittiDrives : public DataSet {
 };
 
 // KITTI's raw recordings (Geiger et al., IJRR 2013), synchronised and rectified: a folder for each day with
-// its calibration, in it one for each drive. Labels are the drive's tracklets: boxes in `velo`, which the
-// picture's boxes are projected from. A frame's id is DRIVE_FRAME, "2011_09_26_drive_0009_sync_0000000012".
-// Where the car stood says DRIVE/oxts/data/FRAME.txt, when DRIVE/velodyne_points/timestamps.txt.
+// its calibration, in it one for each drive. Labels are the drive's tracklets: boxes in `velo`; the 2-D boxes
+// are their projections. A frame's id is DRIVE_FRAME, "2011_09_26_drive_0009_sync_0000000012". The car's pose
+// is in DRIVE/oxts/data/FRAME.txt, the time in DRIVE/velodyne_points/timestamps.txt.
 
 using tinyxml2::XMLElement;
 
@@ -140,12 +138,12 @@ constexpr const char* kInertial = "calib_imu_to_velo.txt";
 constexpr const char* kLabels = "tracklet_labels.xml";
 constexpr const char* kTrackletFix = "restore the drive's tracklets";
 
-/// Elements of a tracklet file: what is missing or no number is an InputError that names it.
+/// Elements of a tracklet file. InputError, naming the element, if it is missing or not a number.
 class Tracklets {
  public:
   explicit Tracklets(fs::path file) : file_(std::move(file)) {
     const std::string text = read_text(file_, kMaxLabelBytes);
-    // A tag takes 165 bytes of memory, an attribute as many.
+    // A tag takes 165 bytes of memory, and so does an attribute.
     constexpr std::ptrdiff_t kMaxTags = 400000;
     if (std::count_if(text.begin(), text.end(), [](char c) { return c == '<' || c == '='; }) > kMaxTags)
       throw InputError(file_.string(), "", fmt::format("has more than {} tags and attributes", kMaxTags),
@@ -190,7 +188,7 @@ class Tracklets {
 
  private:
   fs::path file_;
-  tinyxml2::XMLDocument document_;  // refuses more than 500 elements within each other
+  tinyxml2::XMLDocument document_;  // refuses more than 500 nested elements
   const XMLElement* list_ = nullptr;
 };
 
@@ -244,7 +242,7 @@ class KittiRaw : public KittiDrives {
     const fs::path poses = at.folder / "oxts" / "data",
                    times = at.folder / "velodyne_points" / "timestamps.txt",
                    inertial = at.folder.parent_path() / kInertial;
-    // The world's origin: the drive's first row, which a part of a drive may lack.
+    // The world's origin is the drive's first row, which a partial drive may lack.
     const auto first = first_pose(poses);
     if (!first || !fs::exists(inertial)) return std::nullopt;
     return moment_at(at, times, oxts_row(poses / (at.name + ".txt"), 0), oxts_row(*first, 0),
@@ -262,7 +260,7 @@ class KittiRaw : public KittiDrives {
     }
     return whole;
   }
-  /// The row of the lowest number; none without any.
+  /// The row with the lowest number; nullopt if the folder has none.
   static std::optional<fs::path> first_pose(const fs::path& folder) {
     std::vector<fs::path> rows = entries_of(folder);
     std::erase_if(rows, [](const fs::path& row) { return row.extension() != ".txt"; });
@@ -271,7 +269,7 @@ class KittiRaw : public KittiDrives {
 
   std::vector<fs::path> drives() const {
     std::vector<fs::path> days = {data()}, folders;
-    std::error_code closed;  // a folder that nobody may enter is no day
+    std::error_code closed;  // an unreadable folder is not a day
     for (const auto& entry : fs::directory_iterator(data()))
       if (entry.is_directory() && fs::exists(entry.path() / kPose, closed)) days.push_back(entry.path());
     for (const fs::path& day : days)
@@ -296,12 +294,12 @@ class KittiRaw : public KittiDrives {
 };
 
 // KITTI's tracking benchmark (Geiger et al., CVPR 2012): a sequence is a folder of pictures and sweeps, one
-// calibration and one file of labels. A frame's id is SEQUENCE_FRAME, "0003_000012". Where the car stood says
-// oxts/SEQUENCE.txt, a row a frame; when, times/SEQUENCE.txt, a stamp a frame as in the raw recordings, which
-// the benchmark leaves out: its sweeps came every 0.1 s.
+// calibration and one file of labels. A frame's id is SEQUENCE_FRAME, "0003_000012". The car's pose is in
+// oxts/SEQUENCE.txt, a row a frame. times/SEQUENCE.txt has a stamp a frame as in the raw recordings; the
+// benchmark itself omits it, and its sweeps came every 0.1 s.
 
-/// The benchmark tells truncation in three steps. The shares put what is cut off a little among the moderate
-/// cars of the object benchmark, and what is cut off by a lot beyond all of them.
+/// The benchmark gives truncation in three steps. These shares put slightly truncated cars among the moderate
+/// ones of the object benchmark, and heavily truncated cars beyond all its levels.
 constexpr double kTruncated[] = {0, 0.3, 0.8};
 
 class KittiTracking : public KittiDrives {
@@ -372,8 +370,8 @@ class KittiTracking : public KittiDrives {
     return {sequence, id.substr(sequence.size() + 1), frame, group_of(sequence), {}};
   }
 
-  /// Of its tracks: the sequence's number as the benchmark writes it; others follow, as they lie in the
-  /// folder.
+  /// Group of a sequence's tracks: its number as the benchmark writes it; sequences without one follow,
+  /// sorted by name.
   std::size_t group_of(const std::string& sequence) const {
     constexpr std::size_t kDigits = 4, kOthers = 10000;
     const auto is_number = [](const std::string& name) {
@@ -391,7 +389,7 @@ class KittiTracking : public KittiDrives {
 
   fs::path part_;                            ///< DATA/training or DATA/testing
   mutable std::mutex mutex_;                 // of what follows
-  mutable std::vector<std::string> others_;  // sequences that have no number
+  mutable std::vector<std::string> others_;  // sequences without a number
 };
 
 }  // namespace
@@ -435,7 +433,7 @@ std::vector<Label> read_tracklets(const fs::path& file, int frame, std::size_t d
     if (!label) continue;
     label->category = category;
     const int hidden = tracklets.whole(*pose, "occlusion", -1, 3);
-    label->occluded = hidden < 0 ? 3 : hidden;  // -1: nobody said
+    label->occluded = hidden < 0 ? 3 : hidden;  // -1: not annotated
     label->track = track_number(drive, index);
     labels.push_back(std::move(*label));
   }
@@ -475,7 +473,7 @@ std::vector<Label> read_tracking_labels(const fs::path& file, int frame, std::si
 }
 
 std::shared_ptr<const DataSet> open_kitti_tracking(const fs::path& data) {
-  // Where both benchmarks lie in one folder it is the object benchmark's.
+  // A folder with both benchmarks counts as the object benchmark's.
   const fs::path part = benchmark_part(data);
   if (fs::is_directory(part / "label_2") || fs::is_directory(part / "image_2") ||
       !(fs::is_directory(part / "label_02") || fs::is_directory(part / "image_02")))

@@ -4,7 +4,6 @@
 
 #include <Eigen/LU>
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <limits>
 
@@ -34,9 +33,9 @@ std::string place(int row, int column) {
   return fmt::format("row {}, {}", row, kColumns[column]);
 }
 
-constexpr double kNearCamera = 0.1;  // m before the camera: nearer parts of a box aren't seen
+constexpr double kNearCamera = 0.1;  // m in front of the camera: nearer parts of a box aren't seen
 
-/// The smallest box that holds what of the upright box lies before the camera, within the picture or not.
+/// The smallest 2-D box around the part of the 3-D box in front of the camera, not clipped to the picture.
 PictureBox extent(const Box3& box, const Calibration& calibration) {
   const auto at = corners(box);
   const PinholeCamera& camera = calibration.camera;
@@ -47,8 +46,8 @@ PictureBox extent(const Box3& box, const Calibration& calibration) {
     seen = {std::min(seen.left, p.x()), std::min(seen.top, p.y()), std::max(seen.right, p.x()),
             std::max(seen.bottom, p.y())};
   };
-  // What is seen is convex: its corners are the box's before the camera and where its edges pass the near
-  // plane.
+  // The visible part is convex: its corners are the box's corners in front of the camera and its edges'
+  // crossings of the near plane.
   for (int k = 0; k < 4; ++k)
     for (const auto& [from, to] :
          {std::pair(k, (k + 1) % 4), std::pair(k + 4, (k + 1) % 4 + 4), std::pair(k, k + 4)}) {
@@ -69,15 +68,13 @@ std::string_view shown(std::string_view word) {
 }
 
 double to_number(std::string_view text, const std::filesystem::path& file, const std::string& field) {
-  if (text.starts_with('+')) text.remove_prefix(1);
-  double value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size())
+  const auto value = try_parse_number<double>(text, true);
+  if (!value)
     throw InputError(file.string(), field, fmt::format("'{}' is not a number", shown(text)),
                      "correct the row");
-  if (!std::isfinite(value))
+  if (!std::isfinite(*value))
     throw InputError(file.string(), field, fmt::format("'{}' is not finite", shown(text)), "correct the row");
-  return value;
+  return *value;
 }
 
 Box3 velo_box(const RectBox& box, const Calibration& calibration) {

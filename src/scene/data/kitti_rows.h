@@ -1,5 +1,5 @@
-// What the text files of KITTI's layouts share (kitti.cpp, kitti_drives.cpp): rows, numbers, matrices, and a
-// box's seven numbers.
+// Common parts of the text files of KITTI's layouts (kitti.cpp, kitti_drives.cpp): rows, numbers, matrices,
+// and a box's seven numbers.
 #pragma once
 
 #include <array>
@@ -19,17 +19,17 @@
 
 namespace mirage {
 
-/// Bytes of the largest file of each kind that is read: a frame's small texts (calibration, identities,
-/// light), labels (a sequence's or a drive's too) and a sweep. Those on record have a tenth of that at most.
+/// Size limits, in bytes, of the files that are read: a frame's small texts (calibration, track ids, light),
+/// labels (also of a sequence or a drive) and a sweep. Known files have at most a tenth of that.
 inline constexpr std::uintmax_t kMaxTextBytes = 1 << 20, kMaxLabelBytes = 1 << 24, kMaxSweepBytes = 1 << 28;
 
-/// A word of the file in a message: a damaged file may have no blanks.
+/// A word of the file, shortened for a message: a damaged file may have no blanks.
 std::string_view shown(std::string_view word);
-/// InputError naming file and field for what is no finite number.
+/// Parses a number. InputError naming file and field if it is not a finite number.
 double to_number(std::string_view text, const std::filesystem::path& file, const std::string& field);
 
-/// A box as KITTI's rows have it: (x, y, z) is the bottom centre in `rect` (m), the heading there is
-/// (cos ry, 0, −sin ry).
+/// A box as in KITTI's rows: (x, y, z) is the bottom centre in `rect` (m), the heading there is (cos ry, 0,
+/// −sin ry).
 struct RectBox {
   double height = 0, width = 0, length = 0, x = 0, y = 0, z = 0, ry = 0;
 };
@@ -39,17 +39,17 @@ Box3 velo_box(const RectBox& box, const Calibration& calibration);
 RectBox rect_box(const Box3& box, const Calibration& calibration);
 /// The observation angle ry − atan2(x, z), in [−π, π].
 double observation_angle(const RectBox& box);
-/// The seven numbers of a row whose box is of the picture alone.
+/// The seven numbers of a row that has a 2-D box only.
 inline constexpr const char* kNoBox = "-1 -1 -1 -1000 -1000 -1000 -10";
 /// "h w l x y z ry" to a micrometre and a microradian.
 std::string to_row(const RectBox& box);
 
-/// What the errors of a file of rows say.
+/// Texts for the errors of a file of rows.
 struct RowAdvice {
-  const char* columns;      ///< how many belong into a row
-  const char* fix_columns;  ///< of a row with another number of them
-  const char* fix_value;    ///< of a value that cannot be
-  std::size_t before = 0;   ///< numbers before the type: frame and identity in the tracking benchmark
+  const char* columns;      ///< the expected number of columns
+  const char* fix_columns;  ///< for a row with another number of columns
+  const char* fix_value;    ///< for an impossible value
+  std::size_t before = 0;   ///< numbers before the type: frame and track id in the tracking benchmark
 };
 /// A row of a label or result file.
 struct KittiRow {
@@ -58,31 +58,31 @@ struct KittiRow {
   int number;                      ///< from 1
   std::span<const double> before;  ///< the numbers before the type
   std::span<const std::string_view> words;
-  /// By column: left, top, right, bottom are 4 to 7, the box's seven numbers 8 to 14; the score, 15, is 1
-  /// where the row has none. 0, the type, is a word.
+  /// By column: left, top, right, bottom are 4 to 7, the box's seven numbers 8 to 14; the score, 15, is 1 if
+  /// the row has none. Column 0, the type, is a word.
   std::array<double, 16> value = {};
 
-  /// InputError naming file, row and column, and the word there, unless `good`.
+  /// InputError naming file, row, column and word, unless `good`.
   void demand(bool good, int column, const std::string& problem) const;
-  /// Whether the row says nothing of the box in space: sizes of 0 or -1.
+  /// Whether the row has no 3-D box: sizes of 0 or -1.
   bool leaves_box_out() const { return value[8] <= 0 && value[9] <= 0 && value[10] <= 0; }
-  /// The row's box. InputError for a size or a place that no road user has.
+  /// The row's 3-D box. InputError for a size or a position that no road user has.
   Box3 box(const Calibration& calibration) const;
 };
-/// Visits the rows that are not empty. InputError, at its row, for a number of columns that is neither 15 nor
-/// 16 (and those before) and for what is no finite number.
+/// Visits the rows that are not empty. InputError, naming the row, if it has neither 15 nor 16 columns (after
+/// RowAdvice::before) or a value that is not a finite number.
 void for_each_row(const std::filesystem::path& file, const RowAdvice& advice,
                   const std::function<void(const KittiRow&)>& visit);
-/// The row as a label of the object benchmark, of its KITTI type. A box in the picture that
-/// passes its edge is clipped, one that is missing (of no size) or lies beside the picture is projected from
-/// the box in space; `notes` counts both. Zeros or -1 for the sizes: labelled in the picture alone.
-/// InputError, at row and column, for what no label can be.
+/// The row as a label of the object benchmark, of its KITTI type. A 2-D box that passes the picture's edge is
+/// clipped; one that is missing (has no size) or lies outside the picture is projected from the 3-D box.
+/// `notes` counts both. Sizes of 0 or -1: a label with a 2-D box only. InputError, naming row and column, for
+/// an impossible label.
 Label label_of(const KittiRow& row, const Calibration& calibration, LabelNotes& notes);
-/// Adds the row's label to those of its frame. InputError, at the row, where one of these stands in its
-/// place.
+/// Adds the row's label to those of its frame. InputError, naming the row, if one of them has the same centre
+/// and heading.
 void add_label(const KittiRow& row, Label label, std::vector<Label>& labels);
 
-/// A row of a calibration file, and where it stands.
+/// A row of a calibration file, and its file.
 struct MatrixRow {
   std::filesystem::path file;
   std::string name;            ///< "P2"
@@ -93,55 +93,54 @@ class CalibrationFile {
  public:
   /// Reads the rows. InputError naming the file if it cannot be read or holds more than kMaxTextBytes bytes.
   explicit CalibrationFile(std::filesystem::path file);
-  /// By the first of its names that the file has: the benchmarks call the same row R0_rect and R_rect.
-  /// InputError if it is missing, stands twice (as the names say, or otherwise), does not hold `count` words
-  /// or one of them is no finite number.
+  /// The row with the first of these names that the file has: the benchmarks call the same row R0_rect and
+  /// R_rect. InputError if it is missing, occurs twice, or does not hold `count` finite numbers.
   MatrixRow row(std::initializer_list<const char*> names, std::size_t count) const;
 
  private:
   using Words = std::vector<std::string_view>;
   std::filesystem::path file_;
   std::string text_;
-  std::map<std::string, std::vector<Words>, std::less<>> rows_;  ///< each as often as it stands there
+  std::map<std::string, std::vector<Words>, std::less<>> rows_;  ///< all rows of each name
 };
-/// A rigid transform of 12 numbers. InputError if its turning part is further than 1e-3 from a rotation, or
-/// it moves by more than 20 m.
+/// A rigid transform of 12 numbers. InputError if its linear part is further than 1e-3 from a rotation, or
+/// its translation is longer than 20 m.
 Transform rigid(const MatrixRow& row);
 /// From a projection (12 numbers), the rectifying rotation (9) and the LiDAR's pose in the reference camera
 /// (12); `width`, `height`: the picture's. Errors as read_calibration's (kitti.h).
 Calibration calibration_of(const MatrixRow& projection, const MatrixRow& rectification, const MatrixRow& pose,
                            int width, int height);
 
-// Detections in the format that KITTI's object benchmark takes them in (Geiger et al., CVPR 2012): a file
-// ID.txt for each frame, a row for each detection,
+// Detections in the result format of KITTI's object benchmark (Geiger et al., CVPR 2012): a file ID.txt for
+// each frame, a row for each detection,
 //     type -1 -1 alpha left top right bottom height width length x y z rotation_y score
-// with the box in `rect` as in a label. Detectors of the picture alone leave the box out: its sizes are -1,
-// its place -1000, its angles -10.
+// with the box in `rect` as in a label. Picture detectors omit the 3-D box: its sizes are -1, its position
+// -1000, its angles -10.
 
-/// A row of a KITTI result file: a box in space, in the picture, or both.
+/// A row of a KITTI result file: a 3-D box, a 2-D box, or both.
 struct KittiDetection {
   std::string type = "Car";
   std::optional<Box3> box = {};            ///< in `velo`
   std::optional<PictureBox> picture = {};  ///< pixels
-  double score = 0;                        ///< the higher the surer
-  std::string camera = {};  ///< whose picture (Frame::name_of); empty: the first, which the files have alone
+  double score = 0;                        ///< higher is more confident
+  std::string camera = {};  ///< name (Frame::name_of); empty: the first, the only one in the files
 };
 
-/// The smallest box in the picture that holds what the camera sees of the upright box; none if that is
-/// nothing.
+/// The smallest 2-D box, within the picture, around the visible part of the 3-D box; nullopt if the camera
+/// sees nothing of it.
 std::optional<PictureBox> projected(const Box3& box, const Calibration& calibration);
-/// The share of the box's extent in the picture's plane that the picture's frame cuts off.
+/// The share of the box's extent in the image plane that lies outside the picture.
 double cut_off_share(const Box3& box, const Calibration& calibration);
 
-/// Writes a frame's detections, atomically; a file without rows for none. The 2-D box is `picture`, else
-/// projected(), else 0 0 0 0.
+/// Writes a frame's detections, atomically; an empty file if there are none. The 2-D box is `picture`,
+/// otherwise projected(), otherwise 0 0 0 0.
 void write_results(const std::filesystem::path& file, std::span<const KittiDetection> detections,
                    const Calibration& calibration);
 
-/// Reads results of any detector: rows of 16 columns (15, a label's, have score 1), of which DontCare is left
-/// out. A 2-D box may pass the image's edges. InputError naming file, row and column for what is no finite
-/// number, for a size ≤ 0 or > 50 m or a place beyond 1 km (but for the -1 and -1000 of a box that is left
-/// out), and for a row with neither box.
+/// Reads results of any detector: rows of 16 columns (15, as a label's, have score 1); skips DontCare. A 2-D
+/// box may pass the image's edges. InputError naming file, row and column for a value that is not a finite
+/// number, for a size ≤ 0 or > 50 m or a position beyond 1 km (except the -1 and -1000 of an omitted box),
+/// and for a row with neither box.
 std::vector<KittiDetection> read_results(const std::filesystem::path& file, const Calibration& calibration);
 
 }  // namespace mirage

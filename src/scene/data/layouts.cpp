@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <initializer_list>
 #include <numbers>
@@ -26,7 +25,7 @@ std::optional<Label> projected_label(std::string type, const Box3& box, const Ca
 
 std::string box_problem(const Box3& box) {
   const Vec3d size(box.bev.length, box.bev.width, box.height), at(box.bev.x, box.bev.y, box.bottom);
-  // Asked this way round: what is no number is no size.
+  // Negated, so that NaN is refused, too.
   if (!(size.minCoeff() > 0 && size.maxCoeff() <= 50))
     return "does not have the size of a road user (0 to 50 m)";
   if (!(at.cwiseAbs().maxCoeff() <= 1000)) return "is further than 1 km away";
@@ -122,11 +121,9 @@ void add_numbered_sweeps(const std::filesystem::path& folder, const std::string&
 std::optional<std::pair<std::string, int>> split_id(const std::string& id) {
   const auto cut = id.rfind('_');
   if (cut == std::string::npos || cut == 0 || cut + 1 == id.size()) return std::nullopt;
-  int number = 0;
-  const char* end = id.data() + id.size();
-  const auto [read, error] = std::from_chars(id.data() + cut + 1, end, number);
-  if (error != std::errc() || read != end || number < 0) return std::nullopt;
-  return std::pair(id.substr(0, cut), number);
+  const auto number = try_parse_number<int>(std::string_view(id).substr(cut + 1));
+  if (!number || *number < 0) return std::nullopt;
+  return std::pair(id.substr(0, cut), *number);
 }
 
 }  // namespace mirage

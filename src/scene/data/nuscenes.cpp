@@ -4,13 +4,13 @@
 // scene.
 //
 // A sweep between key frames is a frame too, by the token of its row (DataSet::sweeps): with the pictures
-// that were taken nearest in time, and with boxes between those of the key frames around it, as nuScenes'
-// devkit has them (NuScenes.get_boxes).
+// nearest in time, and with boxes interpolated between the key frames around it, as in nuScenes' devkit
+// (NuScenes.get_boxes).
 //
 // `velo` has the car's axes and the unit's origin: the unit stands turned by a quarter (x right, y forward)
-// and is tilted by more than a degree. Boxes are kept where a camera sees any of them and either a return
-// fell on them or they show kMinBoxRows pixels of height. Tables are read a row at a time; what is held in
-// memory of them is what keyframes of these sensors need.
+// and is tilted by more than a degree. A box is kept if a camera sees part of it and it has a return or
+// kMinBoxRows pixels of height. Tables are read a row at a time; memory holds only the rows for keyframes of
+// these sensors.
 #include <fmt/format.h>
 #include <sys/stat.h>
 
@@ -39,21 +39,21 @@ namespace fs = std::filesystem;
 
 constexpr const char* kLidar = "LIDAR_TOP";
 constexpr const char* kCamera = "CAM_FRONT";
-constexpr const char* kAnyCamera = "CAM_";  // what a camera's channel begins with
+constexpr const char* kAnyCamera = "CAM_";  // prefix of a camera's channel
 constexpr const char* kFix = "restore the table from the data set's archive";
 constexpr double kMinBoxRows = 25;     // pixels
 constexpr float kFullIntensity = 255;  // of a return
-/// m; what is nearer in both axes is the car, or a firing without a return (a point at the unit's own place).
+/// m; a point nearer in both axes is on the car, or a firing without a return (a point at the unit itself).
 constexpr float kMinReturnDistance = 1;
 
 struct Sensor {
   Transform ego_from_sensor = Transform::Identity();
-  std::vector<double> intrinsics;  ///< 9 of a camera
+  std::vector<double> intrinsics;  ///< 9, cameras only
 };
 
 /// One sensor's part of a sample.
 struct Shot {
-  std::string file;  ///< below the data set's folder; empty: the sample has none
+  std::string file;  ///< relative to the data set's folder; empty: the sample has none
   const Sensor* sensor = nullptr;
   Transform global_from_ego = Transform::Identity();
   Transform global_from_sensor() const { return global_from_ego * sensor->ego_from_sensor; }
@@ -63,7 +63,7 @@ struct Annotation {
   std::string type, category;
   Vec3d centre = Vec3d::Zero(), size = Vec3d::Zero();  ///< global; width, length, height (m)
   Vec3d heading = Vec3d::UnitX();                      ///< global
-  int visibility = 0;                                  ///< 1 … 4: under 40, 60, 80, 100 % is seen
+  int visibility = 0;                                  ///< 1 … 4: under 40, 60, 80, 100 % visible
   std::int64_t returns = 0;
   int track = -1;
 };
@@ -72,7 +72,7 @@ struct Sample {
   Shot lidar, camera;
   std::map<std::string, Shot> others;  ///< of the other cameras, by channel
   std::vector<Annotation> annotations;
-  std::string scene;          ///< its name; empty: the tables do not say
+  std::string scene;          ///< its name; empty: not in the tables
   int index = 0;              ///< in the scene, from 0
   double time = 0;            ///< s since the scene's first sample
   std::string before, after;  ///< tokens of the scene's neighbours; empty: none
@@ -84,16 +84,15 @@ struct Sample {
 struct Tables {
   std::map<std::string, Sensor> sensors;  ///< calibrated ones of these channels, by token
   std::map<std::string, Sample> samples;  ///< by token
-  bool labelled = false;                  ///< whether there is an annotation of any
+  bool labelled = false;                  ///< whether any sample has an annotation
   std::map<std::string, std::map<std::int64_t, std::string>> scenes;  ///< samples by time (µs), by scene
-  std::map<std::string, Sample>
-      between;                ///< sweeps that are no key frames, by token, where they are asked for
-  std::deque<Shot> pictures;  ///< that theirs are of
+  std::map<std::string, Sample> between;  ///< sweeps that aren't key frames, by token; on request
+  std::deque<Shot> pictures;              ///< of the sweeps in `between`
 };
 
-/// What says which scene a sample is of; without them it is of none.
+/// Tables that assign samples to scenes; without them a sample has no scene.
 constexpr const char* kSceneTables[] = {"scene.json", "sample.json"};
-/// What the tables of annotations are in; a test set has none, or empty ones.
+/// Tables of annotations; a test set has none, or empty ones.
 constexpr const char* kAnnotationTables[] = {"category.json", "instance.json", "sample_annotation.json"};
 
 Transform pose_of(const JsonFields& row) {
@@ -116,7 +115,7 @@ void for_each_row_of(const fs::path& file, const Visit& visit) {
   });
 }
 
-/// A path below the data set's folder: tables come from anybody, and reach no further.
+/// A path below the data set's folder: tables are untrusted and must not point outside.
 std::string file_of(const JsonFields& row) {
   const std::string name = row.text("filename");
   const fs::path path(name);
@@ -126,7 +125,7 @@ std::string file_of(const JsonFields& row) {
   return name;
 }
 
-/// Which scene each sample is of, and when it was taken there.
+/// Sets each sample's scene and its time in it.
 void add_scenes(const fs::path& folder, Tables& tables) {
   for (const char* name : kSceneTables)
     if (!fs::exists(folder / name)) return;
@@ -161,15 +160,15 @@ void add_scenes(const fs::path& folder, Tables& tables) {
   }
 }
 
-/// Rows of sample_data that are no key frames, until it is known which sample they belong to.
+/// Rows of sample_data that aren't key frames, until their sample is known.
 struct LooseRow {
-  std::string token, sample;  ///< of a picture: without its token
+  std::string token, sample;  ///< of the row and of its sample
   std::string channel;
   std::int64_t time = 0;  ///< µs
   Shot* shot = nullptr;
 };
 
-/// Gives every sweep between two samples of a scene its pictures and its neighbours.
+/// Sets the pictures and neighbours of every sweep between two samples of a scene.
 void add_between(const std::vector<LooseRow>& rows, Tables& tables) {
   using ByTime = std::map<std::int64_t, const Shot*>;
   std::map<std::string, std::map<std::string, ByTime>> pictures;      // by scene and channel
@@ -216,7 +215,7 @@ void add_between(const std::vector<LooseRow>& rows, Tables& tables) {
   }
 }
 
-/// `between`: with the sweeps between key frames.
+/// `between`: also the sweeps between key frames.
 std::shared_ptr<const Tables> read_tables(const fs::path& folder, bool between) {
   auto tables = std::make_shared<Tables>();
   std::map<std::string, std::string> channels;
@@ -319,8 +318,8 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder, bool between) 
   return tables;
 }
 
-/// Those of a sample; of a sweep between two, those of the later one, each moved back along the straight way
-/// from where the earlier one has it. Headings turn the short way about the vertical.
+/// Annotations of a sample. For a sweep between two samples, those of the later one, interpolated in time on
+/// the straight line from their position in the earlier one. Headings turn the short way about the vertical.
 std::vector<Annotation> annotations_of(const Tables& tables, const Sample& sample) {
   if (sample.key_after.empty()) return sample.annotations;
   std::vector<Annotation> moved = tables.samples.at(sample.key_after).annotations;
@@ -363,7 +362,7 @@ std::shared_ptr<const Tables> tables_of(const fs::path& folder, bool between = f
   const auto same = loaded.find({folder, between});
   if (same != loaded.end() && same->second.first == state) return same->second.second;
   auto tables = read_tables(folder, between);
-  constexpr std::size_t kMaxSets = 4;  // at hand in one program
+  constexpr std::size_t kMaxSets = 4;  // kept in memory by one process
   if (loaded.size() >= kMaxSets) loaded.clear();
   loaded[{folder, between}] = {state, tables};
   return tables;
@@ -536,7 +535,7 @@ class NuScenes : public DataSet {
   }
 
  private:
-  /// Which samples have their files in the folder: archives come in parts.
+  /// The samples whose files are in the folder: archives come in parts.
   struct Archive {
     std::size_t samples = 0, sweeps = 0, pictures = 0;
     std::vector<std::string> whole;
@@ -554,7 +553,7 @@ class NuScenes : public DataSet {
     return archive;
   }
 
-  /// A frame's part of the tables, which live as long.
+  /// A frame's part of the tables, which it keeps alive.
   struct SampleTables {
     std::shared_ptr<const Tables> tables;
     const Sample& sample;
@@ -571,7 +570,7 @@ class NuScenes : public DataSet {
                      "give the token of a sample, or of a sweep's row of sample_data.json");
   }
 
-  /// Of the camera that took `shot`. `width`, `height`: its picture's.
+  /// Calibration of the camera that took `shot`. `width`, `height`: its picture's.
   Calibration calibration_by(const Sample& sample, const Shot& shot, int width, int height) const {
     const Transform camera_from_velo = shot.global_from_sensor().inverse() * pose_of_sweep(sample);
     const fs::path file = tables_ / "calibrated_sensor.json";

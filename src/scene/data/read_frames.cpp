@@ -3,12 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <limits>
 
 #include "base/error.h"
 #include "base/logging.h"
+#include "base/names.h"
 #include "base/parallel.h"
+#include "base/ranks.h"
 #include "scene/data/layouts.h"
 
 namespace mirage {
@@ -17,7 +18,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// Also of a sweep between labelled frames, which frames() leaves out.
+/// Whether the id's files exist; also for a sweep between labelled frames, which frames() leaves out.
 bool has_files_of(const DataSet& set, const std::string& id) {
   try {
     const auto files = set.source_files(id);
@@ -27,13 +28,13 @@ bool has_files_of(const DataSet& set, const std::string& id) {
   }
 }
 
-/// InputError that names the nearest frames if the set has none of that name.
+/// InputError, naming the nearest frames, if the set has no such frame.
 void require_frame(const fs::path& data, const DataSet& set, const std::string& id) {
   constexpr std::size_t kNamed = 10;
   std::vector<std::string> frames;
   try {
     frames = set.frames();
-  } catch (const InputError&) {  // has none at all
+  } catch (const InputError&) {  // the set has no frames
   }
   if (frames.empty() || std::ranges::find(frames, id) != frames.end() || has_files_of(set, id)) return;
   std::stable_sort(frames.begin(), frames.end(), [&](const std::string& a, const std::string& b) {
@@ -55,19 +56,18 @@ std::optional<NumberRange> range_of(const std::string& text) {
   if (text.empty()) return range;
   const std::size_t colon = text.find(':');
   if (colon == text.npos) return std::nullopt;
-  const auto read = [](const char* from, const char* to, int& value) {
-    if (from == to) return true;
-    const auto [end, error] = std::from_chars(from, to, value);
-    return error == std::errc() && end == to && value >= 0;
+  const auto read = [](std::string_view end, int& value) {
+    if (!end.empty()) value = try_parse_number<int>(end).value_or(-1);
+    return value >= 0;
   };
-  const char* begin = text.data();
-  if (!read(begin, begin + colon, range.first) || !read(begin + colon + 1, begin + text.size(), range.last) ||
+  const std::string_view ends = text;
+  if (!read(ends.substr(0, colon), range.first) || !read(ends.substr(colon + 1), range.last) ||
       range.first > range.last)
     return std::nullopt;
   return range;
 }
 
-/// "0 of 41 labelled vehicles count: 41 vehicle.foo".
+/// "0 of 41 labelled objects count as a Car: 41 vehicle.foo".
 std::string unusable_labels_text(const LabelCensus& census) {
   return census.labels == 0
              ? fmt::format("the labels of {} frames hold no object", census.frames - census.unlabelled)
@@ -89,7 +89,7 @@ int sought(const LabelCensus& census) {
   return count;
 }
 
-/// InputError for a class that neither anybody knows nor the data have.
+/// InputError for a class that is neither known nor in the data.
 void check_classes(const LabelCensus& census) {
   std::vector<std::string> there;
   for (const auto& [type, count] : census.types) there.push_back(type);
@@ -109,8 +109,10 @@ std::shared_ptr<const DataSet> open_data_set(const fs::path& data, Cameras camer
   return set;
 }
 
-std::vector<std::string> list_frames(const fs::path& data) {
-  return open_data_set(data)->frames();
+std::vector<std::string> list_frames(const fs::path& data, std::size_t limit) {
+  std::vector<std::string> ids = open_data_set(data)->frames();
+  if (limit > 0 && ids.size() > limit) ids.resize(limit);
+  return ids;
 }
 
 Frame read_frame(const fs::path& data, const std::string& id, Cameras cameras) {
@@ -118,7 +120,7 @@ Frame read_frame(const fs::path& data, const std::string& id, Cameras cameras) {
   try {
     return set->read(id);
   } catch (const InputError&) {
-    require_frame(data, *set, id);  // what is wrong of a file of it says nothing to who misspelt the frame
+    require_frame(data, *set, id);  // for a misspelt id this error tells more than the missing file's
     throw;
   }
 }
@@ -256,6 +258,14 @@ void require_cars(const LabelCensus& census, const std::string& work) {
   refuse(unusable_labels_text(census), unknown_types(census).empty()
                                            ? "label the cars"
                                            : fmt::format("call cars Car: known are {}", kKnownTypes));
+}
+
+LabelCensus check_labels(const std::filesystem::path& data, std::span<const std::string> ids,
+                         const std::string& work, const std::string& classes, Cameras cameras) {
+  LabelCensus census = count_labels(data, ids, classes, cameras);
+  require_cars(census, work);
+  if (rank() == 0) warn_of_labels(census);
+  return census;
 }
 
 void require_types(const LabelCensus& census, std::span<const std::string> types, const std::string& option) {

@@ -1,4 +1,4 @@
-// Labels beside a data set (layouts.h): what a detector finds in a set that nobody has labelled, say.
+// Labels separate from their data set (layouts.h), for example a detector's output on an unlabelled set.
 #include "base/error.h"
 #include "base/files.h"
 #include "base/json_fields.h"

@@ -56,7 +56,7 @@ fs::path find_weights(const DepthOptions& options, const fs::path& plugin) {
                    "name others, or train some with mirage train depth");
 }
 
-/// Returns that are no positive finite number become none.
+/// Sets returns that are not positive and finite to 0 (no return).
 ImageF cleaned(const ImageF& sparse) {
   ImageF clean = sparse;
   for (float& value : clean.data)
@@ -176,7 +176,7 @@ void hide_rectangles(ImageF& sparse, RandomStream& random) {
   }
 }
 
-/// Hides, shifts and shakes the returns.
+/// Hides, shifts and perturbs the returns.
 ImageF changed_returns(const ImageF& sparse, int shift, RandomStream& random) {
   const double hidden = random.uniform() < 0.3 ? 0 : random.uniform(0, 0.5);
   const double shaking = random.uniform(0, 0.03);
@@ -225,7 +225,7 @@ void change_picture(ImageF& image, RandomStream& random) {
     for (std::size_t c = 0; c < 3; ++c) mean += (rgb[c] = gain[c] * image.data[i + c]) / 3;
     for (std::size_t c = 0; c < 3; ++c) {
       const double x = std::pow(std::clamp(rgb[c] + grey * (mean - rgb[c]), 0.0, 1.0), gamma);
-      // Uniform noise of that deviation: a normal deviate a channel would cost more than the network.
+      // Uniform noise of the same deviation: normal deviates would cost more than the network.
       image.data[i + c] = static_cast<float>(
           std::clamp(x + noise * std::sqrt(x + 1e-3) * random.uniform(-1.73, 1.73), 0.0, 1.0));
     }
@@ -237,8 +237,7 @@ constexpr std::size_t kMemory = std::size_t{4} << 30;  // bytes for frames kept 
 class DepthData {
  public:
   explicit DepthData(const DepthTrainingOptions& options)
-      : options_(options), ids_(list_frames(options.data)) {
-    if (options.frames > 0 && ids_.size() > options.frames) ids_.resize(options.frames);
+      : options_(options), ids_(list_frames(options.data, options.frames)) {
     frames_.resize(ids_.size());
   }
   const std::vector<std::string>& ids() const { return ids_; }
@@ -254,7 +253,7 @@ class DepthData {
   }
 
  private:
-  /// Every frame once an epoch, in an order of the epoch's own.
+  /// Every frame once an epoch, in an order drawn anew for each epoch.
   std::size_t frame_of(std::uint64_t index) const {
     const std::uint64_t count = ids_.size();
     std::vector<std::size_t> order(count);
@@ -276,17 +275,17 @@ class DepthData {
   DepthTrainingOptions options_;
   std::vector<std::string> ids_;
   std::vector<DepthSample> frames_;
-  DepthSample passing_;  // where memory is full
+  DepthSample passing_;  // used when memory is full
   std::size_t bytes_ = 0;
 };
 
-/// What must agree for a run to go on.
+/// The identity that must agree for a run to resume.
 RunIdentity identity(const DepthTrainingOptions& options, std::span<const std::string> frames) {
   nlohmann::json json = fields_json(options), lacking = lacking_json<DepthTrainingOptions>();
   json["start"] = options.start.empty() ? "" : file_hash(options.start);
   json["frames"] = frames.size();
   json["frames_hash"] = training_frames_hash(options.data, frames);
-  lacking["frames_hash"] = json["frames_hash"];  // runs of earlier programs do not say
+  lacking["frames_hash"] = json["frames_hash"];  // runs of earlier versions lack it
   return {json, lacking};
 }
 

@@ -1,4 +1,4 @@
-// Learned depth completion, loaded from a plugin (depth_abi.h), and the one way to get any back-end by name.
+// Learned depth completion from a plugin (depth_abi.h), and the loader of any back-end by name.
 #pragma once
 
 #include <array>
@@ -14,21 +14,21 @@
 
 namespace mirage {
 
-/// What completes depth where nothing else is asked for.
+/// The default back-end.
 inline constexpr const char* kDefaultDepth = "ip-basic";
 
-/// Which back-end.
+/// The choice of a back-end.
 struct DepthOptions {
   /// ip-basic, with -multiscale, -bilateral and -extrapolated appended in this order for its variants; guided
   /// (plugins/guided.so beside the program); or a plugin's path (*.so).
   std::string backend = kDefaultDepth;
-  std::filesystem::path weights = {};  ///< of a learned one; empty: the shipped ones
+  std::filesystem::path weights = {};  ///< of a learned back-end; empty: the shipped ones
   bool fresh = false;                  ///< freshly initialised weights, drawn from the seed
   std::uint64_t seed = 0;
   int threads = 0;  ///< of a training step; 0: thread_count()
 };
 
-/// A picture, its returns and what is really there: H×W, m; 0 nothing (sky), negative not known.
+/// A picture, its returns and the true depth: H×W, m; truth 0: nothing (sky), negative: not known.
 struct DepthSample {
   ImageF image, sparse, truth;
 };
@@ -36,36 +36,36 @@ struct DepthSample {
 /// A completion with weights, from a plugin.
 class LearnedDepth : public DepthCompletion {
  public:
-  /// total, depth and presence loss of one optimiser step on the samples' mean.
+  /// One optimiser step on the samples' mean loss; returns total, depth and presence loss.
   virtual std::array<float, 3> train_step(std::span<const DepthSample> samples, double learning_rate) = 0;
-  /// Writes the weights, and the optimiser's state for resuming. Failure if the file can't be written.
+  /// Writes weights, and the optimiser's state if asked. Failure if the file can't be written.
   virtual void save(const std::filesystem::path& file, bool with_optimiser) = 0;
 };
 
 /// InputError, one line: an unknown name, a missing, unloadable or wrong-version plugin, missing or unfit
 /// weights. The object's complete() reports pixels that are not finite (InputError) and skips such returns; a
-/// plugin that fails, throws or gives a depth that is no finite number ends in Failure.
+/// plugin that fails, throws or returns a depth that is not finite causes Failure.
 std::unique_ptr<DepthCompletion> load_depth_completion(const DepthOptions& options);
-/// What a back-end's answers depend on besides its input: name, or plugin and weights by content, and the
-/// threads that a plugin may use. InputError as load_depth_completion's.
+/// Identity of a back-end, on which its answers depend besides the input: name, or plugin and weights by
+/// content, and the threads that a plugin may use. InputError as load_depth_completion's.
 std::string depth_identity(const DepthOptions& options);
-/// Whether a word names a back-end that ships with the program; other names are paths of plugins: code.
+/// Whether a word names a shipped back-end; other names are paths of plugins, which run code.
 bool is_shipped_depth(const std::string& backend);
 /// For training: a completion that has weights. Errors as load_depth_completion's.
 std::unique_ptr<LearnedDepth> load_learned_depth(const DepthOptions& options);
 
 // Training learned depth completion on generated frames with known depth (mirage generate --depth).
 
-/// How hard training makes it to trust the picture (see augmented_crop).
+/// How strongly training perturbs picture and returns (see augmented_crop).
 struct DepthAugmentation {
-  double without_picture = 0;  ///< share of samples whose picture is one grey
-  /// Largest share of a sample's returns that stray: by up to 3 pixels across, 2 up or down, and 5 % in
-  /// range. Foliage, edges and moving things give such in recorded sweeps, generated ones hardly have them.
+  double without_picture = 0;  ///< share of samples with a uniform grey picture
+  /// Largest share of a sample's returns that are displaced: by up to 3 pixels across, 2 up or down, and 5 %
+  /// in range. Recorded sweeps have strays at foliage, edges and moving objects; generated ones have few.
   double scatter = 0;
-  int shift = 1;  ///< pixels by which returns may be off the picture together
+  int shift = 1;  ///< pixels by which all returns may be off the picture
 };
 
-/// What a training of depth completion is asked for beside what every training is.
+/// The options of a training of depth completion besides those of every training.
 struct DepthLearning {
   std::string backend = "guided";
   int crop = 320;  ///< pixels of width of a sample; its height is the picture's
@@ -92,7 +92,7 @@ void visit_fields(Visitor& visit, S& s) {
         s.augmentation.shift);
 }
 
-/// What `mirage train depth` is asked for.
+/// The options of `mirage train depth`.
 struct DepthTrainingOptions : TrainingSchedule, DepthLearning {
   std::filesystem::path data;
   std::filesystem::path start = {};  ///< weights to start from; empty: fresh ones
@@ -107,11 +107,11 @@ void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, as_base<DepthLearning>(s));
 }
 
-/// Hash of what a training reads of those frames: DataSet::hash() of each, and its true depth, instances and
-/// point labels where it has them. InputError for a missing file. Uses several threads.
+/// Hash of the data that a training reads from those frames: DataSet::hash() of each, with its true depth,
+/// instances and point labels if any. InputError for a missing file. Uses several threads.
 std::string training_frames_hash(const std::filesystem::path& data, std::span<const std::string> ids);
 
-/// What such a training ends with, beside the weights in DepthTrainingOptions::out.
+/// The result of a training, besides the weights in DepthTrainingOptions::out.
 struct DepthTrainingResult {
   std::int64_t steps = 0;
   double seconds = 0, seconds_per_step = 0;
@@ -119,13 +119,13 @@ struct DepthTrainingResult {
   std::filesystem::path weights;  ///< out/BACKEND-depth.weights
 };
 
-/// Trains from scratch, or goes on from the checkpoint in `out` (which must be of the same options and
-/// frames, or InputError; FieldError for options out of range). What step s sees depends on (seed, s) alone:
-/// not on threads, nor on interruptions. A checkpoint is written every checkpoint.steps steps and on Ctrl-C
-/// (then Interrupted is thrown).
+/// Trains from scratch, or resumes from the checkpoint in `out`. InputError if that has other options or
+/// frames; FieldError for options out of range. The input of step s depends on (seed, s) only, not on threads
+/// or interruptions. A checkpoint is written every checkpoint.steps steps and on Ctrl-C (then Interrupted is
+/// thrown).
 DepthTrainingResult train_depth(const DepthTrainingOptions& options);
 
-/// A whole frame. InputError where the frame has no true depth, or one of another size.
+/// Reads a whole frame. InputError if its true depth is missing or has another size.
 DepthSample read_depth_frame(const std::filesystem::path& data, const std::string& id);
 
 /// A crop of the frame, changed at random by (seed, index) alone: mirrored; all depths scaled by 0.85–1.15;

@@ -21,24 +21,24 @@
 namespace mirage {
 namespace {
 
-constexpr double kGrow = 0.20;  // m: labels are drawn by hand; returns this far outside the box still count
-constexpr double kAboveGround = 0.12;  // m: lower returns are the road's
+constexpr double kGrow = 0.20;  // m: labels are hand-drawn; returns this far outside the box still count
+constexpr double kAboveGround = 0.12;  // m: lower returns are on the road
 constexpr double kCubeSize = 0.10;     // m: one return in each cube of this size stays
 constexpr std::size_t kMaxRays = 500;  // empty segments kept, evenly over the rays
-constexpr double kBefore = 0.12;       // m before a return from which on its ray says nothing
-constexpr double kBeside = 0.4;  // m to either side in which a higher return makes a ray one through glass
+constexpr double kBefore = 0.12;       // m before a return in which its ray is no evidence
+constexpr double kBeside = 0.4;        // m to either side: a higher return marks a ray through glass
 constexpr double kGroundRing = 1.5;    // m around the box in which ground is looked for
-constexpr int kMinGround = 15;         // returns a ground plane needs
+constexpr int kMinGround = 15;         // returns that a ground plane needs
 constexpr double kGroundBand = 0.4;    // m over and under the box's bottom in which ground is looked for
 constexpr double kGroundScale = 0.05;  // m, of the robust weights
 constexpr double kMaxSlope = 0.12;     // against the box's own level
 constexpr int kEvidenceRounds = 8;
 
 /// Plane by iteratively reweighted least squares with Cauchy weights, started from the box's bottom; slopes
-/// are held back (0.05) so that ground seen on one side only doesn't tilt it.
+/// are regularised (0.05) so that ground on one side only doesn't tilt it.
 std::optional<GroundPlane> fit_ground(const std::vector<Vec3d>& points) {
   if (static_cast<int>(points.size()) < kMinGround) return std::nullopt;
-  // Start from the lower quartile: what stands on the ground is above it.
+  // Start from the lower quartile: objects on the ground are above it.
   std::vector<double> heights;
   for (const Vec3d& p : points) heights.push_back(p.z());
   GroundPlane plane{lower_quantile(std::move(heights), 0.25), Vec2d::Zero()};
@@ -69,22 +69,22 @@ constexpr double kDeepest = 0.25;                         // m; a ray deeper ins
 constexpr double kGroundSigma = 0.03;                     // m
 // Of the label: m along and across, of the bottom; rad; share of length, width, height.
 constexpr double kLabelPosition = 0.10, kLabelHeight = 0.10, kLabelYaw = 0.03, kLabelSize = 0.03;
-constexpr double kPrior = 2.0;       // λ; above 1 because returns err together, not each on its own
-constexpr double kRoofDepth = 0.20;  // m; the rooftop is what lies this close under the top
+constexpr double kPrior = 2.0;       // λ; above 1 because the returns' errors are correlated
+constexpr double kRoofDepth = 0.20;  // m; the rooftop reaches this far below the top
 
 // Ceres' headers are heavy: no other file includes them.
 
-// Rounds: the loss' scale (m), how deep inside a return may lie and still count (m: deeper ones are the
-// cabin's), and the most iterations. Wide first, so that returns find the surface from a box that is off by
-// its errors.
+// Rounds: the loss' scale (m), the largest depth inside at which a return counts (m: deeper ones are in the
+// cabin), and the limit on iterations. Wide first, so that returns find the surface despite the label's
+// errors.
 struct Round {
   double scale, deepest;
   int iterations;
 };
 constexpr Round kFitRounds[] = {{0.15, 0.28, 8}, {0.06, 0.15, 8}, {0.04, 0.10, 15}};
-constexpr double kRayStep = 0.10;  // m between the places at which a ray is tried
+constexpr double kRayStep = 0.10;  // m between the samples along a ray
 
-/// w · d, or w · min(0, d) for a place that is known to be empty.
+/// w · d, or w · min(0, d) for a point known to be empty.
 class DistanceCost : public ceres::CostFunction {
  public:
   DistanceCost(const ShapeModel& model, const Vec3d& p, double weight, bool empty)
@@ -174,7 +174,7 @@ AffineCost* affine_terms(const ShapeModel& model, const Vec3d& label_log_size,
   return new AffineCost(std::move(a), std::move(c));
 }
 
-/// Where a segment comes deepest into the shape; false if it stays outside or went through glass.
+/// Finds a segment's deepest point in the shape; false if it stays `near` (m) outside or went through glass.
 bool deepest_place(const ShapeModel& model, const Eigen::VectorXd& q, const Segment& segment, double near,
                    Vec3d& place) {
   const Vec3d way = segment.to - segment.from;
@@ -202,7 +202,7 @@ int solve_round(const ShapeModel& model, const VehicleEvidence& evidence, const 
   for (const Vec3d& p : evidence.surface)
     if (model.distance(q.data(), p) > -round.deepest)
       problem.AddResidualBlock(new DistanceCost(model, p, 1 / kPointSigma, false), &on_surface, q.data());
-  // Rays that pass close by may come to touch the shape while it moves.
+  // Rays that pass close by may touch the shape as it moves.
   for (const Segment& segment : evidence.empty) {
     Vec3d p;
     if (deepest_place(model, q, segment, round.scale, p))
@@ -252,7 +252,7 @@ VehicleEvidence gather_evidence(const SweepIndex& sweep, const Box3& box) {
   std::vector<Vec2d> returns_seen;
   struct Candidate {
     Segment segment;
-    Vec2d seen;  // where its ray crosses the upright plane through the box's middle, across the view
+    Vec2d seen;  // its ray's crossing of the upright plane through the box's centre, across the view
   };
   std::vector<Candidate> candidates;
   const Vec3d grow = Vec3d::Constant(kGrow);

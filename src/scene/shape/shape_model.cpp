@@ -107,7 +107,7 @@ GridLayout layout_for(const ShapeModelSettings& s) {
 constexpr std::string_view kMagic = "MIRAGE-SHAPE 1\n";
 constexpr double kFull = 32767;
 constexpr double kMaxNodes = 1e7;
-constexpr double kMaxNumber = 1000;  ///< m and shares: of whatever the header lists
+constexpr double kMaxNumber = 1000;  ///< m or shares: limit of the header's numbers
 
 constexpr const char* kMakeAgain = "make the file again with: mirage fit --build-model FILE";
 
@@ -206,7 +206,7 @@ ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeMo
     Eigen::VectorXd vector = eigen.eigenvectors().col(column);
     Eigen::Index largest = 0;
     vector.cwiseAbs().maxCoeff(&largest);
-    if (vector[largest] < 0) vector = -vector;  // a sign that doesn't hang on the solver
+    if (vector[largest] < 0) vector = -vector;  // a sign independent of the solver
     // z = vector √(n − 1) has variance 1; the component is data · z / (n − 1).
     const Eigen::VectorXd z = vector * std::sqrt(static_cast<double>(n - 1));
     const Eigen::VectorXf component = data * (z / static_cast<double>(n - 1)).cast<float>();
@@ -307,7 +307,7 @@ ShapeModel read_shape_model(const std::filesystem::path& file) {
       header.fail("numbers",
                   fmt::format("the file holds {} bytes of them, {} are needed", available, needed));
   };
-  check(OpenFile(file).size());  // before any of them is in memory
+  check(OpenFile(file).size());  // before any of the numbers is in memory
   const std::string all = read_file(file);
   check(all.size());
   model.values.resize(numbers_needed);

@@ -41,14 +41,14 @@ struct TextureCorners {
           part ? mesh.corner_barycentrics[f][as_size(face.corner[k])] : Vec3d(Vec3d::Unit(face.corner[k]));
     owner = part ? as_size(mesh.texel_face[f]) : f;
   }
-  /// The three quantities whose whole multiples of 1/C are texel borders: b0, b1, b0 + b1 (TexelAtlas).
+  /// The three quantities whose multiples of 1/C are texel borders: b0, b1, b0 + b1 (TexelAtlas).
   double border(int family, int k) const {
     return family == 0 ? at[k][0] : family == 1 ? at[k][1] : at[k][0] + at[k][1];
   }
 };
 
 /// The line on screen where a quantity that is linear on the face, `c` at its corners, is zero; positive side
-/// as the quantity. False where it does not cross the face.
+/// as the quantity. False if it does not cross the face.
 bool zero_line(const ScreenFace& face, const double* c, Line& line) {
   Vec2d ends[3];
   int count = 0, largest = 0;
@@ -117,7 +117,7 @@ Point carried(const Visible& visible, const Vec2d& p, const Side& side, double i
   return point;
 }
 
-/// All texels of a face that is seen whole: each border once, with the texels of both sides.
+/// All texels of a fully visible face: each border once, with the texels of both sides.
 void outline_whole(const ScreenMesh<double>& mesh, const ScreenFace& face, int index, Outline& outline) {
   const auto owner = as_size(face.face);
   const int c = mesh.resolution_of(owner), base = static_cast<int>(mesh.first_texel(owner)),
@@ -147,21 +147,21 @@ void outline_whole(const ScreenMesh<double>& mesh, const ScreenFace& face, int i
     }
 }
 
-/// d loss / d face, given d loss / d place of a point that stays where it is in the texture.
+/// d loss / d face, given d loss / d position of a point that is fixed in the texture.
 void add_texel_force(const ScreenMesh<double>& mesh, const ScreenFace& face, const Point& point,
-                     const Vec2d& force, FaceForce& out) {
+                     const Vec2d& edge_gradient, FaceGradient& out) {
   const Vec3d b(point.a, point.b, 1 - point.a - point.b);
   double weight = 0;
   for (int k = 0; k < 3; ++k) weight += b[k] * face.z[k];
   Vec3d d_b;
   for (int k = 0; k < 3; ++k) {
-    const double along = force.dot(face.s[k] - point.p) / weight;
-    out.s[k] += b[k] * face.z[k] / weight * force;
+    const double along = edge_gradient.dot(face.s[k] - point.p) / weight;
+    out.s[k] += b[k] * face.z[k] / weight * edge_gradient;
     out.z[k] += b[k] * along;
     d_b[k] = face.z[k] * along;
   }
   if (mesh.corner_barycentrics.empty()) return;
-  // Its place in the texture is Σ b_k t_k with t the corners' own: as t moves, b must give way.
+  // Its texture coordinates are Σ b_k t_k, t those of the corners: as t moves, b must compensate.
   const TextureCorners texture(mesh, face);
   Eigen::Matrix3d corners;
   for (int k = 0; k < 3; ++k) corners.row(k) = texture.at[k].transpose();
@@ -174,7 +174,7 @@ void add_texel_force(const ScreenMesh<double>& mesh, const ScreenFace& face, con
 }
 
 /// 1/z of a face at a point: `scale` times its derivative.
-void add_inv_depth(const ScreenFace& face, const Vec2d& p, double scale, FaceForce& out) {
+void add_inv_depth(const ScreenFace& face, const Vec2d& p, double scale, FaceGradient& out) {
   const Vec3d b = face.barycentrics(p);
   for (int k = 0; k < 3; ++k) {
     out.s[k] -= scale * b[k] * face.slope;
@@ -226,8 +226,9 @@ void outline_piece(const ScreenMesh<double>& mesh, const Visible& visible, const
   }
 }
 
-void add_forces(const ScreenMesh<double>& mesh, const Visible& visible, const Outline& outline,
-                const std::vector<Vec2d>& force, double image_size, std::vector<FaceForce>& faces) {
+void add_edge_gradients(const ScreenMesh<double>& mesh, const Visible& visible, const Outline& outline,
+                        const std::vector<Vec2d>& edge_gradients, double image_size,
+                        std::vector<FaceGradient>& faces) {
   const auto crossing = [&](const Vec2d& slope, double scale, const Vec2d& f) {
     // The line D = 0 with gradient `slope` moves by −∂D / |slope| along it.
     const double steep = slope.norm(), least = kMinCrossing * scale;
@@ -235,10 +236,10 @@ void add_forces(const ScreenMesh<double>& mesh, const Visible& visible, const Ou
   };
   for (std::size_t i = 0; i < outline.points.size(); ++i) {
     const Point& point = outline.points[i];
-    const Vec2d& f = force[i];
+    const Vec2d& f = edge_gradients[i];
     if (point.on == On::fixed || (f.x() == 0 && f.y() == 0)) continue;
     const ScreenFace& face = visible.faces[as_size(point.face)];
-    FaceForce& own = faces[as_size(point.face)];
+    FaceGradient& own = faces[as_size(point.face)];
     switch (point.on) {
       case On::edge:
         own.s[point.edge] += (1 - point.a) * f;

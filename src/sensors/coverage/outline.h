@@ -1,4 +1,4 @@
-// Visible parts as edges between texels, and how these edges move with the faces' corners.
+// Visible parts as edges between texels, and the motion of these edges with the faces' corners.
 #pragma once
 
 #include <limits>
@@ -8,14 +8,14 @@
 
 namespace mirage::coverage {
 
-/// An end of an edge, and what carries it along the edge's normal. Along the edge it may go anywhere: what is
-/// integrated over an edge depends on the line alone.
+/// An end of an edge, and the feature that moves it along the edge's normal. Its motion along the edge does
+/// not matter: an integral over an edge depends on the line only.
 struct Point {
   Vec2d p;
   On on = On::fixed;
   std::int8_t edge = 0;
   int face = -1, other = -1;
-  double a = 0, b = 0;  ///< edge: place along it; texel: barycentrics 0 and 1 on the face; limit: 1/depth
+  double a = 0, b = 0;  ///< edge: position along it; texel: barycentrics 0 and 1 on the face; limit: 1/depth
 };
 
 /// From point `from` to point `to`; texels of the two sides (−1: none). `inside` lies on the left in (x, y).
@@ -33,21 +33,23 @@ struct Outline {
   std::vector<Line> borders;
 };
 
-/// Appends the edges of a visible piece, divided by texels; of its part nearer than `limit` (m) only.
+/// Appends the edges of a visible piece, divided by texels; only its part nearer than `limit` (m).
 void outline_piece(const ScreenMesh<double>& mesh, const Visible& visible, const Piece& piece,
                    Outline& outline, double limit = std::numeric_limits<double>::infinity());
 
-/// d loss / d what a screen face is made of, in pixels and metres, its corners as in ScreenFace.
-struct FaceForce {
+/// d loss / d corners of a screen face, in pixels and metres; corners as in ScreenFace.
+struct FaceGradient {
   Vec2d s[3] = {Vec2d::Zero(), Vec2d::Zero(), Vec2d::Zero()};
   double z[3] = {0, 0, 0};
-  Vec3d barycentrics[3] = {Vec3d::Zero(), Vec3d::Zero(), Vec3d::Zero()};  ///< where faces are parts
+  Vec3d barycentrics[3] = {Vec3d::Zero(), Vec3d::Zero(), Vec3d::Zero()};  ///< for parts of faces
 };
 
-/// What points' moves along `force` (d loss / d place, normal to their edge) are worth to the faces. Where
-/// faces cross at less than kMinCrossing of their slopes, the line's speed is bounded by what it is there.
-void add_forces(const ScreenMesh<double>& mesh, const Visible& visible, const Outline& outline,
-                const std::vector<Vec2d>& force, double image_size, std::vector<FaceForce>& faces);
+/// Adds the gradient of the points, `edge_gradients` (d loss / d position, normal to their edge), to the
+/// faces. Where faces cross at less than kMinCrossing of their slopes, the line's speed is bounded by its
+/// value there.
+void add_edge_gradients(const ScreenMesh<double>& mesh, const Visible& visible, const Outline& outline,
+                        const std::vector<Vec2d>& edge_gradients, double image_size,
+                        std::vector<FaceGradient>& faces);
 
 /// Least difference of the slopes at a crossing, as a share of them.
 inline constexpr double kMinCrossing = 1e-6;

@@ -57,7 +57,7 @@ bool set_up(const std::array<Vec3d, 3>& corners, int width, int height, const Pi
     reach = std::max(reach, face.s[k].cwiseAbs().maxCoeff());
   }
   face.slack = kRounding * reach;
-  // A NaN, from coordinates that overflow, is refused too.
+  // Also refuses NaN, from coordinates that overflow.
   if (!(twice_area > std::max(kNoArea * half, face.slack) * longest)) return false;
   if (!std::isfinite(twice_area)) return false;
   face.slope.setZero();
@@ -67,7 +67,7 @@ bool set_up(const std::array<Vec3d, 3>& corners, int width, int height, const Pi
     face.inv_altitude[k] = length[k] / twice_area;
     face.inv_z[k] = 1 / face.z[k];
   }
-  // Over two edges from one corner, so that a face of one depth has no slope at all.
+  // Over two edges from one corner, so that a face of constant depth has slope 0.
   for (int k = 1; k < 3; ++k)
     face.slope += (face.inv_z[k] - face.inv_z[0]) * face.inv_altitude[(k + 1) % 3] * face.normal[(k + 1) % 3];
   face.nearest = *std::max_element(face.inv_z, face.inv_z + 3);
@@ -87,7 +87,7 @@ bool separates(const ScreenFace& a, const ScreenFace& b, double slack) {
   return false;
 }
 
-/// Where two triangles overlap.
+/// The overlap of two triangles.
 struct Overlap {
   Vec2d p[12];
   int count = 0;
@@ -124,7 +124,7 @@ int shared_corners(const ScreenFace& a, const ScreenFace& b) {
 
 enum class Order { apart, first, second, crossing };
 
-/// Which of two faces is seen where they overlap; `line` has b's side in front where they cross.
+/// Order of two faces in their overlap; if they cross, b is in front where `line` is positive.
 Order order_of(const ScreenFace& a, const ScreenFace& b, Line& line) {
   const double slack = std::max(a.slack, b.slack);
   if (separates(a, b, slack) || separates(b, a, slack)) return Order::apart;
@@ -157,15 +157,15 @@ Order order_of(const ScreenFace& a, const ScreenFace& b, Line& line) {
   return Order::crossing;
 }
 
-/// One face takes something off another.
+/// One face hides part of another.
 struct Occlusion {
   int hidden = 0, by = 0;
-  int line = -1;    ///< where they cross: only where this one of Occlusions::lines is positive
-  double size = 0;  ///< of the overlap's bounding box: the largest goes first
+  int line = -1;    ///< if they cross: hides only where this one of Occlusions::lines is positive
+  double size = 0;  ///< of the overlap's bounding box: the largest first
 };
 
 struct Occlusions {
-  std::vector<Occlusion> list;  ///< as found
+  std::vector<Occlusion> list;  ///< in order of discovery
   std::vector<Line> lines;
   std::vector<int> first;         ///< first entry of each hidden face in `sorted`, and the end
   std::vector<Occlusion> sorted;  ///< by the hidden face, the largest overlap first
@@ -196,7 +196,7 @@ struct Box {
 
 /// Fills `hidings`.
 void find_occlusions(const std::vector<ScreenFace>& faces, Occlusions& hidings) {
-  static thread_local std::vector<Box> boxes, open;  // open: those that reach the sweep's place
+  static thread_local std::vector<Box> boxes, open;  // open: those that reach the sweep's position
   boxes.clear();
   open.clear();
   hidings.list.clear();
@@ -237,7 +237,7 @@ void find_occlusions(const std::vector<ScreenFace>& faces, Occlusions& hidings) 
               });
 }
 
-/// Takes what one face hides off polygons of another.
+/// Subtracts the part that one face hides from polygons of another.
 class Subtraction {
  public:
   explicit Subtraction(const std::vector<ScreenFace>& faces) : faces_(faces) {}
@@ -245,7 +245,7 @@ class Subtraction {
   Pool pool;
   std::vector<Polygon> left;
 
-  /// `part`: only where this line is positive; null: all of it.
+  /// `part`: only where this line is positive; null: everywhere.
   void take(const Occlusion& hiding, const Line* part) {
     const ScreenFace& by = faces_[as_size(hiding.by)];
     const ScreenFace& of = faces_[as_size(hiding.hidden)];
@@ -297,7 +297,7 @@ class Subtraction {
   int count_ = 0;
 };
 
-/// The rectangle beyond which nothing is looked at, in the window's pixels.
+/// The rectangle that faces are clipped to, in the window's pixels.
 struct Bounds {
   Vec2d low, high;
   bool holds(const ScreenFace& face) const {

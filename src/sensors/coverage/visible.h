@@ -1,10 +1,10 @@
-// Which parts of a mesh's faces are seen: exact hidden-surface removal in the plane of the picture.
+// The visible parts of a mesh's faces: exact hidden-surface removal in the image plane.
 //
-// On screen 1/z of a face is a linear function of (x, y), so that what a face G hides of a face F is the
-// convex polygon G ∩ {1/z_G > 1/z_F}: F's visible part is F less these polygons, taken off one after another
-// (Weiler and Atherton 1977 for the idea). Where two faces cross, the line 1/z_G = 1/z_F is an edge of both.
-// Of two faces in one plane the first in the mesh is seen. Exact but for rounding: lengths below
-// ScreenFace::slack count as none.
+// On screen 1/z of a face is a linear function of (x, y). So a face G hides the convex polygon G ∩ {1/z_G >
+// 1/z_F} of a face F: F's visible part is F less these polygons, subtracted one after another (Weiler and
+// Atherton 1977 for the idea). At a crossing of two faces the line 1/z_G = 1/z_F is an edge of both. Of two
+// faces in one plane the first in the mesh is visible. Exact up to rounding: lengths below ScreenFace::slack
+// count as 0.
 #pragma once
 
 #include <cstdint>
@@ -16,15 +16,15 @@
 
 namespace mirage::coverage {
 
-// Convex polygons on screen whose edges know what they lie on, and cutting one along a line.
+// Convex polygons on screen whose edges know their origin, and cutting a polygon along a line.
 
-/// What an edge lies on, which says how it moves.
+/// The origin of an edge, which determines its motion.
 enum class On : std::int8_t {
-  fixed,     ///< nothing of the mesh (the border of what is looked at)
+  fixed,     ///< not on the mesh (border of the region)
   edge,      ///< an edge of a face
   texel,     ///< a border between texels of a face
-  crossing,  ///< where two faces meet
-  limit,     ///< where a face meets the depth limit
+  crossing,  ///< line where two faces cross
+  limit,     ///< line where a face meets the depth limit
 };
 
 /// An edge of a polygon. Faces are indices of Visible::faces.
@@ -44,7 +44,7 @@ struct Corner {
 /// Corners first … first + count − 1 of a pool, counter-clockwise in (x, y).
 struct Polygon {
   int first = 0, count = 0;
-  /// Whether it has no corner.
+  /// Whether it has no corners.
   bool empty() const { return count == 0; }
 };
 
@@ -69,15 +69,15 @@ struct Pool {
   double area(const Polygon& polygon) const;
 };
 
-/// Cuts: `front` is the part on the positive side, `back` the other; either may be empty, and what is not cut
-/// stays the same polygon. Corners on the line belong to both. `cut` is what the new edge lies on.
+/// Cuts a polygon: `front` is the part on the positive side, `back` the other. Either may be empty; an uncut
+/// polygon stays the same. Corners on the line belong to both. `cut`: origin of the new edge.
 void split(Pool& pool, Polygon polygon, const Line& line, const Side& cut, Polygon& front, Polygon& back);
 
 /// A face in pixels of the window: x right, y down, pixel (i, j) of the window is [i, i + 1] × [j, j + 1].
 struct ScreenFace {
-  int face = 0;        ///< in the screen mesh
-  int corner[3] = {};  ///< which of its corners each of these is: they go round counter-clockwise in (x, y)
-  Vec2d s[3];          ///< pixels
+  int face = 0;              ///< in the screen mesh
+  int corner[3] = {};        ///< index of each of these in its corners; here counter-clockwise in (x, y)
+  Vec2d s[3];                ///< pixels
   double z[3], inv_z[3];     ///< m, 1/m
   Vec2d normal[3];           ///< inward unit normal of the edge from corner k to the next
   double inv_altitude[3];    ///< over edge k, 1/px
@@ -86,7 +86,7 @@ struct ScreenFace {
   Vec2d low, high;           ///< bounding box
   double slack;              ///< px: rounding of its corners
 
-  /// Screen-space barycentrics, of any point of the plane.
+  /// Screen-space barycentrics of any point of the plane.
   Vec3d barycentrics(const Vec2d& p) const {
     Vec3d b;
     for (int k = 0; k < 3; ++k)
@@ -104,9 +104,9 @@ struct Piece {
   bool whole = false;  ///< all of the face
 };
 
-/// What find_visible finds.
+/// The result of find_visible.
 struct Visible {
-  std::vector<ScreenFace> faces;  ///< those with an area, finite and before the camera, near the image
+  std::vector<ScreenFace> faces;  ///< finite, with an area, in front of the camera, near the image
   std::vector<Piece> pieces;      ///< by face
   Pool pool;
   double area = 0;  ///< px²: of all pieces, to one image's size beyond the image

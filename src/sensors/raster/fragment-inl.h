@@ -1,4 +1,4 @@
-// What one face does at one block of samples: coverage, depth, place in the texture, colour.
+// One face at one block of samples: coverage, depth, texture coordinates, colour.
 // Compiled once for each instruction set (hence the guard that toggles).
 #if defined(MIRAGE_SENSORS_RASTER_FRAGMENT_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef MIRAGE_SENSORS_RASTER_FRAGMENT_INL_H_
@@ -55,8 +55,8 @@ inline LocalFace Localise(const TileJob& job, const FaceSetup& face) {
   return local;
 }
 
-/// A face at one block of samples, as the first pass over its blocks (distance and coverage) leaves it for
-/// the second (depth, colour, sums): in one, the chain of operations is longer than a processor looks ahead.
+/// A face at one block of samples, from the first pass over its blocks (distance and coverage) to the second
+/// (depth, colour, sums). In a single pass the dependency chain would exceed the processor's look-ahead.
 struct alignas(64) Covered {
   float coverage[kLanes], open[kLanes];  ///< D and 1 − D, each without cancellation; 0 and 1: no fragment
   float b[3][kLanes];                    ///< barycentrics
@@ -66,7 +66,7 @@ struct alignas(64) Covered {
   bool behind;                           ///< neither its depth nor its colour matters
 };
 
-/// Distance and coverage. False where no sample of the block counts.
+/// Distance and coverage. False if no sample of the block counts.
 template <bool kPlain, bool kVjp>
 HWY_INLINE bool Cover(const LocalFace& local, const Constants& k, V px, V py, Covered& out) {
   const D d;
@@ -107,7 +107,7 @@ HWY_INLINE bool Cover(const LocalFace& local, const Constants& k, V px, V py, Co
     const V a = Clamp01(hn::Mul(choose(r[0], r[1], r[2]), choose_constant(face.inv_length)));
     const V sign = hn::IfThenElse(inside, Set(-1), Set(1));
     const V across = hn::Mul(sign, choose(s[0], s[1], s[2])), along = hn::Mul(sign, choose(h[0], h[1], h[2]));
-    // e is n turned by a right angle, to the side that the face's winding says.
+    // e is n turned by a right angle, in the direction of the face's winding.
     const V nx = choose_constant(local.nx), ny = choose_constant(local.ny),
             turned = hn::Mul(along, Set(local.turn));
     hn::Store(hn::MulAdd(across, nx, hn::Mul(turned, ny)), d, out.away[0]);
@@ -120,7 +120,7 @@ HWY_INLINE bool Cover(const LocalFace& local, const Constants& k, V px, V py, Co
   return !hn::AllFalse(d, keep);
 }
 
-/// Depth and place in the texture.
+/// Depth and texture coordinates.
 struct Place {
   V b[3], clipped[3];  ///< barycentrics, and clamped to [0, 1] (not normalised)
   V rcp;               ///< 1 / Σ clipped_k (1 + delta_k)
@@ -138,7 +138,7 @@ HWY_INLINE Place PlaceOf(const LocalFace& local, const Covered& at) {
     weighted = hn::MulAdd(p.clipped[e], Set(face.delta[e]), weighted);
     y[e] = hn::Mul(p.clipped[e], Set(1 + face.delta[e]));
   }
-  // The sum is 1 at least, but for needles whose barycentrics are all rounding.
+  // The sum is at least 1, except for needles whose barycentrics are rounding errors.
   p.rcp = hn::Div(Set(1), hn::Max(hn::Add(y[0], hn::Add(y[1], y[2])), Set(1e-5f)));
   p.phi = hn::Mul(weighted, p.rcp);
   for (int e = 0; e < 3; ++e) p.lookup[e] = hn::Mul(y[e], p.rcp);
@@ -159,7 +159,7 @@ HWY_INLINE VI TexelIndex(const LocalFace& local, const Place& f) {
     }
     b0 = m[0], b1 = m[1];
   }
-  // Whole numbers up to 2^23, which stand in the lowest bits after adding that.
+  // Integers up to 2^23: adding 2^23 puts them into the lowest bits.
   const float resolution = static_cast<float>(local.resolution);
   const V size = Set(resolution), last = Set(resolution - 1);
   const V x = hn::Mul(b0, size), y = hn::Mul(b1, size);

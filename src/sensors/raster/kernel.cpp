@@ -1,6 +1,6 @@
 // Vectorised over samples: a vector holds a block of neighbouring samples, 4 × (lanes / 4). For each face in
-// turn, two passes over its blocks (Covered): the face's constants stay in registers, what the first leaves
-// for the second and the samples' state in the first-level cache.
+// turn, two passes over its blocks (Covered): the face's constants stay in registers, the first pass's
+// results and the samples' state in the first-level cache.
 #include "sensors/raster/kernel.h"
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 #include "sensors/simd_targets.h"
 
-// With the emulated target too, which every machine can run and tests compare with.
+// Also the emulated target, which every machine can run; tests compare with it.
 #define HWY_COMPILE_ALL_ATTAINABLE
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "sensors/raster/kernel.cpp"
@@ -24,8 +24,7 @@
 #include <hwy/highway.h>
 #pragma GCC diagnostic pop
 
-// What a setting leaves out is not computed, and not read for the same setting: the compiler does not see
-// that.
+// A value that a setting skips is neither computed nor read; the compiler does not see that.
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
 #include "sensors/raster/draw-inl.h"
 #include "sensors/raster/vjp-inl.h"

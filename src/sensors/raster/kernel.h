@@ -12,20 +12,20 @@ namespace mirage::raster {
 inline constexpr int kSamples = kTile * kTile;
 inline constexpr int kTableTexels = 32;
 
-/// Of a face with so many texels (or colours of corners): kTableTexels if they fit in there.
+/// Stride of a face with that many texels (or corner colours): kTableTexels if they fit.
 constexpr int texel_stride(int texels) {
   return texels > kTableTexels ? texels : kTableTexels;
 }
 
 /// A job's settings as the kernel reads them.
 struct Constants {
-  bool hard = false;  ///< the nearest face that contains the sample, S is 0 or 1; else soft
+  bool hard = false;  ///< the nearest face that contains the sample, S is 0 or 1; otherwise soft
   bool vertex_texture = false;
-  bool logit = false;  ///< the background competes with the faces: a fragment of D = 1 that S leaves out
-  float background_key = 0;   ///< its key
+  bool logit = false;         ///< the background competes with the faces: a fragment of D = 1, not in S
+  float background_key = 0;   ///< the background's key
   float distance_scale = 1;   ///< 1 / σ in sample units
   float distance_scale2 = 0;  ///< −log₂ e times that, for powers of 2
-  float cut = 0;              ///< T in the same units as the distance
+  float cut = 0;              ///< T in the units of the distance
   float inv_gamma = 1;
   float key_scale = 1;              ///< middle / (far − near)
   float key_low = 0, key_high = 1;  ///< keys of far and near
@@ -33,20 +33,20 @@ struct Constants {
   const float* texels = nullptr;
   const std::size_t* texel_starts = nullptr;
   const ScreenMesh<double>* mesh = nullptr;
-  /// Soft, whole faces with atlas, all between near and far, and so near to each other that float holds
-  /// exp((key − reference_key) / γ) of each: what insertions use. It needs no running maximum.
+  /// Soft, whole faces with atlas, all between near and far, and close enough in depth that float holds
+  /// exp((key − reference_key) / γ) of each: the case of insertions. Needs no running maximum.
   bool plain = false;
-  float reference_key = 0;                   ///< of the nearest corner, or of a background nearer than that
+  float reference_key = 0;                   ///< of the nearest corner, or of a nearer background
   float depth_scale2 = 0, depth_start2 = 0;  ///< (key − reference_key) log₂ e / γ = scale2 · φ + start2
 };
 
-/// Values of a tile's samples, six a sample: those of a vector's samples one field after the other, so that
-/// what is used together lies together.
+/// Values of a tile's samples, six a sample; for each vector of samples one field after the other, for
+/// locality.
 struct TileSamples {
   alignas(64) float values[6 * kSamples];
 };
 
-/// What the forward pass keeps of a tile.
+/// The forward pass's state of a tile.
 struct TileTape : TileSamples {
   enum Field {
     kTop,    ///< not plain: largest key of a coloured fragment (hard colour: its face's index)
@@ -62,7 +62,7 @@ struct TexelGradient {
   float r = 0, g = 0, b = 0;
 };
 
-/// Pixel arrays have tile_pixels² values, row by row, and one more that takes what lies outside.
+/// Pixel arrays have tile_pixels² values, row by row, and one more for samples outside.
 struct TileJob {
   const Setup* setup = nullptr;
   const Constants* constants = nullptr;
@@ -76,8 +76,7 @@ struct TileJob {
 
   const float* background[3] = {};
   const float* limit = nullptr;  ///< keys below which fragments are dropped, or null
-  /// Forward, sums over samples: colour that the object gives (S · C), S, and the share of the
-  /// photograph that is covered.
+  /// Forward, sums over samples: the object's colour (S · C), S, and the covered share of the photograph.
   float* out[5] = {};
 
   const float* d_out[4] = {};        ///< backward: d loss / d (I, S) of one sample

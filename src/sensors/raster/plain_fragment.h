@@ -28,15 +28,15 @@ template <class S>
 struct Fragment {
   int face = -1;
   bool inside = false;
-  bool colored = false;           ///< counts for colour: side, near ≤ z ≤ far
+  bool colored = false;           ///< gives colour: its side shows, near ≤ z ≤ far
   S coverage = 0, uncovered = 1;  ///< D and 1 − D, each by its own sigmoid
   S d_x_scale = 0;                ///< d x / d (d²) or d x / d b, where D = sigmoid(x)
   Vec2<S> offset;                 ///< euclidean: sample − nearest boundary point
   int edge = 0;                   ///< euclidean: boundary edge (from corner edge to edge + 1)
   S along = 0;                    ///< euclidean: position on it, [0, 1]
-  int smallest_index = 0;         ///< barycentric: which one
+  int smallest_index = 0;         ///< barycentric: index of the smallest
   Vec3<S> raw, clipped;           ///< screen-space barycentrics before and after clipping
-  Vec3<S> lookup;                 ///< barycentrics that the texture is read at, within the face (part)
+  Vec3<S> lookup;                 ///< texture barycentrics, within the face (part)
   S z = 0, normalized_z = 0;      ///< z and z̄
   int texel = 0;                  ///< index of the texel, or of the first of three corner colours
   Vec3<S> color;                  ///< C
@@ -79,7 +79,7 @@ S sigmoid(S x) {
   return x >= 0 ? 1 / (1 + std::exp(-x)) : std::exp(x) / (1 + std::exp(x));
 }
 
-/// D = sigmoid(x) of the fragment; false where the pair is skipped.
+/// D = sigmoid(x) of the fragment; false if the pair is skipped.
 template <class S>
 bool cover(const FaceSetup<S>& setup, const Vec2<S>& p, const SoftRasterSettings<S>& settings,
            Fragment<S>& f) {
@@ -137,13 +137,13 @@ void read_texture(const ScreenMesh<S>& mesh, Fragment<S>& f) {
   f.color = mesh.texels[as_size(f.texel)];
 }
 
-/// The fragment of face number `face` at sample p, or false where it is skipped.
+/// The fragment of face number `face` at sample p; false if it is skipped.
 template <class S>
 bool make_fragment(const FaceSetup<S>& setup, int face, const Vec2<S>& p, S limit, const ScreenMesh<S>& mesh,
                    const SoftRasterSettings<S>& settings, Fragment<S>& f) {
   if (p.x() < setup.low_x || p.x() > setup.high_x || p.y() < setup.low_y || p.y() > setup.high_y)
     return false;
-  // From the opposite edge, so that its sign, which says inside or outside, is right to the last digits.
+  // From the opposite edge, so that its sign (inside or outside) is right to the last digit.
   for (int k = 0; k < 3; ++k) f.raw[k] = setup.slope[k].dot(p - setup.v[(k + 1) % 3]);
   f.inside = f.raw.minCoeff() >= 0;
   f.face = face;
@@ -162,7 +162,7 @@ bool make_fragment(const FaceSetup<S>& setup, int face, const Vec2<S>& p, S limi
   return true;
 }
 
-/// What the loss wants of a fragment.
+/// d loss / d the values of a fragment.
 template <class S>
 struct FragmentGradient {
   S x = 0;                           ///< d loss / d x, D = sigmoid(x)
@@ -170,13 +170,13 @@ struct FragmentGradient {
   Vec3<S> lookup = Vec3<S>::Zero();  ///< d loss / d lookup (corner colours only)
 };
 
-/// → its face's corners.
+/// Adds the gradient of its face's corners.
 template <class S>
 void fragment_vjp(const Fragment<S>& f, const FaceSetup<S>& setup, const SoftRasterSettings<S>& settings,
                   const FragmentGradient<S>& d, std::array<Vec3<S>, 3>& d_face) {
   Vec3<S> d_raw = Vec3<S>::Zero();
   if (settings.coverage == Coverage::euclidean && d.x != 0) {
-    // d² = |p − q|², q the nearest boundary point; by the envelope theorem its place on the edge is constant.
+    // d² = |p − q|², q the nearest boundary point; by the envelope theorem q is constant on the edge.
     const Vec2<S> push = -2 * d.x * f.d_x_scale * f.offset;
     d_face[as_size(f.edge)].template head<2>() += (1 - f.along) * push;
     d_face[as_size(f.edge + 1) % 3].template head<2>() += f.along * push;

@@ -51,7 +51,7 @@ bool set_up_face(const std::array<Vec3<double>, 3>& corners, const SoftRasterSet
   face.low_y = std::min({y[0], y[1], y[2]}) - reach;
   face.high_y = std::max({y[0], y[1], y[2]}) + reach;
   face.slope_bound = std::min(1.0, altitude / scale / settings.edge_on_altitude);
-  // y points down here, up in NDC: the sign of the area turns round.
+  // y points down here, up in NDC: the sign of the area flips.
   const bool counter_clockwise = twice_area < 0;
   face.colored =
       settings.sides == Sides::both || (settings.sides == Sides::counter_clockwise) == counter_clockwise;

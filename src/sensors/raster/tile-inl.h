@@ -1,5 +1,5 @@
-// A tile's samples: their order, the blocks that a face may touch, and what forward and backward both ask.
-// Compiled once for each instruction set (hence the guard that toggles).
+// A tile's samples: their order, the blocks that a face may touch, and code shared by forward and backward
+// pass. Compiled once for each instruction set (hence the guard that toggles).
 #if defined(MIRAGE_SENSORS_RASTER_TILE_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef MIRAGE_SENSORS_RASTER_TILE_INL_H_
 #undef MIRAGE_SENSORS_RASTER_TILE_INL_H_
@@ -27,7 +27,7 @@ const char* InstructionSet() {
   return hwy::TargetName(HWY_TARGET);
 }
 
-inline constexpr int kBlocks = kSamples / kLanes, kWords = (kBlocks + 63) / 64;  ///< of a bit for each block
+inline constexpr int kBlocks = kSamples / kLanes, kWords = (kBlocks + 63) / 64;  ///< a bit for each block
 
 /// A field of the block whose first sample is `first`.
 HWY_INLINE float* At(TileSamples& samples, int first, int field) {
@@ -44,7 +44,7 @@ HWY_INLINE void ForEachBit(const std::uint64_t* words, const Visit& visit) {
     for (std::uint64_t bits = words[w]; bits; bits &= bits - 1) visit(64 * w + std::countr_zero(bits));
 }
 
-/// Places of samples in their block, and of the first sample of each block.
+/// Positions of samples in their block, and of the first sample of each block.
 struct Grid {
   V lane_x, lane_y;
   alignas(64) float x[kBlocks], y[kBlocks];
@@ -107,8 +107,8 @@ HWY_INLINE void TouchedBlocks(const TileJob& job, const LocalFace& local, const 
   std::memcpy(words, bytes, kWords * 8);
 }
 
-/// First pass over the face's blocks: fills `list`, and says how many there are. Blocks are passed over, or
-/// noted as behind, where the face has at most e^-distance / kEnough of a sample's weight.
+/// First pass over the face's blocks: fills `list` and returns its length. Blocks in which the face has at
+/// most e^-distance / kEnough of a sample's weight are skipped or marked as behind.
 template <bool kPlain, bool kVjp>
 HWY_INLINE int CoverBlocks(const TileJob& job, const LocalFace& local, const Grid& grid, float distance,
                            Covered* list) {
@@ -149,7 +149,7 @@ HWY_INLINE void Limit(const TileJob& job, const Covered& at, const Place& p, V& 
   open = hn::IfThenElse(near, open, Set(1));
 }
 
-/// Not plain: samples that the face gives colour.
+/// Not plain: samples to which the face gives colour.
 HWY_INLINE M Drawn(const Constants& k, V coverage, V key) {
   return hn::And(hn::Gt(coverage, Zero()),
                  hn::And(hn::Ge(key, Set(k.key_low)), hn::Le(key, Set(k.key_high))));
@@ -159,14 +159,14 @@ HWY_INLINE V Silhouette(const Constants& k, V clear) {
   return k.hard ? clear : hn::Sub(Set(1), clear);
 }
 
-/// Samples that some face gives colour.
+/// Samples to which some face gives colour.
 HWY_INLINE M Any(const Constants& k, const TileTape& tape, int first) {
   return k.hard ? hn::Ge(Read(tape, first, TileTape::kTop), Zero())
                 : hn::Gt(Read(tape, first, TileTape::kSum), Zero());
 }
 
-/// Of the photograph, what the tape's colour takes the place of. Where no face gives colour it stays,
-/// whatever S says; a logit's photograph is in that colour.
+/// Share of the photograph that the tape's colour replaces. Without a face that gives colour it is 0,
+/// whatever S is; with a logit the tape's colour contains the photograph.
 HWY_INLINE V Share(const Constants& k, const TileTape& tape, int first, V silhouette) {
   return k.logit ? Set(1) : hn::IfThenElseZero(Any(k, tape, first), silhouette);
 }

@@ -1,4 +1,4 @@
-// Vectors of samples, and the arithmetic that the library has not or has slower.
+// Vectors of samples, and arithmetic that the library lacks or does more slowly.
 // Compiled once for each instruction set (hence the guard that toggles).
 #if defined(MIRAGE_SENSORS_RASTER_VECTOR_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef MIRAGE_SENSORS_RASTER_VECTOR_INL_H_
@@ -22,9 +22,9 @@ inline constexpr int kBlockWidth = kLanes < 4 ? kLanes : 4;
 inline constexpr int kBlockHeight = kLanes / kBlockWidth;
 inline constexpr int kBlockColumns = kTile / kBlockWidth;
 
-// What lies further behind a sample's fragments than kMaxDepthExponent changes its colour by a share below
-// e^-18.4 / 0.1 = 1e-7, and where Π(1 − D) is below kClosed its S by less than that. What lies further behind
-// than kMaxWeightedExponent has less weight than kNoWeight.
+// A face further behind a sample's fragments than kMaxDepthExponent changes its colour by a share below
+// e^-18.4 / 0.1 = 1e-7 and, if Π(1 − D) is below kClosed, its S by less than that. A face further behind than
+// kMaxWeightedExponent has less weight than kNoWeight.
 inline constexpr float kEnough = 0.1f, kMaxDepthExponent = 18.4f, kMaxWeightedExponent = 16.1f,
                        kClosed = 1e-8f;
 inline constexpr float kNoKey = -1e30f, kLog2E = 1.44269504f;
@@ -43,12 +43,12 @@ HWY_INLINE V Set(float x) {
 inline constexpr float kExp2[6] = {
     1, 6.931469776e-1f, 2.402224209e-1f, 5.550733744e-2f, 9.671512654e-3f, 1.326472711e-3f};
 
-/// 2^x for x ≤ 0, to 2e-7 of itself (below 2^-125: 2^-125). Cheaper than a general exponential, and with two
-/// calls a fragment it is a fifth of the work.
+/// 2^x for x ≤ 0, relative error 2e-7 (below 2^-125: 2^-125). Cheaper than a general exponential; its two
+/// calls a fragment are a fifth of the work.
 HWY_INLINE V Exp2(V x) {
   const D d;
   const DI di;
-  // Adding 1.5 · 2^23 rounds to a whole number, which then stands in the lowest bits.
+  // Adding 1.5 · 2^23 rounds to an integer in the lowest bits.
   const V shifted = hn::Add(hn::Max(x, Set(-125)), Set(12582912));
   const V f = hn::Sub(hn::Max(x, Set(-125)), hn::Sub(shifted, Set(12582912)));
   // Minimax on [-1/2, 1/2] with 2^0 = 1.

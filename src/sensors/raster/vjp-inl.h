@@ -13,7 +13,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace mirage::raster::HWY_NAMESPACE {
 
-/// d loss / d what the fragments of a sample share.
+/// d loss / d the values that the fragments of a sample share.
 struct SampleGradients : TileSamples {
   enum Field {
     kMean,    ///< d loss / d colour among faces, times that colour
@@ -51,15 +51,15 @@ void BeginVjp(const TileJob& job, SampleGradients& g) {
   });
 }
 
-/// Texel gradients of one face in one tile, gathered densely and handed on as a list. Neighbouring lanes hit
-/// the same texel: they add to different banks, so that no addition waits for the one before.
+/// Texel gradients of one face in one tile, accumulated densely and returned as a list. Neighbouring lanes
+/// often hit the same texel: they add to different banks, so that no addition waits for the one before.
 class TexelSums {
  public:
   void Begin(int texels) {
     const std::size_t size = 4 * kBanks * as_size(texels);
     if (sums_.size() < size) sums_.assign(size, 0);
   }
-  /// Lanes without weight add nothing, which is quicker than to pass over them.
+  /// Lanes without weight add 0, which is faster than skipping them.
   HWY_INLINE void Add(VI index, V weight, const V (&d_color)[3]) {
     const D d;
     const hn::CappedTag<float, 4> quad;

@@ -1,4 +1,4 @@
-// A library that leaves a mark where it is loaded: what a hostile run names.
+// A library that writes a marker file when it is loaded; hostile runs name it.
 #include <cstdio>
 #include <cstdlib>
 

@@ -1,4 +1,4 @@
-// What the tests of the network share: derivatives by central differences, and a small world of tensors.
+// Shared by the tests of the networks: derivatives by central differences, and a small world of tensors.
 #pragma once
 
 #include <torch/torch.h>

@@ -1,4 +1,4 @@
-// The camera network: its gradient, where its boxes lie, what it is taught, and what it starts from.
+// The camera network: its gradient, box positions, training targets and start weights.
 #include <gtest/gtest.h>
 #include <torch/script.h>
 #include <unistd.h>
@@ -23,7 +23,7 @@ using test::check;
 using test::tensor_of;
 using torch::Tensor;
 
-/// A network whose answers differ from place to place. (At birth the last layers are almost silent.)
+/// A network whose answers differ from place to place. (After initialisation the last layers give almost 0.)
 CameraNet lively() {
   torch::manual_seed(21);
   CameraNet network;
@@ -55,15 +55,14 @@ TEST(CameraNet, GradientOfEveryOutputMatchesDifferences) {
 }
 
 TEST(CameraNet, TheGradientOfTheBoxesIsTheSameInFloat) {
-  // In float nothing is copied on its way into the graph by chance: what it keeps must outlive the forward
-  // pass.
+  // In float, inputs are not copied into the graph: tensors that it keeps must outlive the forward pass.
   const Tensor picture = picture_of(36, 70);
   const auto gradient = [&](torch::ScalarType type) {
     CameraNet network = lively();
     network->to(type);
     const Tensor x = picture.to(type).clone().requires_grad_(true);
     const Tensor boxes = network(x).boxes;
-    const Tensor churn = torch::full({1 << 16}, 1e9f);  // the heap's freed memory is written over
+    const Tensor churn = torch::full({1 << 16}, 1e9f);  // overwrites freed memory of the heap
     const Tensor weights = torch::cos(torch::arange(boxes.numel(), type)).view(boxes.sizes());
     return torch::autograd::grad({(boxes * weights).sum()}, {x})[0].to(torch::kDouble);
   };
@@ -91,7 +90,7 @@ TEST(CameraNet, TakesPicturesOfAnySizeAndCountsItsPlaces) {
     EXPECT_EQ(seen.mask.size(2) * kMaskStride, seen.features.size(2) * kFeatureStride);
     EXPECT_TRUE(torch::isfinite(seen.boxes).all().item<bool>());
   }
-  // Of 8 × 8 pixels: the first place's middle lies between the pixels 3 and 4.
+  // Of 8 × 8 pixels: the first place's centre lies between the pixels 3 and 4.
   EXPECT_FLOAT_EQ(places_of(64, 64).front().x, 3.5f);
 }
 
@@ -126,7 +125,7 @@ TEST(CameraLoss, APlaceAnswersForTheBoxItLiesIn) {
                 (places[as_size(p)].x > 100 && places[as_size(p)].x < 140 && places[as_size(p)].y > 60))
         << p;
   EXPECT_FALSE(matched.silent.empty());
-  // A box that no place's centre lies in has its nearest places.
+  // A box without the centre of any place gets its nearest places.
   const MiragePictureBox thin{60.1f, 40.1f, 60.9f, 40.4f};
   EXPECT_FALSE(match(places, boxes, logits, std::array{thin}, {}, 96, 160).places.empty());
 }
@@ -143,7 +142,7 @@ TEST(CameraLoss, GradientOfTheOverlapMatchesDifferences) {
                   .item<bool>());
 }
 
-/// What a network might say of a picture of 64 × 96 before it knows anything.
+/// An untrained network's output for a picture of 64 × 96 pixels.
 CameraOutput untaught() {
   torch::manual_seed(23);
   CameraOutput said;
@@ -181,7 +180,7 @@ TEST(CameraLoss, TeachesWhatIsLabelledAndNothingOfWhatIsIgnored) {
       0.8);
   EXPECT_GT(said.mask[0][0][8][12].item<float>(), 0);
   EXPECT_LT(said.mask[0][0][2][2].item<float>(), 0);
-  // Under a region that is ignored nothing costs anything; without it, what is said there does.
+  // Under an ignored region nothing adds to the loss; without it, outputs there do.
   const auto cost = [&](std::span<const MiragePictureBox> ignored) {
     return picture_loss(said, {}, ignored, nullptr, 64, 96).total.item<double>();
   };
@@ -208,7 +207,7 @@ TEST(CameraLoss, GradientMatchesDifferences) {
       [](std::size_t i) { return i % 17 == 0; });
 }
 
-/// Left, top, right and bottom of what is brighter than half, in a picture or a mask.
+/// Left, top, right and bottom of the pixels above one half, in a picture or a mask.
 std::vector<std::int64_t> bright(const Tensor& plane) {
   const Tensor rows = (plane > 0.5).any(1).nonzero(), columns = (plane > 0.5).any(0).nonzero();
   return {columns.min().item<std::int64_t>(), rows.min().item<std::int64_t>(),
@@ -216,7 +215,7 @@ std::vector<std::int64_t> bright(const Tensor& plane) {
 }
 
 TEST(MovedPicture, BoxesAndMaskGoWithTheirPixels) {
-  // A white rectangle, off the middle: a mirror or a cut that boxes do not follow shows.
+  // An off-centre white rectangle, so that a flip or a crop that boxes do not follow shows.
   LabelledPicture given;
   given.image = torch::zeros({90, 160, 3});
   given.image.slice(0, 30, 51).slice(1, 40, 71).fill_(1);
@@ -231,7 +230,7 @@ TEST(MovedPicture, BoxesAndMaskGoWithTheirPixels) {
     ASSERT_EQ(moved.vehicle_mask.size(), as_size(rows * columns));
     larger += rows == 90;
     smaller += rows < 90;
-    if (moved.boxes.size() != 1) continue;  // cut away
+    if (moved.boxes.size() != 1) continue;  // cropped away
     ++whole;
     const MiragePictureBox& box = moved.boxes[0];
     mirrored += box.left > 80;
@@ -321,7 +320,7 @@ TEST(CameraNet, TakesOverANetworkOfItsShape) {
   read_coco(*into, file.string());
   auto ours = into->named_parameters();
   for (const auto& item : from->named_parameters())
-    if (item.value().dim() == 4) {  // biases may be born alike
+    if (item.value().dim() == 4) {  // biases may be initialised alike
       EXPECT_EQ(torch::equal(ours[item.key()], item.value()), !item.key().starts_with("mask_")) << item.key();
     }
   std::filesystem::remove(file);
@@ -386,7 +385,7 @@ TEST(CameraNet, AShareOfTheStartIsKeptThroughAStop) {
     FusionDetector first(of, weights.c_str());
     first.train_step({&sample, 1}, 1e-3f);
     first.save(file("checkpoint"), true);
-    of.start = false;  // goes on: what it started from is known from the checkpoint alone
+    of.start = false;  // resumes: the checkpoint stores the start weights
     FusionDetector second(of, file("checkpoint").c_str());
     second.train_step({&sample, 1}, 1e-3f);
     second.save(file(name), false);

@@ -23,7 +23,7 @@ Parts named(bool painted, bool late, bool image = false) {
   return parts;
 }
 
-/// The camera's word on the street's picture: cars on the left, nothing on the right.
+/// The camera's output for the street's picture: cars on the left, nothing on the right.
 CameraOutput half_and_half(const Street& street) {
   CameraOutput seen;
   const std::int64_t rows = 64 / kMaskStride, columns = 96 / kMaskStride;  // of 48 × 80, padded
@@ -50,7 +50,7 @@ TEST(Painting, EvidenceGoesToTheColumnsOfItsReturns) {
   };
   EXPECT_GT(around(0, 5.05), 10 * around(1, 5.05));
   EXPECT_GT(around(1, -5.05), 10 * around(0, -5.05));
-  EXPECT_LT(painted.sum().item<double>(), 2);  // two returns, each under 1; the others are not seen
+  EXPECT_LT(painted.sum().item<double>(), 2);  // two returns, each under 1; the others are out of view
   Street blind = street;
   blind.input.camera = {};
   EXPECT_EQ(painted_voxels(blind.input).abs().sum().item<double>(), 0);
@@ -67,7 +67,7 @@ TEST(Painting, GradientOfMaskAndReturnsMatchesDifferences) {
     input.camera.mask = mask;
     return (painted_voxels(input) * weights).sum();
   });
-  // The step must not carry a return into other columns: which ones it reaches has no gradient.
+  // The step must not move a return into other columns: the choice of columns has no gradient.
   check(
       street.input.points,
       [&](const Tensor& points) {
@@ -76,7 +76,7 @@ TEST(Painting, GradientOfMaskAndReturnsMatchesDifferences) {
         return (painted_voxels(input) * weights).sum();
       },
       1e-8, 1e-3, [](std::size_t i) { return i % 3 == 0; });
-  // What further returns would change: in view, beside others, out of view.
+  // Presence gradients of further returns: in view, beside others, out of view.
   street.input.watched = tensor_of({20.3, 2.1, -1, 0, 20.1, 2, -0.8, 0, -5, 0, -1, 0}, {3, 4});
   for (const double mass : {0.0, 0.6})
     check(torch::full({3}, mass, torch::kDouble), [&](const Tensor& masses) {
@@ -85,7 +85,7 @@ TEST(Painting, GradientOfMaskAndReturnsMatchesDifferences) {
       return (painted_voxels(input) * weights).sum();
     });
   street.input.watched = Tensor();
-  // Three returns in one place.
+  // Three returns at one place.
   street.input.points = tensor_of({20.1, 2, -1, 0, 20.1, 2, -1, 0, 20.1, 2, -1, 0}, {3, 4});
   check(
       street.input.points,
@@ -97,7 +97,7 @@ TEST(Painting, GradientOfMaskAndReturnsMatchesDifferences) {
       1e-7, 1e-4);
 }
 
-/// The backbone's word: one proposal of a car's size 20 m ahead, one to the right of it.
+/// The backbone's output: one proposal of a car's size 20 m ahead, one to the right of it.
 Tensor two_proposals() {
   Tensor output = torch::full({kOutputs, kCellsX, kCellsY}, 0., torch::kDouble);
   output[kLogit].fill_(-8);
@@ -161,8 +161,8 @@ TEST(Joins, EveryDetectorCarriesTheGradientOfPixelsToItsLogits) {
     network->to(torch::kDouble);
     {
       const torch::NoGradGuard guard;
-      network->head->weight.mul_(30);   // at birth the head is almost silent,
-      network->head->bias[kLogit] = 0;  // and late fusion joins what is a proposal
+      network->head->weight.mul_(30);   // after initialisation the head gives almost 0,
+      network->head->bias[kLogit] = 0;  // and late fusion only joins proposals
       if (parts.late)
         for (PictureHead& head : network->camera->heads) head->object_out->bias.fill_(1);
     }
@@ -174,7 +174,7 @@ TEST(Joins, EveryDetectorCarriesTheGradientOfPixelsToItsLogits) {
     };
     const Tensor image = street.input.image.clone().requires_grad_(true);
     EXPECT_GT(torch::autograd::grad({scalar(image)}, {image})[0].norm().item<double>(), 1e-6);
-    if (parts.late) continue;  // which pairs there are jumps with the boxes
+    if (parts.late) continue;  // the set of pairs jumps with the boxes
     check(street.input.image, scalar, 1e-6, 2e-4, [](std::size_t i) { return i % 997 == 0; });
   }
 }
@@ -214,7 +214,7 @@ TEST(ChannelNorm, FrozenItIsTheFoldedConvolutionOfItsRunningMean) {
 }
 
 TEST(ChannelNorm, FrozenItIsLocal) {
-  // What attacks evaluate piecewise: a change in one corner does not reach the other.
+  // Attacks evaluate this piecewise: a change in one corner does not reach the opposite one.
   torch::manual_seed(37);
   Residual block(8);
   const torch::NoGradGuard guard;

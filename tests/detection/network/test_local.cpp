@@ -1,4 +1,4 @@
-// Windows of a plan against its whole maps, and what share of the work they are.
+// Windows of a plan against its whole maps, and their share of the work.
 #include <gtest/gtest.h>
 #include <torch/torch.h>
 
@@ -53,7 +53,7 @@ TEST(ChangedRegion, HoldsWhatReadsAChangedPlace) {
   EXPECT_TRUE(ChangedRegion(5, 5).windows(8).empty());
 }
 
-/// Every kind of layer, at sizes that are no multiples of anything.
+/// Every kind of layer, at odd sizes.
 struct Mixed {
   Plan plan;
   int input = 0, added = 0, output = 0;
@@ -81,7 +81,7 @@ struct Mixed {
   }
 };
 
-/// The same in LibTorch's own words.
+/// The same with LibTorch's operators.
 Tensor whole(const Plan& plan, std::vector<Tensor> maps, int output) {
   for (std::size_t i = 0; i < plan.layers().size(); ++i) {
     const Layer& layer = plan.layers()[i];
@@ -171,7 +171,7 @@ struct Road {
       for (int column = -230; column < 230; ++column) {
         const double azimuth = column * 0.003, down = 0.02 + 0.0065 * beam, far = std::min(70.0, 1.73 / down);
         add(points, far * std::cos(azimuth), far * std::sin(azimuth), down * far > 1.7 ? -1.73 : -1.2);
-        // The object's shadow, as long as rays that would pass its roof still meet the road.
+        // The object's shadow, as long as rays just above its roof still meet the road.
         const bool hidden = std::abs(azimuth - bearing) < half && far > std::hypot(range, side) && beam < 4;
         if (!hidden) left.insert(left.end(), points.end() - 4, points.end());
       }
@@ -220,7 +220,7 @@ TEST(LocalNetwork, LocalityLeavesTheFarAsItWas) {
         EXPECT_LT(spent, 0.7 * whole_work) << name;
       }
     }
-    EXPECT_EQ(before, 0) << name;  // 100 m reach everywhere: nothing is cut
+    EXPECT_EQ(before, 0) << name;  // 100 m cover the whole grid: nothing is cut
     EXPECT_EQ(work, whole_work) << name;
   }
 }
@@ -274,12 +274,12 @@ Rig kitti64() {
   return read_rig(std::filesystem::path(MIRAGE_SOURCE) / "scenes" / "rigs" / "kitti64.toml");
 }
 
-/// Over the cars that a detector must find.
+/// Counts over the cars that a detector must find.
 struct Reach {
   int cars = 0;
-  int unseen = 0;        ///< none of whose cells has a picture feature, on any scale
-  double cells = 0;      ///< shares of a car's cells of 0.5 m that have one, summed over cars
-  double own_cells = 0;  ///< that have it at a return on the car itself
+  int unseen = 0;        ///< cars without a picture feature in any cell, on any scale
+  double cells = 0;      ///< share of a car's 0.5 m cells with a picture feature, summed over cars
+  double own_cells = 0;  ///< the same share, with the feature from a return on the car itself
 
   void add(const Frame& frame);
   void print(const std::string& what) const {
@@ -308,8 +308,7 @@ void Reach::add(const Frame& frame) {
                      margin);
     };
     bool any = false;
-    for (std::size_t level = 0; level < kGrids.size();
-         ++level)  // a coarse cell speaks of what its square touches
+    for (std::size_t level = 0; level < kGrids.size(); ++level)  // a coarse cell covers its whole square
       for (const std::int64_t cell : nearest[level].cells)
         any = any || covers(kGrids[level], cell, kGrids[level].cell / 2);
     const Grid& finest = kGrids[0];
@@ -351,7 +350,7 @@ TEST(PictureReach, OfRealCars) {
   EXPECT_GT(reach.own_cells, 0.85 * reach.cars);
 }
 
-/// The instrument sees a car that no return stands near.
+/// The measure itself: a car without returns nearby has no picture feature.
 TEST(PictureReach, IsNoneWithoutReturns) {
   Frame frame = generate_frame(kitti64(), 3, 0);
   frame.sweep.clear();

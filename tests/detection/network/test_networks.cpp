@@ -1,4 +1,4 @@
-// The fusion detector's own kernels, in double against central differences, and its four scales one by one.
+// The fusion detector's kernels, in double against central differences, and its four scales one by one.
 #include <gtest/gtest.h>
 #include <torch/torch.h>
 
@@ -35,7 +35,7 @@ TEST(FusionKernels, VoxelsMoveWithTheirPoints) {
   const Tensor weights = torch::randn({1, kVoxelsZ, kVoxelsX, kVoxelsY}, torch::kDouble);
   check(x, [&](const Tensor& p) { return (soft_voxels(p) * weights).sum(); });
   EXPECT_EQ(soft_voxels(x).sizes(), weights.sizes());
-  // A point alone in a grid's corner cell keeps only the share inside; one that is not finite gives nothing.
+  // A single point in a corner cell keeps only its share inside the grid; a non-finite point adds nothing.
   EXPECT_EQ(soft_voxels(tensor_of({NAN, 1, 1, 0}, {1, 4})).sum().item<double>(), 0);
 }
 
@@ -49,7 +49,7 @@ TEST(FusionKernels, VoxelsKnowWhatAFurtherReturnWouldChange) {
     return (soft_voxels(points, further, masses) * weights).sum();
   };
   for (const double mass : {0.0, 0.7}) check(torch::full({4}, mass, torch::kDouble), loss);
-  // Without mass they are not there.
+  // Points without mass have no effect.
   const Tensor none = torch::zeros({4}, torch::kDouble).requires_grad_(true);
   EXPECT_TRUE(torch::equal(soft_voxels(points, further, none), soft_voxels(points)));
   const Tensor slopes = torch::autograd::grad({loss(none)}, {none})[0];
@@ -57,7 +57,7 @@ TEST(FusionKernels, VoxelsKnowWhatAFurtherReturnWouldChange) {
   EXPECT_NE(slopes[1].item<double>(), 0);
   EXPECT_EQ(slopes[2].item<double>(), 0);
   EXPECT_EQ(slopes[3].item<double>(), 0);
-  // One of mass one is a point.
+  // A point of mass one is an ordinary point.
   const Tensor one = torch::cat({points, further.narrow(0, 0, 1)});
   EXPECT_TRUE(torch::allclose(soft_voxels(points, further.narrow(0, 0, 1), torch::ones({1}, torch::kDouble)),
                               soft_voxels(one)));
@@ -167,11 +167,11 @@ TEST(FusionNetwork, IsSmallEnoughToShip) {
 
 }  // namespace
 
-// The parts of the network that resist: non-local means and the depth gate.
+// The network's robust layers: non-local means and the depth gate.
 
 namespace {
 
-/// With a gain and a step, so that it does something.
+/// With nonzero weights, so that it has an effect.
 NonLocalMean awake(int channels) {
   torch::manual_seed(11);
   NonLocalMean mean(channels);
@@ -219,8 +219,8 @@ TEST(NonLocalMean, GradientMatchesDifferencesAlsoWhereItIsDegenerate) {
   EXPECT_TRUE(torch::isfinite(mean(torch::rand({1, 8, 1, 1}, torch::kDouble))).all().item<bool>());
 }
 
-// What was shipped before added 0.4 % to its features: its row of the paper's table was adversarial training
-// once more.
+// The earlier shipped layer added 0.4 % to its features: its row of the paper's table was in effect
+// adversarial training again.
 TEST(NonLocalMean, OfTheShippedDefenceIsHeard) {
   const std::string file =
       std::string(MIRAGE_SOURCE) + "/plugins/detectors/fusion/weights/fusion-kitti64-denoising.weights";

@@ -1,4 +1,4 @@
-// The second stage: what a region holds, its gradients, and what it is taught.
+// The second stage: the content of a region, its gradients, and its training targets.
 #include <gtest/gtest.h>
 #include <torch/torch.h>
 
@@ -30,7 +30,7 @@ struct TwoCars {
     stage->to(torch::kDouble);
     {
       const torch::NoGradGuard guard;
-      stage->last->weight.normal_(0, 0.3);  // it has learned something
+      stage->last->weight.normal_(0, 0.3);  // nonzero last layer, as after training
       stage->last->bias.normal_(0, 0.3);
     }
     first.output = torch::zeros({kOutputs, kCellsX, kCellsY}, torch::kDouble);
@@ -38,7 +38,7 @@ struct TwoCars {
     first.output[kCos2Yaw].fill_(1);
     first.output[kLogit][40][90] = 0.5;
     first.output[kLogit][40][70] = 0.7;
-    // Nothing on a kink: a raster along a grid's lines, two corners at one edge of the rectangle.
+    // No value on a kink: a raster along grid lines, or two corners on one edge of the rectangle.
     first.output[kDx][40][90] = -0.04;
     first.output[kDy][40][90] = 0.11;
     first.output[kDy][40][70] = 0.07;
@@ -55,7 +55,7 @@ struct TwoCars {
                                      -0.9, 0,    40, 0, -1.6, 0,   18.5, 4, -1.7, 0,   18.5, -4, -1.7, 0},
                                     {7, 4});
   }
-  /// Both logits, and no sum in which they could cancel.
+  /// A weighted sum of outputs for both cars, with weights that do not cancel.
   Tensor word(const FirstStage& from, const SensorTensors& input) {
     const Tensor y = stage(from, input).reshape({kOutputs, -1});
     return y[kLogit][kLeftCar] - 2 * y[kLogit][kRightCar] + y[kDx][kRightCar] + y[kSin2Yaw][kLeftCar];
@@ -85,7 +85,7 @@ TEST(SecondStage, ChangesProposalsAndNothingElse) {
   EXPECT_GT(moved[kRightCar].item<double>(), 1e-3);
   EXPECT_NEAR(moved.sum().item<double>(), (moved[kLeftCar] + moved[kRightCar]).item<double>(), 1e-12);
   cars.first.output[kLogit].fill_(-8);
-  EXPECT_TRUE(torch::equal(cars.stage(cars.first, cars.street.input), cars.first.output));  // none to look at
+  EXPECT_TRUE(torch::equal(cars.stage(cars.first, cars.street.input), cars.first.output));  // no regions
 }
 
 TEST(SecondStage, LooksAtEverySourceOfARegion) {
@@ -101,7 +101,7 @@ TEST(SecondStage, LooksAtEverySourceOfARegion) {
   EXPECT_GT(moves([](TwoCars& c) { c.first.mask.add_(2); }), 1e-6);
   EXPECT_GT(moves([](TwoCars& c) { c.street.input.points[1][2] += 0.3; }), 1e-6);
   EXPECT_EQ(moves([](TwoCars& c) { c.street.input.points[4][1] += 0.3; }), 0);  // far from both
-  // Pixels speak where no return is: the right car without its one.
+  // Pixels have an effect without returns: the right car without its one return.
   EXPECT_GT(moves([](TwoCars& c) { c.street.input.points[3][0] = -5; }), 1e-6);
 }
 
@@ -125,7 +125,7 @@ TEST(SecondStage, GradientsMatchDifferences) {
   check(cars.first.bev, in(&FirstStage::bev), 1e-5, 1e-5,
         [&](std::size_t i) { return reached.data_ptr<double>()[i] > 0 && ++looked % 97 == 0; });
   EXPECT_GT(looked, 1000);
-  // What the first stage says: the logit, and where the region lies.
+  // The inputs from the first stage: the logit, and the region's position.
   check(cars.first.output, in(&FirstStage::output), 1e-7, 1e-5, [](std::size_t i) {
     const auto cell = static_cast<std::int64_t>(i) % (kCellsX * kCellsY);
     return cell == kLeftCar || cell == kRightCar || i == 7;
@@ -165,7 +165,7 @@ TEST(SecondStage, DegenerateRegionsStayFinite) {
   TwoCars none;
   none.street.input.points = torch::zeros({0, 4}, torch::kDouble);
   finite(none);
-  TwoCars wild;  // boxes of no direction, of wild sizes, at the region's edge and at the sensor
+  TwoCars wild;  // boxes without direction, of extreme sizes, at the region's edge and at the sensor
   wild.first.output[kSin2Yaw].fill_(0);
   wild.first.output[kCos2Yaw].fill_(0);
   wild.first.output[kLogLength][40][90] = 50;
@@ -179,7 +179,7 @@ TEST(SecondStage, DegenerateRegionsStayFinite) {
 
 TEST(RegionReturns, AreThoseInAndAroundABox) {
   Street street;
-  // On a road at −1.7: inside, half a metre beside, further, on the roof, above it, below the road.
+  // On a road at −1.7 m: inside, half a metre beside, further, on the roof, above it, below the road.
   street.input.points = tensor_of(
       {20, 0, -1.7, 0, 20, 1.9, -1, 0, 20, 2, -1, 0, 21, 0, 0.9, 0, 21, 0, 1.2, 0, 19, 0.2, -1.2, 0}, {6, 4});
   const Tensor box = tensor_of({20, 0, 4, 1.6, 0}, {1, 5});
@@ -189,7 +189,7 @@ TEST(RegionReturns, AreThoseInAndAroundABox) {
   const Tensor points = found.points_of(street.input).index_select(0, torch::tensor(found.which));
   EXPECT_TRUE(
       torch::equal(points, street.input.points.narrow(1, 0, 3).index_select(0, torch::tensor({0, 1, 3, 5}))));
-  // Turned by a right angle it takes in what lies ahead of it and not what lies beside.
+  // Turned by 90°, it includes the returns ahead and not those beside.
   const RegionReturns turned(tensor_of({20, 0, 4, 1.6, std::numbers::pi / 2}, {1, 5}), street.input, 80, 48);
   EXPECT_EQ(turned.which.size(), 5u);
   EXPECT_EQ(RegionReturns(tensor_of({-9, 0, 4, 1.6, 0}, {1, 5}), street.input, 80, 48).visible[0], 0);
@@ -209,7 +209,7 @@ TEST(RegionReturns, OfManyAFewCountAndAllThatAreWatched) {
   EXPECT_NEAR(evidence.min().item<double>(), 1 / (1 + std::exp(-3.0)), 1e-12);
 }
 
-/// One region: its first box, and a word on it.
+/// One region: its first-stage box, the change to it, and its logit.
 Regions region(const std::vector<double>& box, const std::vector<double>& change, double logit) {
   Regions regions;
   regions.cells = {0};
@@ -221,17 +221,17 @@ Regions region(const std::vector<double>& box, const std::vector<double>& change
 
 TEST(RegionLoss, IsLeastWhereTheNewBoxIsTheLabelAndTheScoreSaysHowGoodItIs) {
   const std::vector<MirageBox> car = {{20, 3, 4.2f, 1.7f, 0.3f}};
-  const std::vector<double> off = {20.3, 2.8, 3.9, 1.6, 0.2 - std::numbers::pi};  // half a turn is the same
+  const std::vector<double> off = {20.3, 2.8, 3.9, 1.6, 0.2 - std::numbers::pi};  // half a turn
   const double c = std::cos(off[4]), s = std::sin(off[4]), dx = 20 - off[0], dy = 3 - off[1];
   const std::vector<double> right = {(c * dx + s * dy) / kChangeUnits[0], (c * dy - s * dx) / kChangeUnits[1],
                                      std::log(4.2 / 3.9) / kChangeUnits[2],
                                      std::log(1.7 / 1.6) / kChangeUnits[3], 0.1 / kChangeUnits[4]};
   const LossTerms best = region_loss(region(off, right, 6), car, {});
   EXPECT_NEAR(best.box, 0, 1e-4);
-  EXPECT_LT(best.score, 0.01);  // an IoU of 1 wants a score of 1
+  EXPECT_LT(best.score, 0.01);  // an IoU of 1 has the target score 1
   EXPECT_GT(region_loss(region(off, {0, 0, 0, 0, 0}, 6), car, {}).box, 0.1);
   EXPECT_GT(region_loss(region(off, right, -6), car, {}).score, 1);
-  // Beside the car there is nothing to find; nor has a box to move there.
+  // Away from the car there is nothing to find, and the box has no regression target.
   const LossTerms beside = region_loss(region({20, 9, 4, 1.7, 0}, {1, 1, 1, 1, 1}, 2), car, {});
   EXPECT_GT(beside.score, 2);
   EXPECT_EQ(beside.box, 0);
@@ -249,7 +249,7 @@ TEST(RegionLoss, GradientMatchesDifferences) {
     regions.change = word.narrow(0, 1, kBoxParts).view({1, kBoxParts});
     return region_loss(regions, car, {}).total;
   };
-  // In float; of the score's target, which follows the box, no slope is taken.
+  // In float. The target of the score follows the box, but has no gradient.
   const Tensor word = tensor_of({0.4, 0.2, -0.6, 0.3, 0.1, 0.5}, {6}).requires_grad_(true);
   const Tensor gradient = torch::autograd::grad({at(word)}, {word})[0];
   for (std::int64_t i = 0; i < 1; ++i) {

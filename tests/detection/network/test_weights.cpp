@@ -1,4 +1,4 @@
-// Weights files: parts, what is refused, training state, and the converter of LibTorch's archives.
+// Weights files: parts, refused files, training state, and the converter of LibTorch's archives.
 #include <gtest/gtest.h>
 #include <torch/serialize.h>
 #include <unistd.h>
@@ -22,7 +22,7 @@ class Weights : public testing::Test {
  protected:
   Weights() { fs::create_directories(folder); }
   ~Weights() override { fs::remove_all(folder); }
-  /// Python's converter, which is meant to succeed.
+  /// Runs the Python converter, which must succeed.
   void convert(const std::string& arguments) const {
     const std::string command =
         "cd '" + folder.string() + "' && /usr/bin/python3 '" + MIRAGE_SOURCE "/plugins/convert_weights.py' ";
@@ -45,7 +45,7 @@ Network network_of(const char* name, std::uint64_t seed) {
   return Network(parts_named(name));
 }
 
-/// Whether `read` holds what `from` holds; `half`: what has two dimensions or more, rounded to a half.
+/// Expects equal tensors in both; `half`: tensors of two or more dimensions were rounded to half precision.
 void expect_same(NetworkImpl& read, NetworkImpl& from, bool half) {
   auto theirs = from.named_parameters();
   theirs.update(from.named_buffers());
@@ -95,7 +95,7 @@ TEST_F(Weights, OfPartsAreThoseOfTheWholeFile) {
   convert("late.weights again.weights");  // and back
   EXPECT_EQ(read_file(folder / "again.weights"), read_file(folder / "whole.weights"));
 
-  // A file's hash stands for its parts', because another part is refused.
+  // A file's hash also covers its parts, because other parts are refused.
   begin_weights(*network_of("lidar", 6)).write(folder / "lidar.weights");
   EXPECT_NE(refusal_of(folder / "late.weights").find("needs lidar.weights of SHA-256"), std::string::npos)
       << refusal_of(folder / "late.weights");
@@ -207,7 +207,7 @@ TEST_F(Weights, TheConverterRefusesAnotherPartAndADamagedHeader) {
   }
 }
 
-// The shipped files: whole, and small enough to lie in a repository.
+// The shipped files are complete and small enough for a repository.
 TEST(ShippedWeights, AreReadableAndSmall) {
   std::uintmax_t bytes = 0;
   for (const auto& entry : fs::directory_iterator(MIRAGE_SOURCE "/plugins/detectors/fusion/weights")) {
@@ -220,7 +220,7 @@ TEST(ShippedWeights, AreReadableAndSmall) {
   EXPECT_LT(bytes, 36'000'000u);
 }
 
-/// What Mirage wrote until it had a format of its own.
+/// The archive that Mirage wrote before it had its own format.
 void write_archive(const fs::path& file, NetworkImpl& network, torch::optim::AdamW& optimiser) {
   torch::serialize::OutputArchive archive, stored, state;
   archive.write("format", c10::IValue("mirage fusion detector 2"));
@@ -272,7 +272,7 @@ TEST_F(Weights, OfAnEarlierMirageAreConvertedToTheBit) {
   EXPECT_EQ(file.tensor("training.peak_rate", {}).item<double>(), 0.1);
   EXPECT_TRUE(torch::equal(file.tensor("start0", {3}), torch::full({3}, 7.f)));
 
-  // Both optimisers take the same further step.
+  // Both optimisers take the same next step.
   torch::optim::AdamW again(read->parameters(), torch::optim::AdamWOptions(1e-3));
   read_state(file, again);
   const std::vector<Tensor> ours = read->parameters();

@@ -1,4 +1,4 @@
-// A detector plugin that is wrong in one way. The loader's tests open it.
+// A detector plugin with one error. The loader's tests open it.
 #include "detection/detector_abi3.h"
 #include "support/fake_plugin.h"
 
@@ -26,7 +26,7 @@ int backward(void*, const float* d_logits, int64_t, float* d_image, float* d_poi
   return 0;
 }
 
-/// "Losses" that tell what of the picture's truth arrived.
+/// "Losses" that show which of the picture's truth arrived.
 int train_step(void*, const MirageSample* samples, int64_t count, float, float loss[3], char*, size_t) {
   const MirageSample& last = samples[count - 1];
   loss[0] = static_cast<float>(10 * last.picture_box_count + last.picture_ignore_count);

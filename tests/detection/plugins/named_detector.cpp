@@ -1,5 +1,5 @@
-// A detector plugin of version 4 that works: it reads two cameras and a LiDAR by name, finds two classes in
-// 3-D and remembers. What it is told comes back in its answers.
+// A working detector plugin of version 4: it reads two cameras and a LiDAR by name, finds two classes in 3-D
+// and keeps state. Its answers repeat its inputs.
 #include <cmath>
 #include <cstring>
 
@@ -35,7 +35,7 @@ const MirageSensor* sensor(const MirageFrame& frame, const char* name) {
   return nullptr;
 }
 
-/// A pedestrian, and a car behind: its place says what of the frame arrived.
+/// A pedestrian, and a car behind the sensor; the car's box shows which inputs arrived.
 int forward(void*, const MiragePass* pass, const MirageDetection** detections, int64_t* count, char* error,
             size_t error_size) {
   if (const int status = begin_run(error, error_size)) return status;
@@ -70,7 +70,7 @@ int reset(void*, const char*, char*, size_t) {
   frames = 0;
   return 0;
 }
-/// "Losses" that tell what of the truth arrived.
+/// "Losses" that show which of the truth arrived.
 int train_step(void*, const MirageTrainingFrame* samples, int64_t count, float, float loss[3], char*,
                size_t) {
   const MirageTrainingFrame& last = samples[count - 1];

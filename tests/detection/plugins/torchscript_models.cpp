@@ -11,7 +11,7 @@ const char* const kBoxes = R"(
         boxes = torch.tensor([[10., 0., 4., 2., 0.], [12., 2., 4., 2., 0.3], [20., -3., 4., 2., 1.]])
 )";
 
-/// Three fixed boxes; a logit sums what points see of the picture, by their distance to the box.
+/// Three fixed boxes; a logit sums picture and reflectance at the points, weighted by their distance.
 const char* const kWorks = R"(
     def forward(self, image, points, pixel_from_velo):
         ones = torch.ones([points.size(0), 1])
@@ -30,7 +30,7 @@ const char* const kWorks = R"(
         return (0.0, 50.0, -20.0, 20.0)
 )";
 
-/// Two fixed boxes in the picture; a logit is the squared and weighed red and green of what is inside.
+/// Two fixed boxes in the picture; a logit depends on the red and green values inside.
 const char* const kPicture = R"(
     def forward(self, image):
         boxes = torch.tensor([[2., 3., 20., 12.], [30., 5., 50., 25.]])
@@ -93,7 +93,7 @@ int main(int count, char** arguments) {
     module.define(source);
     module.save(folder + name + ".pt");
   }
-  // Leaves a file behind when it is loaded, which needs no call of any method.
+  // Writes a file when it is loaded, before any method is called.
   torch::jit::Module planted("planted");
   planted.define(
       "\n    def __getstate__(self):\n        return 1, True\n"

@@ -1,4 +1,4 @@
-"""A detector in a process of its own that does what its first argument says; numpy alone."""
+"""A detector in its own process that does what its first argument says; needs only numpy."""
 
 import os
 import signal
@@ -68,8 +68,7 @@ class Detector:
 
 
 class ByName(Detector):
-    """Of all that is told: three times the first value of LEFT, the second y of rear, the last value of radar, the frame's number and its
-    time."""
+    """Sums three times the first value of LEFT, the second y of rear, the last value of radar, the frame's number and its time."""
 
     def __call__(self, frame):
         boxes, logits = super().__call__(frame.images["camera"], frame.points["lidar"], frame.pixel_from_velo["camera"])
@@ -126,7 +125,7 @@ class Remembering(Detector):
 
 
 class Tracker:
-    """Gives each box that it is told of the number of the frames of its sequence so far, times ten, plus its place."""
+    """Gives each box the identity 10 × (frames of its sequence so far) + its index."""
 
     reads = ("detections",)
 

@@ -1,4 +1,4 @@
-// A depth completion plugin that is wrong in one way. The loader's tests open it.
+// A depth completion plugin with one error. The loader's tests open it.
 #include "scene/depth/depth_abi.h"
 #include "support/fake_plugin.h"
 
@@ -6,7 +6,7 @@ namespace {
 
 using namespace mirage::test;
 
-/// Gives back the sparse depth.
+/// Returns the sparse depth.
 int complete(void*, const MirageDepthInput* input, float* dense, char* error, size_t error_size) {
   if (const int status = begin_run(error, error_size)) return status;
   for (int i = 0; i < input->width * input->height; ++i) dense[i] = input->sparse[i];
