@@ -263,7 +263,7 @@ TEST(PaperTables, SayWhereTheDetectorDoesNotUseItsPicture) {
   EXPECT_EQ(reliance.at(0).at("uses_picture"), false);
   EXPECT_THAT(reliance.at(0).at("case").get<std::string>(), testing::StartsWith("kitti64-fusion-both"));
   EXPECT_THAT(read_file(folder / "reproduce.md"),
-              HasSubstr("80.0 % with another frame's: 0.0 (0.0 to 0.0) points"));
+              HasSubstr("80.0 % with another frame's: 0.0 (-1.0 to +1.0) points"));
   int told = 0, open = 0;
   // Findings without the image: adversarial training, roof objects, shadows, ceilings, size and distance.
   const std::set<std::string> others = {"adversarial", "roof-objects", "shadows", "adversarial+shadows",
