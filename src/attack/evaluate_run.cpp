@@ -231,11 +231,12 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.store = std::make_unique<FrameStore>(target_run.settings);
 
   const std::set<std::string> learned = frames_learned_on(result.run, target_run.settings.data);
+  const auto check_labels_of = [&source = target_run.settings](const std::vector<std::string>& frames) {
+    if (!frames.empty()) check_labels(source.data, frames, "an evaluation", source.classes, source.cameras);
+  };
   if (whole_data) {  // judges all its usable vehicles
     const std::vector<std::string> frames = unseen_frames(request, target_run.settings.data, learned);
-    if (!frames.empty())
-      check_labels(target_run.settings.data, frames, "an evaluation", target_run.settings.classes,
-                   target_run.settings.cameras);
+    check_labels_of(frames);
     result.detectors = load_detector_pool(result.detector, static_cast<int>(frames.size()));
     result.hosts = host_ids(find_all_hosts(*result.store, frames, result.detectors.front()->region(),
                                            target_run.settings.simulation, target_run.settings.min_view, true,
@@ -249,9 +250,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
                        "is for another --data than the run's, whose vehicles are " + target_classes,
                        "leave it out: the run has chosen its vehicles");
     result.hosts = hosts_of_split(target_run, request.hosts);
-    if (!result.hosts.empty())
-      check_labels(target_run.settings.data, host_frames(result.hosts), "an evaluation",
-                   target_run.settings.classes, target_run.settings.cameras);
+    check_labels_of(host_frames(result.hosts));
     if (request.overrides.contains("placement")) result.left_out = leave_out(*result.store, result.hosts);
   }
   if (result.hosts.empty()) refuse_left_out(target_run.settings.placement, result.left_out);

@@ -14,9 +14,8 @@ struct ExactTape::State {
   coverage::Visible visible;
   coverage::Outline outline;
   std::vector<coverage::Canvas> canvases;
-  std::vector<coverage::DepthLimit>
-      limits;                         ///< of the window's pixels; empty: none within the object's reach
-  std::vector<coverage::Four> areas;  ///< scratch
+  std::vector<coverage::DepthLimit> limits;  ///< of the window's pixels; empty: none in the object's reach
+  std::vector<coverage::Four> areas;         ///< scratch
 };
 
 ExactTape::ExactTape() : state(std::make_unique<State>()) {}

@@ -203,7 +203,7 @@ TEST_F(FusionFindings, TheWeakerSideIsTheOneThatLearnsMoreBeyondItsSize) {
   EXPECT_EQ(image.rig, "KITTI rig, late");
   ASSERT_EQ(image.comparisons.size(), 2u);
   EXPECT_NEAR(image.comparisons[0].difference.value, 0.45, 1e-12);
-  EXPECT_THAT(image.sentence, HasSubstr("net +45.0 ("));
+  EXPECT_THAT(image.sentence, HasSubstr("net +45.0 (+40.3 to +49.7) points through the image"));
   judged("kitti64-late-image", vanishing(4), vanishing(4));
   judged("kitti64-late-lidar", vanishing(3), vanishing(0));
   EXPECT_EQ(only("fusions-side").verdict, Verdict::fails);

@@ -4,6 +4,8 @@ colours (orange over 0, blue below, no red beside green) are of the mark itself 
 
 from markupsafe import Markup, escape
 
+from paper_markdown import signed
+
 PANELS = [("vanished", "vanished: no box is left"), ("fn_asr", "missed at IoU 0.7")]
 CAPTION = ["Points of the vehicles more than under a random mesh of the", "same extents (cuboid: the one beside the judge's own row);",
            "95 % interval below, bold: without 0. Framed: judged by", "whom it was learned against."]
@@ -29,16 +31,11 @@ def ink_on(fill):
     return "#16202c" if 0.3 * red + 0.59 * green + 0.11 * blue > 120 else "#ffffff"
 
 
-def points(value):
-    text = f"{100 * value:+.1f}"
-    return "0.0" if text in ("+0.0", "-0.0") else text.replace("-", "−")
-
-
 def words(row, key):
     value, net = row["values"][key], row["values"].get("net_" + key)
     said = f"{row['label']}: {100 * value['value']:.1f} % ({100 * value['low']:.1f}–{100 * value['high']:.1f})"
     if net:
-        said += f", net of its size {points(net['value'])} points ({points(net['low'])} to {points(net['high'])})"
+        said += f", net of its size {signed(net['value'])} points ({signed(net['low'])} to {signed(net['high'])})"
     return f"{said}, {row.get('vehicles', 0)} vehicles found clean at IoU 0.7"
 
 
@@ -60,9 +57,9 @@ def cell(row, key, x, y, full, own):
     told = net is not None and (net["low"] > 0 or net["high"] < 0)
     weight = ";font-weight:700" if told else ""
     ink = f' style="fill:{ink_on(fill)}{{}}"'
-    figure = points(net["value"]) if net else f"{100 * value['value']:.1f} %"
+    figure = signed(net["value"]) if net else f"{100 * value['value']:.1f} %"
     frame = f'<rect x="{x + 2.5}" y="{y + 2.5}" width="{CELL - 5}" height="{HIGH - 5}" fill="none" stroke="#16202c" stroke-width="1.4"/>'
-    bounds = f"{points(shown['low'])} to {points(shown['high'])}" if net else f"{100 * value['low']:.1f}–{100 * value['high']:.1f}"
+    bounds = f"{signed(shown['low'])} to {signed(shown['high'])}" if net else f"{100 * value['low']:.1f}–{100 * value['high']:.1f}"
     return (f'<g><rect x="{x + 1}" y="{y + 1}" width="{CELL - 2}" height="{HIGH - 2}" fill="{fill}"/>{frame if own else ""}'
             + text("figure", x + CELL / 2, y + 16, figure, style=ink.format(";font-size:13px" + weight))
             + text("bounds", x + CELL / 2, y + 29, bounds, style=ink.format(";font-size:10px"))
@@ -72,7 +69,7 @@ def cell(row, key, x, y, full, own):
 def legend(x, y, full):
     steps = [full * (k - 10) / 10 for k in range(21)]
     parts = [f'<rect x="{x + 9 * k}" y="{y}" width="9" height="10" fill="{colour(net, full)}"/>' for k, net in enumerate(steps)]
-    for k, said in ((0, points(-full)), (10, "0"), (20, points(full))):
+    for k, said in ((0, signed(-full)), (10, "0"), (20, signed(full))):
         parts.append(text("tick", x + 9 * k + 4.5, y + 23, said))
     return "".join(parts)
 

@@ -19,11 +19,16 @@ def percent(share):
     return f"{text} ({100 * number(share['low'], -math.inf):.1f}–{100 * number(share['high'], math.inf):.1f})"
 
 
+def signed(share):
+    """"+7.1", in points; a share that rounds to zero has no sign."""
+    text = f"{100 * share:+.1f}"
+    return "0.0" if text in ("+0.0", "-0.0") else text.replace("-", "−")
+
+
 def points(difference):
     """"+7.1 (0.0 to +17.5)": a difference of shares, in points."""
-    text = (f"{100 * number(difference['value']):+.1f} ({100 * number(difference['low'], -math.inf):+.1f} to "
-            f"{100 * number(difference['high'], math.inf):+.1f})").replace("-", "−")
-    return text.replace("+0.0", "0.0").replace("−0.0", "0.0")  # the sign of a zero is not known
+    low, high = number(difference["low"], -math.inf), number(difference["high"], math.inf)
+    return f"{signed(number(difference['value']))} ({signed(low)} to {signed(high)})"
 
 
 def escaped(text):
